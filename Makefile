@@ -1,0 +1,65 @@
+# make demo [DATA=path]   from a fresh clone to a picture
+# make test               all that CI runs
+# Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
+
+PYTHON ?= python3
+SOURCES := setup.py setup.cfg pyproject.toml package.xml \
+	$(shell find convseq_ros config launch resource scripts -type f -not -name '*.pyc')
+INSTALL := bin/python -m pip install -qq --no-input
+# setuptools would install what an earlier build left behind.
+CLEAN_BUILD := rm -rf build/lib build/bdist.* *.egg-info
+PYTEST := bin/pytest --quiet --timeout=120
+
+# A python3.12 that is only a pyenv shim exists and yet does not run, so each one is tried.
+define find_python312
+for python in python3.12 $$(pyenv root 2>/dev/null)/versions/3.12*/bin/python3 $(PYTHON); do \
+	"$$python" -c 'import ensurepip, venv' 2>/dev/null && break; \
+done
+endef
+
+.NOTPARALLEL:
+.PHONY: demo test lint types contract test-newest test-noble clean
+
+demo: .venv/demo.stamp
+	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
+
+test: lint types contract test-newest test-noble
+
+lint: .venv/test.stamp
+	.venv/bin/ruff check .
+
+types: .venv/test.stamp
+	.venv/bin/mypy convseq_ros
+
+contract: .venv/test.stamp
+	.venv/bin/lint-imports --no-logo
+
+test-newest: .venv/test.stamp
+	.venv/$(PYTEST)
+
+test-noble: .venv-noble/test.stamp
+	.venv-noble/$(PYTEST)
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv-noble/bin/python:
+	$(find_python312); "$$python" -m venv .venv-noble
+
+.venv/demo.stamp: $(SOURCES) | .venv/bin/python
+	$(CLEAN_BUILD)
+	.venv/$(INSTALL) '.[ros,plot]'
+	touch $@
+
+.venv/test.stamp: $(SOURCES) | .venv/bin/python
+	$(CLEAN_BUILD)
+	.venv/$(INSTALL) '.[ros,plot,test,dev]'
+	touch $@ .venv/demo.stamp
+
+.venv-noble/test.stamp: $(SOURCES) test/noble-constraints.txt | .venv-noble/bin/python
+	$(CLEAN_BUILD)
+	.venv-noble/$(INSTALL) --constraint test/noble-constraints.txt '.[ros,plot,test]'
+	touch $@
+
+clean:
+	rm -rf .venv .venv-noble .hypothesis .*_cache build install log *.egg-info

@@ -1,0 +1,67 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One layout for three users: `pip install .`, `pip install '.[ros]'` and `colcon build`."""
+
+from glob import glob
+from pathlib import Path
+import re
+
+from setuptools import find_packages, setup
+
+NAME = 'convseq_ros'
+VERSION = re.search(r"__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1]
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Training-free visual place recognition and loop closure on a robot's CPU",
+    author='The convseq_ros authors',
+    maintainer='The convseq_ros authors',
+    maintainer_email='convseq_ros@users.noreply.github.com',
+    license='Apache-2.0',
+    keywords=['ROS', 'place recognition', 'loop closure', 'SLAM'],
+    python_requires='>=3.11',
+    packages=find_packages(exclude=['test*']),
+    package_data={NAME: ['py.typed']},
+    include_package_data=False,
+    zip_safe=False,
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', sorted(glob('config/*'))),
+        (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'lib/{NAME}', ['scripts/vpr_node']),
+    ],
+    # The lowest versions are those of Ubuntu 24.04. colcon installs none of these: with apt's
+    # python3-opencv, never let pip add opencv-python-headless (use colcon, or pip --no-deps).
+    install_requires=[
+        'mcap>=1.2',
+        'numpy>=1.26',
+        'opencv-python-headless>=4.6',
+        'pyyaml>=6.0',
+        'rosbags>=0.11',
+        'scikit-image>=0.22',
+        'tqdm>=4.66',
+        'zstandard>=0.22',
+    ],
+    extras_require={
+        # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'plot': ['matplotlib>=3.6'],
+        'test': ['hypothesis>=6.98', 'pytest>=7.4', 'pytest-timeout>=2.2'],
+        'dev': [
+            'catkin_pkg',
+            'colcon-common-extensions',
+            'import-linter>=2.1',
+            'mypy>=1.11',
+            'ruff>=0.6',
+            'types-PyYAML',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            f'convseq = {NAME}.cli:main',
+            f'vpr_node = {NAME}.node.vpr_node:main',
+        ],
+    },
+)

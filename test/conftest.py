@@ -1,0 +1,37 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share: a ROS that nobody else hears, and the data beside the repository."""
+
+import atexit
+import os
+from pathlib import Path
+import shutil
+import sys
+import tempfile
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+HIGHEST_DOMAIN = 101
+
+
+def isolate_ros() -> None:
+    """Keep logs and messages of this test run to itself; must run before rclpy is imported."""
+    logs = tempfile.mkdtemp(prefix='convseq_ros_log_')
+    atexit.register(shutil.rmtree, logs, ignore_errors=True)
+    os.environ['ROS_LOG_DIR'] = logs
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % HIGHEST_DOMAIN)
+    os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+
+
+isolate_ros()
+
+
+@pytest.fixture(scope='session')
+def shared_data() -> Path:
+    """Return the folder of real recordings and published results; skip where there is none."""
+    data = REPOSITORY.parent / 'shared' / 'data'
+    if not data.is_dir():
+        pytest.skip('needs the data sets in ../shared/data')
+    return data

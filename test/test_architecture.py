@@ -1,0 +1,113 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who may import what, and how long and how labelled a file is."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+import subprocess
+import sys
+import sysconfig
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGE = REPOSITORY / 'convseq_ros'
+MODULES = sorted(PACKAGE.rglob('*.py'))
+SCRIPTS = [
+    path
+    for folder in ('bench', 'launch', 'scripts', 'test')
+    for path in sorted((REPOSITORY / folder).rglob('*.py'))
+]
+HEADER = [
+    '# Copyright 2026 The convseq_ros authors',
+    '# SPDX-License-Identifier: Apache-2.0',
+]
+MOST_LINES = 300
+OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'tqdm', 'yaml', 'zstandard')
+STANDARD_ONLY = ('config.py', 'errors.py', 'parameter.py')
+
+# Refuses the first argument's packages, then imports every module of ours outside node/.
+IMPORT_WITHOUT = """
+import importlib, pkgutil, sys
+
+absent = set(sys.argv[1].split(','))
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top in absent or top.endswith(('_interfaces', '_msgs', '_srvs')):
+            raise ImportError(name + ' is absent in this test')
+
+assert not absent & sys.modules.keys()
+sys.meta_path.insert(0, Absent())
+import convseq_ros
+
+for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
+    if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
+        importlib.import_module(module.name)
+        print(module.name)
+"""
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(REPOSITORY).as_posix()
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield the top-level name of every import in a file, wherever in the file it is."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name.partition('.')[0]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield (node.module or '').partition('.')[0]
+
+
+def is_ros(name: str) -> bool:
+    endings = ('_interfaces', '_msgs', '_srvs')
+    return name.startswith(('ament_', 'launch', 'rclpy')) or name.endswith(endings)
+
+
+def test_everything_but_the_node_imports_without_ros_and_optional_libraries():
+    absent = ('rclpy', 'ament_index_python', *OPTIONAL)
+    result = subprocess.run(
+        [sys.executable, '-c', IMPORT_WITHOUT, ','.join(absent)],
+        capture_output=True, text=True, check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert {'convseq_ros.config', 'convseq_ros.core.types'} <= set(result.stdout.split())
+
+
+def test_import_contracts_hold():
+    linter = Path(sysconfig.get_path('scripts'), 'lint-imports')
+    if not linter.exists():
+        pytest.skip('needs import-linter')
+    result = subprocess.run(
+        [linter, '--no-cache'], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize('path', MODULES, ids=relative)
+def test_only_the_node_imports_ros(path):
+    ros = sorted(filter(is_ros, imported(path)))
+    assert not ros or PACKAGE / 'node' in path.parents, ros
+
+
+@pytest.mark.parametrize('name', STANDARD_ONLY)
+def test_parameters_and_errors_need_nothing_but_python(name):
+    allowed = sys.stdlib_module_names | {'convseq_ros'}
+    assert set(imported(PACKAGE / name)) <= allowed
+
+
+@pytest.mark.parametrize('path', MODULES, ids=relative)
+def test_a_module_is_short(path):
+    num_lines = len(path.read_text().splitlines())
+
+
+@pytest.mark.parametrize('path', [REPOSITORY / 'setup.py', *MODULES, *SCRIPTS], ids=relative)
+def test_a_file_says_whose_it_is_and_what_it_does(path):
+    text = path.read_text()
+    assert text.splitlines()[:2] == HEADER
+    assert ast.get_docstring(ast.parse(text))

@@ -1,0 +1,174 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package as its three users meet it: pip, pip with ROS, and colcon."""
+
+from importlib import metadata
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import xml.etree.ElementTree as xml
+
+import convseq_ros
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SCRIPTS = Path(sysconfig.get_path('scripts'))
+KNOWN_KEYS = {
+    # ROS 2 Jazzy packages
+    'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'launch_ros',
+    'launch_testing_ros', 'nav_msgs', 'rcl_interfaces', 'rclpy', 'ros2launch', 'rosgraph_msgs',
+    'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs',
+    # rosdep keys that apt serves on Ubuntu 24.04
+    'python3-hypothesis', 'python3-matplotlib', 'python3-mypy', 'python3-numpy',
+    'python3-opencv', 'python3-pytest', 'python3-skimage', 'python3-tqdm', 'python3-yaml',
+}
+NOT_SOURCE = shutil.ignore_patterns('.*', 'build', 'install', 'log', 'test', '*.egg-info')
+
+
+@pytest.fixture(scope='module')
+def manifest() -> xml.Element:
+    return xml.parse(REPOSITORY / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def workspace(tmp_path_factory) -> Path:
+    """Return a workspace in which colcon has built a copy of the sources."""
+    if not (SCRIPTS / 'colcon').exists():
+        pytest.skip('needs colcon-common-extensions in this environment')
+    root = tmp_path_factory.mktemp('workspace')
+    shutil.copytree(REPOSITORY, root / 'src' / 'convseq_ros', ignore=NOT_SOURCE)
+    result = colcon(root, 'build')
+    assert result.returncode == 0, result.stdout + result.stderr
+    return root
+
+
+def colcon(root: Path, *verb: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {'PYTHONWARNINGS': 'ignore', 'COLCON_LOG_PATH': str(root / 'log')}
+    return subprocess.run(
+        [SCRIPTS / 'colcon', *verb],
+        cwd=root, env=environment, capture_output=True, text=True, check=False,
+    )
+
+
+def find_executable(prefix: Path, name: str) -> Path:
+    """Return what `ros2 run convseq_ros NAME` would execute from this prefix."""
+    assert (prefix / 'share/ament_index/resource_index/packages/convseq_ros').is_file()
+    path = prefix / 'lib' / 'convseq_ros' / name
+    assert path.is_file()
+    assert os.access(path, os.X_OK)
+    return path
+
+
+def files_of(folder: Path) -> set[str]:
+    paths = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
+    return {path.as_posix() for path in paths if path.suffix != '.pyc'}
+
+
+def assert_shared_files_are_in(prefix: Path) -> None:
+    shared = prefix / 'share' / 'convseq_ros'
+    assert (shared / 'package.xml').is_file()
+    for folder in ('config', 'launch'):
+        expected = {path.name for path in (REPOSITORY / folder).iterdir() if path.is_file()}
+        assert expected == {path.name for path in (shared / folder).iterdir() if path.is_file()}
+
+
+def assert_node_reports_a_missing_map(command: list[str], environment: dict[str, str]) -> None:
+    result = subprocess.run(
+        [*command, '--ros-args', '-p', 'map_path:=absent.db'],
+        env=environment, capture_output=True, text=True, timeout=60, check=False,
+    )
+    assert result.returncode == 1, result.stderr
+    assert 'absent.db' in result.stderr
+    assert 'Traceback' not in result.stderr
+
+
+def test_version_is_the_same_everywhere(manifest):
+    source = (REPOSITORY / 'convseq_ros' / '__init__.py').read_text()
+    citation = (REPOSITORY / 'CITATION.cff').read_text()
+    version = re.search(r"__version__ = '(.+)'", source)[1]
+    assert manifest.findtext('version') == version
+    assert re.search(r'^version: (.+)$', citation, re.MULTILINE)[1] == version
+
+
+def test_every_dependency_has_a_rosdep_key(manifest):
+    keys = {item.text for item in manifest if item.tag.endswith('depend')}
+    assert keys
+    assert keys <= KNOWN_KEYS
+
+
+def test_every_ros_package_in_use_is_a_dependency(manifest):
+    names = r'rclpy|ament_index_python|\w+_interfaces|\w+_msgs|\w+_srvs'
+    pattern = re.compile(rf'^\s*(?:from|import) ({names})\b', re.MULTILINE)
+    sources = (REPOSITORY / 'convseq_ros').rglob('*.py')
+    used = {name for path in sources for name in pattern.findall(path.read_text())}
+    assert used == {
+        item.text
+        for item in manifest.iter('exec_depend')
+        if pattern.match(f'import {item.text}')
+    }
+
+
+def test_manifest_is_that_of_an_ament_python_package():
+    package = pytest.importorskip('catkin_pkg.package')
+    parsed = package.parse_package(REPOSITORY / 'package.xml', warnings=(warnings := []))
+    assert parsed.get_build_type() == 'ament_python'
+    assert parsed.licenses == ['Apache-2.0']
+    assert not warnings
+
+
+@pytest.mark.parametrize(
+    'path', sorted((REPOSITORY / 'launch').glob('*.py')), ids=lambda path: path.name
+)
+def test_launch_file_compiles(path):
+    compile(path.read_text(), path.name, 'exec')
+
+
+def test_launch_file_describes_one_node():
+    pytest.importorskip('launch_ros')
+    namespace: dict = {}
+    path = REPOSITORY / 'launch' / 'vpr.launch.py'
+    exec(compile(path.read_text(), path.name, 'exec'), namespace)
+    entities = namespace['generate_launch_description']().entities
+    assert [type(entity).__name__ for entity in entities].count('Node') == 1
+
+
+def test_pip_installs_what_ros2_run_executes(manifest):
+    try:
+        distribution = metadata.distribution('convseq_ros')
+    except metadata.PackageNotFoundError:
+        pytest.skip('convseq_ros is not installed in this environment')
+    assert distribution.version == manifest.findtext('version')
+    prefix = Path(sys.prefix)
+    if prefix not in Path(str(distribution.locate_file(''))).parents:
+        pytest.skip('convseq_ros is not installed by pip')
+    installed = Path(convseq_ros.__file__).parent
+    assert prefix in installed.parents, 'the tests must run against what pip installed'
+    assert files_of(installed) == files_of(REPOSITORY / 'convseq_ros')
+    node = find_executable(prefix, 'vpr_node')
+    assert_shared_files_are_in(prefix)
+    assert (SCRIPTS / 'convseq').is_file()
+    pytest.importorskip('rclpy')
+    assert_node_reports_a_missing_map([str(node)], dict(os.environ))
+
+
+def test_colcon_recognises_the_build_type(workspace):
+    assert '(ros.ament_python)' in colcon(workspace, 'list').stdout
+
+
+def test_colcon_installs_what_ros2_run_executes(workspace):
+    prefix = workspace / 'install' / 'convseq_ros'
+    node = find_executable(prefix, 'vpr_node')
+    assert_shared_files_are_in(prefix)
+    assert node.read_text().startswith(f'#!{sys.executable}')
+    pytest.importorskip('rclpy')
+    sourced = f'. {workspace}/install/setup.sh && exec {node} "$@"'
+    assert_node_reports_a_missing_map(['sh', '-c', sourced, 'vpr_node'], dict(os.environ))
+
+
+def test_colcon_sets_the_package_up_for_the_ament_index(workspace):
+    hooks = workspace / 'install' / 'convseq_ros' / 'share' / 'convseq_ros' / 'hook'
+    assert (hooks / 'ament_prefix_path.sh').is_file()
