@@ -1,0 +1,208 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Every parameter, written once: name, default, bounds, unit and one sentence.
+
+ROS declarations, the YAML file, command-line options and the table in the README are derived
+from the dataclasses below. Names are unique across groups, so that users write them flat.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+import math
+from typing import Any, TypeVar
+
+from convseq_ros.errors import ConfigError
+from convseq_ros.parameter import (
+    Checked,
+    Parameter,
+    parameter,
+    parameters,
+    refuse_unknown,
+    Value,
+)
+
+Group = TypeVar('Group')
+
+
+@dataclass(frozen=True, slots=True)
+class EncodingConfig(Checked):
+    """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
+
+    image_size_px: int = parameter(
+        512, 'Side of the square that every image is resized to; W1 = H1 in the paper.',
+        unit='px', low=64, high=2048,
+    )
+    saliency_threshold: float = parameter(
+        0.5, 'Regions whose mean entropy is at least this share of 8 bits are salient; '
+        'ET in the paper.', low=0.0, high=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.image_size_px % 16:
+            raise ConfigError(
+                f'image_size_px: {self.image_size_px} is not a multiple of the 16 px cell'
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceConfig(Checked):
+    """How many frames are matched together (paper III-A, E, F)."""
+
+    fixed_length: int = parameter(
+        0, 'Match this many frames always; 0 chooses the length for every frame.',
+        unit='frames', low=0, high=100, dynamic=True,
+    )
+    overlap_threshold: float = parameter(
+        0.9, 'The sequence grows while frames are at least this similar to its newest; '
+        'IT in the paper.', low=0.0, high=1.0, dynamic=True,
+    )
+    entropy_threshold: float = parameter(
+        0.5, 'The sequence grows while its mean image entropy is at most this; ET in the paper.',
+        low=0.0, high=1.0, dynamic=True,
+    )
+    min_length: int = parameter(
+        2, 'Shortest chosen sequence.', unit='frames', low=1, high=100,
+    )
+    max_overlap_length: int = parameter(
+        15, 'Similarity alone grows the sequence no further than this.',
+        unit='frames', low=1, high=100,
+    )
+    max_length: int = parameter(
+        25, 'Longest chosen sequence.', unit='frames', low=1, high=100,
+    )
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if not self.min_length <= self.max_overlap_length <= self.max_length:
+            raise ConfigError(
+                f'min_length, max_overlap_length, max_length: {self.min_length}, '
+                f'{self.max_overlap_length}, {self.max_length} are not in ascending order'
+            )
+
+    @property
+    def window(self) -> int:
+        """The most frames that a sequence can need."""
+        return self.fixed_length or self.max_length
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptanceConfig(Checked):
+    """When the best candidate is published as a match."""
+
+    min_margin: float = parameter(
+        0.003, 'A match must score this much more than its best rival.',
+        low=0.0, high=1.0, dynamic=True,
+    )
+    rival_distance: int = parameter(
+        10, 'References further than this from the best one are its rivals.',
+        unit='references', low=0, high=10000, dynamic=True,
+    )
+    num_candidates: int = parameter(
+        5, 'Candidates listed with every result, no two nearer than rival_distance.',
+        low=1, high=100,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """Everything that decides a match: the same online and offline."""
+
+    encoding: EncodingConfig = EncodingConfig()
+    sequence: SequenceConfig = SequenceConfig()
+    acceptance: AcceptanceConfig = AcceptanceConfig()
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeConfig(Checked):
+    """Which frames of a recording become references of a map."""
+
+    keyframe_interval_s: float = parameter(
+        0.0, 'Least time between two references; 0 keeps every frame.',
+        unit='s', low=0.0, high=3600.0,
+    )
+    keyframe_overlap: float = parameter(
+        1.0, 'A frame more similar than this to the last reference is left out; '
+        '1 keeps every frame.', low=0.0, high=1.0,
+    )
+    thumbnail_width_px: int = parameter(
+        128, 'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
+        unit='px', low=0, high=640,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig(Checked):
+    """What concerns the ROS node alone: topics, queues and files."""
+
+    map_path: str = parameter('', 'Reference map to open at start.')
+    save_map_path: str = parameter(
+        '', 'Where ~/save_map writes the map that is loaded.', dynamic=True
+    )
+    result_file: str = parameter('', 'CSV file to write one row per frame to; empty for none.')
+    image_transport: str = parameter(
+        'raw', 'Subscribe to `image` or to its `/compressed` sub-topic.',
+        choices=('raw', 'compressed'),
+    )
+    image_reliability: str = parameter(
+        'auto', 'auto asks for reliable delivery and falls back when a camera offers none.',
+        choices=('auto', 'reliable', 'best_effort'),
+    )
+    queue_size: int = parameter(
+        30, 'Frames waiting for the worker; the oldest is dropped, and counted, beyond that.',
+        unit='frames', low=1, high=10000,
+    )
+    map_frame: str = parameter('map', 'Frame in which the poses of the map are given.')
+    position_sigma_m: float = parameter(
+        1.0, 'Standard deviation published with the position of a match.',
+        unit='m', low=0.0, high=1000.0, dynamic=True,
+    )
+    heading_sigma_rad: float = parameter(
+        0.3, 'Standard deviation published with the heading of a match.',
+        unit='rad', low=0.0, high=math.pi, dynamic=True,
+    )
+    diagnostics_period_s: float = parameter(
+        1.0, 'Time between two messages on /diagnostics.', unit='s', low=0.1, high=60.0,
+    )
+
+
+def _groups(kind: type) -> dict[str, type]:
+    return {item.name: item.type for item in fields(kind)}  # type: ignore[misc]
+
+
+def core_parameters() -> Iterator[Parameter]:
+    """Yield the parameters of `Config`, all groups, in order."""
+    for group in _groups(Config).values():
+        yield from parameters(group)
+
+
+def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
+    """Return a group with the values that are its own; others are left to their groups."""
+    names = {item.name for item in parameters(kind)}
+    return kind(**{name: value for name, value in values.items() if name in names})
+
+
+def make_config(values: Mapping[str, Any]) -> Config:
+    """
+    Return a configuration from flat names.
+
+    Raises
+    ------
+    ConfigError
+        If a name is unknown or a value is not allowed.
+
+    """
+    refuse_unknown(values, [item.name for item in core_parameters()])
+    return Config(**{
+        name: make_group(kind, values) for name, kind in _groups(Config).items()
+    })
+
+
+def flatten(config: Config) -> dict[str, Value]:
+    """Return all values of a configuration under their flat names."""
+    return {
+        item.name: getattr(getattr(config, name), item.name)
+        for name, kind in _groups(Config).items()
+        for item in parameters(kind)
+    }

@@ -1,0 +1,169 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The records that pass between stages; all frozen."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """
+    Where a camera was.
+
+    Parameters
+    ----------
+    position : tuple of 3 floats
+        x, y, z in metres.
+    orientation : tuple of 4 floats
+        Unit quaternion x, y, z, w.
+
+    """
+
+    position: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """
+    One image of a stream.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        When it was taken, nanoseconds.
+    gray : ndarray of uint8, shape (H, W), or None
+        None if the image could not be decoded; `problem` then says why in one line.
+    source : str
+        Where it came from: a file name or a topic.
+    pose : Pose, optional
+        Where the camera was, if known.
+
+    """
+
+    stamp_ns: int
+    gray: npt.NDArray[np.uint8] | None
+    source: str = ''
+    pose: Pose | None = None
+    problem: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Descriptor:
+    """
+    What is kept of one image.
+
+    Parameters
+    ----------
+    cells : ndarray of float32, shape (rows, columns, bins)
+        Histograms of gradient orientation, one a cell.
+    salient : ndarray of bool, shape (regions,)
+        Which 2 x 2-cell regions are informative, row by row.
+    entropy : float
+        Mean entropy of the image as a share of 8 bits, in [0, 1].
+
+    """
+
+    cells: npt.NDArray[np.float32]
+    salient: npt.NDArray[np.bool_]
+    entropy: float
+
+    @property
+    def informative(self) -> bool:
+        """False for a frame without gradient or without a salient region."""
+        return bool(self.salient.any()) and bool(self.cells.any())
+
+
+class Status(StrEnum):
+    """What came of a frame."""
+
+    ACCEPTED = 'accepted'
+    REJECTED = 'rejected'
+    SKIPPED = 'skipped'
+
+
+class Reason(StrEnum):
+    """Why; one for every frame."""
+
+    ACCEPTED = 'accepted'
+    AMBIGUOUS = 'ambiguous'
+    TOO_FEW_RIVALS = 'too_few_rivals'
+    WARMING_UP = 'warming_up'
+    UNINFORMATIVE = 'uninformative'
+    UNREADABLE = 'unreadable'
+    OUT_OF_ORDER = 'out_of_order'
+    NO_MAP = 'no_map'
+    MAP_TOO_SHORT = 'map_too_short'
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """
+    A reference that the newest frame of the sequence may show.
+
+    Parameters
+    ----------
+    reference_index : int
+        Its place in the map, from 0.
+    reference_stamp_ns : int
+        When the reference was taken, nanoseconds.
+    score : float
+        Sequence score in [0, 1].
+    shift : tuple of 2 floats, optional
+        Rows and columns, in cells, by which regions moved from query to reference, if the way of
+        matching tells.
+
+    """
+
+    reference_index: int
+    reference_stamp_ns: int
+    score: float
+    shift: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """
+    The answer to one frame.
+
+    Parameters
+    ----------
+    query_index : int
+        Frames processed before this one.
+    query_stamp_ns : int
+        Stamp of the frame, nanoseconds.
+    status, reason : Status, Reason
+        What was decided and why.
+    candidates : tuple of Candidate
+        Best first; empty if the frame was skipped.
+    sequence_length : int
+        Frames matched together, k in the paper; 0 if it could not be chosen.
+    pairs_scored : int
+        Image pairs compared for this frame.
+    confidence : float, optional
+        Probability in [0, 1] that the best candidate is right, if calibrated.
+
+    """
+
+    query_index: int
+    query_stamp_ns: int
+    status: Status
+    reason: Reason
+    candidates: tuple[Candidate, ...] = ()
+    sequence_length: int = 0
+    pairs_scored: int = 0
+    confidence: float | None = None
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best candidate, accepted or not."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def accepted(self) -> Candidate | None:
+        """The best candidate if it was accepted."""
+        return self.best if self.status is Status.ACCEPTED else None

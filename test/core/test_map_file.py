@@ -1,0 +1,229 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The map file: round trips, crashes, and files that must be refused."""
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.map_file import describe_file, FORMAT_VERSION, MapWriter, open_map, save_map
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import MapError
+import numpy as np
+import pytest
+
+ENCODING = EncodingConfig(image_size_px=64)
+
+
+def cells(seed):
+    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 391_754)
+
+
+def make(count=5, encoding=ENCODING):
+    reference_map = ReferenceMap(encoding)
+    for index in range(count):
+        pose = Pose((float(index), 0.1, 0), (0, 0, 0, 1)) if index % 2 else None
+        place = Place(10**18 + index, f'picture {index}.jpg', pose, b'jpeg' * index)
+        reference_map.add(place, cells(index))
+    return reference_map
+
+
+@pytest.fixture
+def map_path(tmp_path):
+    path = tmp_path / 'map.db'
+    save_map(make(), path)
+    return path
+
+
+def same(one, other):
+    return one.places == other.places and all(
+        (one.packed(index) == other.packed(index)).all() for index in range(len(one))
+    )
+
+
+def test_the_largest_cells_survive_half_precision():
+    largest = np.full((1, 1, 8), 391_754, np.float32)
+    assert np.allclose(unpack_cells(pack_cells(largest)), largest, rtol=1e-3)
+
+
+def test_cells_of_another_size_are_refused():
+    with pytest.raises(ValueError, match='expected'):
+        ReferenceMap().add(Place(0), cells(0))
+
+
+def test_what_was_saved_is_opened_again(map_path):
+    assert same(open_map(map_path, ENCODING), make())
+
+
+def test_a_map_opens_with_its_own_settings_when_none_are_asked_for(map_path):
+    assert open_map(map_path).encoding.image_size_px == 64
+
+
+def test_an_empty_map_is_a_map(tmp_path):
+    save_map(make(0), tmp_path / 'empty.db')
+    assert len(open_map(tmp_path / 'empty.db')) == 0
+
+
+def test_places_are_appended_after_those_that_are_there(map_path):
+    with MapWriter(map_path, ENCODING, append=True) as writer:
+        writer.add(Place(7), cells(9))
+    opened = open_map(map_path)
+    assert len(opened) == 6 and opened.places[5] == Place(7)
+
+
+def test_a_map_is_not_overwritten_by_mistake(map_path):
+    before = map_path.read_bytes()
+    with pytest.raises(MapError, match='exists already'):
+        MapWriter(map_path, ENCODING)
+    assert map_path.read_bytes() == before
+
+
+def test_appending_with_other_settings_is_refused(map_path):
+    with pytest.raises(MapError, match='image_size_px 64, asked for 512'):
+        MapWriter(map_path, EncodingConfig(), append=True)
+
+
+def test_opening_does_not_change_the_file(map_path):
+    before = map_path.read_bytes(), map_path.stat().st_mtime_ns
+    map_path.chmod(0o444)
+    open_map(map_path)
+    describe_file(map_path)
+    assert (map_path.read_bytes(), map_path.stat().st_mtime_ns) == before
+    assert list(map_path.parent.iterdir()) == [map_path]
+
+
+def test_the_file_says_what_made_it(map_path):
+    about = describe_file(map_path)
+    assert json.loads(about['encoding']) == {'image_size_px': 64}
+    assert about['tool']
+
+
+def test_other_settings_are_refused_with_both_values_and_the_remedy(map_path):
+    with pytest.raises(MapError, match=r'px 64, asked for 128; set image_size_px to 64'):
+        open_map(map_path, EncodingConfig(image_size_px=128))
+
+
+def test_a_newer_format_is_refused_with_both_versions(map_path):
+    with sqlite3.connect(map_path) as database:
+        database.execute(f'PRAGMA user_version = {FORMAT_VERSION + 1}')
+    with pytest.raises(MapError, match=rf'format {FORMAT_VERSION + 1}.*reads {FORMAT_VERSION}'):
+        open_map(map_path)
+
+
+@pytest.mark.parametrize('content', [b'', b'not a map', b'SQLite format 3\0' + b'\0' * 500])
+def test_a_foreign_file_is_refused(tmp_path, content):
+    path = tmp_path / 'foreign.db'
+    path.write_bytes(content)
+    with pytest.raises(MapError, match=r'foreign.db: (not a convseq|damaged) map'):
+        open_map(path)
+
+
+def test_another_sqlite_file_is_refused(tmp_path):
+    path = tmp_path / 'other.db'
+    with sqlite3.connect(path) as database:
+        database.execute('CREATE TABLE frames (x)')
+    with pytest.raises(MapError, match='another SQLite file'):
+        open_map(path)
+
+
+def test_a_missing_map_says_how_to_make_one(tmp_path):
+    with pytest.raises(MapError, match=r'no such map; make one with `convseq build-map'):
+        open_map(tmp_path / 'none.db')
+
+
+def test_a_truncated_map_is_refused_at_any_length(map_path):
+    whole = map_path.read_bytes()
+    for length in np.random.default_rng(0).integers(0, len(whole) - 1, 30):
+        map_path.write_bytes(whole[:length])
+        with pytest.raises(MapError):
+            open_map(map_path)
+
+
+def test_a_flipped_bit_is_noticed_or_harmless(map_path):
+    whole, original = map_path.read_bytes(), open_map(map_path)
+    rng = np.random.default_rng(0)
+    noticed = 0
+    for _ in range(150):
+        position, bit = int(rng.integers(len(whole))), int(rng.integers(8))
+        flipped = bytearray(whole)
+        flipped[position] ^= 1 << bit
+        map_path.write_bytes(flipped)
+        try:
+            assert same(open_map(map_path), original)
+        except MapError as error:
+            assert '\n' not in str(error) and 'map.db' in str(error)
+            noticed += 1
+    assert noticed > 10
+
+
+def test_a_flipped_bit_in_the_cells_fails_the_checksum(map_path):
+    whole = map_path.read_bytes()
+    position = whole.index(cells(2).tobytes()) + 17
+    map_path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
+    with pytest.raises(MapError, match='reference 2 fails its checksum'):
+        open_map(map_path)
+
+
+WRITE_UNTIL_KILLED = """
+import sys, time
+sys.path.insert(0, {folder!r})
+from test_map_file import cells, ENCODING, Place, MapWriter
+from pathlib import Path
+with MapWriter(Path({path!r}), ENCODING) as writer:
+    for index in range(3):
+        writer.add(Place(index), cells(index))
+    writer.commit()
+    writer._database.execute('PRAGMA cache_size = 1')
+    for index in range(3, 3000):
+        writer.add(Place(index), cells(index))
+    print('ready', flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_build_keeps_what_was_committed(tmp_path, how):
+    path = tmp_path / 'map.db'
+    program = WRITE_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
+    with subprocess.Popen(
+        [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        assert process.stdout.readline() == b'ready\n'
+        process.send_signal(how)
+        process.wait(10)
+    left = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    assert ('map.db-journal' in left) == (how == signal.SIGKILL)
+    opened = open_map(path)
+    assert len(opened) == (3 if how == signal.SIGKILL else 3000)
+    assert (opened.packed(2) == cells(2)).all()
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == left
+
+
+def test_a_full_disk_is_one_clear_line_and_keeps_what_was_committed(tmp_path):
+    path = tmp_path / 'map.db'
+    with pytest.raises(MapError, match=r'map.db: cannot write .*disk'):
+        with MapWriter(path, ENCODING) as writer:
+            writer.add(Place(0), cells(0))
+            writer.commit()
+            writer._database.execute('PRAGMA max_page_count = 6')
+            for index in range(1, 100):
+                writer.add(Place(index), cells(index))
+    assert len(open_map(path)) == 1
+
+
+def test_saving_where_nothing_can_be_written_keeps_the_old_map(map_path, monkeypatch):
+    before = map_path.read_bytes()
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(os, 'replace', full)
+    with pytest.raises(MapError, match='No space left'):
+        save_map(make(2), map_path)
+    assert map_path.read_bytes() == before
+    assert list(map_path.parent.iterdir()) == [map_path]

@@ -1,0 +1,122 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole pipeline on drawn images."""
+
+from convseq_ros.config import Config, SequenceConfig
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Frame, Reason, Status
+import numpy as np
+import pytest
+
+STEP_NS = 100_000_000
+PLACES = 50
+FIXED = Config(sequence=SequenceConfig(fixed_length=3))
+
+
+def image(place):
+    rng = np.random.default_rng(place)
+    return np.kron(rng.integers(0, 256, (16, 20)), np.ones((6, 6))).astype(np.uint8) // 2 + (
+        rng.integers(0, 128, (96, 120), np.uint8)
+    )
+
+
+@pytest.fixture(scope='module')
+def reference_map():
+    made = ReferenceMap()
+    for place in range(PLACES):
+        made.add(Place(5000 + place), pack_cells(describe(image(place)).cells))
+    return made
+
+
+def run(recognizer, images, start_ns=0):
+    return [
+        recognizer.process(Frame(start_ns + index * STEP_NS, each))
+        for index, each in enumerate(images)
+    ]
+
+
+def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
+    matches = run(PlaceRecognizer(reference_map), [image(place) for place in range(5, 35)])
+    matched = [match for match in matches if match.reason is not Reason.WARMING_UP]
+    assert matches[0].reason is Reason.WARMING_UP and len(matched) > 5
+    for match in matched:
+        assert match.status is Status.ACCEPTED
+        assert match.accepted.reference_index == 5 + match.query_index
+        assert match.accepted.reference_stamp_ns == 5005 + match.query_index
+        assert match.pairs_scored == PLACES
+
+
+def test_single_frames_give_the_pair_score_itself(reference_map):
+    recognizer = PlaceRecognizer(reference_map, Config(sequence=SequenceConfig(fixed_length=1)))
+    match = recognizer.process(Frame(0, image(4)))
+    assert match.best.score == pytest.approx(recognizer.row.max())
+    assert match.sequence_length == 1
+
+
+def test_the_newest_frame_is_matched_not_the_oldest(reference_map):
+    matches = run(PlaceRecognizer(reference_map, FIXED), [image(place) for place in (3, 4, 5)])
+    assert matches[-1].best.reference_index == 5
+
+
+@pytest.mark.parametrize(
+    ('blank', 'reason'),
+    [(np.zeros((96, 120), np.uint8), Reason.UNINFORMATIVE), (None, Reason.UNREADABLE)],
+)
+def test_a_lost_frame_is_skipped_and_its_neighbours_go_on(reference_map, blank, reason):
+    images = [image(place) for place in range(8)]
+    images[4] = blank
+    matches = run(PlaceRecognizer(reference_map, FIXED), images)
+    assert (matches[4].status, matches[4].reason) == (Status.SKIPPED, reason)
+    assert matches[4].best is None
+    assert [match.best.reference_index for match in matches[5:]] == [5, 6, 7]
+
+
+def test_a_clock_that_jumps_back_empties_the_buffer(reference_map):
+    recognizer = PlaceRecognizer(reference_map, FIXED)
+    run(recognizer, [image(place) for place in range(5)], start_ns=100 * STEP_NS)
+    again = run(recognizer, [image(place) for place in range(3)])
+    assert recognizer.resets == 1
+    assert [match.reason for match in again[:2]] == [Reason.WARMING_UP] * 2
+    assert again[2].accepted.reference_index == 2 and again[2].query_index == 7
+
+
+def test_a_frame_that_comes_late_is_left_out(reference_map):
+    recognizer = PlaceRecognizer(reference_map, FIXED)
+    run(recognizer, [image(place) for place in range(4)])
+    late = recognizer.process(Frame(2 * STEP_NS + 1, image(20)))
+    following = recognizer.process(Frame(4 * STEP_NS, image(4)))
+    assert late.reason is Reason.OUT_OF_ORDER and recognizer.resets == 0
+    assert following.accepted.reference_index == 4
+
+
+def test_without_a_map_every_frame_says_so():
+    assert PlaceRecognizer(ReferenceMap()).process(Frame(0, image(0))).reason is Reason.NO_MAP
+
+
+def test_a_map_shorter_than_the_sequence_says_so(reference_map):
+    short = ReferenceMap()
+    for index in range(2):
+        short.add(reference_map.places[index], reference_map.packed(index))
+    matches = run(PlaceRecognizer(short, FIXED), [image(place) for place in range(4)])
+    assert matches[-1].reason is Reason.MAP_TOO_SHORT and matches[-1].sequence_length == 3
+
+
+def test_the_order_of_processing_two_recognisers_does_not_matter(reference_map):
+    one, two = PlaceRecognizer(reference_map), PlaceRecognizer(reference_map)
+    images = [image(place) for place in range(6)]
+    interleaved = [
+        (one.process(Frame(index, each)), two.process(Frame(index, each)))
+        for index, each in enumerate(images)
+    ]
+    assert all(first == second for first, second in interleaved)
+
+
+def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
+    recognizer = PlaceRecognizer(reference_map, FIXED)
+    run(recognizer, [image(place) for place in range(4)])
+    recognizer.config = Config(sequence=SequenceConfig(fixed_length=6))
+    matches = run(recognizer, [image(place) for place in range(4, 8)], start_ns=4 * STEP_NS)
+    assert [match.reason for match in matches][:2] == [Reason.WARMING_UP] * 2
+    assert matches[-1].accepted.reference_index == 7

@@ -1,0 +1,68 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's pair score."""
+
+from convseq_ros.core.matching.regional import pair_scores, RegionalMatcher, regions, similarity
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor
+import numpy as np
+import pytest
+
+
+def drawn(seed, salient=None):
+    rng = np.random.default_rng(seed)
+    mask = np.ones(961, bool) if salient is None else salient
+    return Descriptor(rng.random((32, 32, 8), np.float32), mask, 0.6)
+
+
+def test_a_region_joins_its_four_cells_row_by_row_at_unit_length():
+    cells = np.zeros((2, 2, 1), np.float32)
+    cells[0, 1], cells[1, 0] = 3, 4
+    assert regions(cells).tolist() == [[0, pytest.approx(0.6), pytest.approx(0.8), 0]]
+
+
+def test_a_region_without_gradient_stays_zero():
+    assert not regions(np.zeros((3, 3, 8), np.float32)).any()
+
+
+def test_hand_worked_pair_is_the_mean_of_the_best_similarities():
+    query = np.zeros((2, 3, 1), np.float32)
+    query[0, :, 0] = [1, 0, 1]
+    reference = np.zeros((2, 2, 1), np.float32)
+    reference[0, :, 0] = [3, 4]
+    seen = Descriptor(query, np.array([True, True]), 0.5)
+    assert pair_scores(seen, [regions(reference)])[0] == pytest.approx((0.6 + 0.8) / 2)
+
+
+def test_only_salient_regions_of_the_query_count():
+    query = np.zeros((2, 3, 1), np.float32)
+    query[0, :, 0] = [1, 0, 1]
+    reference = np.zeros((2, 2, 1), np.float32)
+    reference[0, :, 0] = [3, 4]
+    seen = Descriptor(query, np.array([False, True]), 0.5)
+    assert pair_scores(seen, [regions(reference)])[0] == pytest.approx(0.8)
+
+
+def test_an_image_is_perfectly_similar_to_itself():
+    assert similarity(drawn(0), drawn(0)) == pytest.approx(1, abs=1e-6)
+
+
+def test_adding_references_changes_no_other_score():
+    others = [regions(drawn(seed).cells) for seed in range(4)]
+    assert (pair_scores(drawn(9), others)[:2] == pair_scores(drawn(9), others[:2])).all()
+
+
+def test_scores_lie_between_zero_and_one_and_follow_the_order_of_references():
+    others = [regions(drawn(seed).cells) for seed in range(4)]
+    scores = pair_scores(drawn(9), others)
+    assert (scores >= 0).all() and (scores <= 1).all()
+    assert (pair_scores(drawn(9), others[::-1]) == scores[::-1]).all()
+
+
+def test_the_matcher_knows_which_references_show_nothing():
+    reference_map = ReferenceMap()
+    for cells in (drawn(0).cells, np.zeros((32, 32, 8), np.float32)):
+        reference_map.add(Place(0), pack_cells(cells))
+    matcher = RegionalMatcher(reference_map)
+    assert matcher.informative.tolist() == [True, False]
+    assert matcher.row(drawn(0))[1] == 0

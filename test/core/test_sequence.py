@@ -1,0 +1,131 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sequence length and sequence scores."""
+
+from convseq_ros.config import SequenceConfig
+from convseq_ros.core.sequence import BACKWARD, choose_length, FORWARD, sequence_scores
+from convseq_ros.core.types import Descriptor
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+RULE = SequenceConfig()
+
+
+def frame(entropy=0.6, informative=True):
+    cells = np.full((2, 2, 8), informative, np.float32)
+    return Descriptor(cells, np.array([informative]), entropy)
+
+
+def length(frames, similar, config=RULE):
+    """Choose k where the i-th frame outward has the i-th similarity to the anchor."""
+    by_identity = {id(each): value for each, value in zip(frames, similar, strict=True)}
+    return choose_length(frames, lambda _, other: by_identity[id(other)], config)
+
+
+def frames(count, entropy=0.6):
+    return [frame(entropy) for _ in range(count)]
+
+
+def test_sequence_stops_at_the_first_frame_that_brings_information_and_keeps_it():
+    assert length(frames(6), [1, 0.95, 0.95, 0.89, 0.95, 0.95]) == 4
+
+
+def test_shortest_chosen_sequence_is_two():
+    assert length(frames(5), [1, 0.1, 1, 1, 1]) == 2
+
+
+def test_similarity_at_the_threshold_still_grows_the_sequence():
+    assert length(frames(4), [1, 0.9, 0.5, 1]) == 3
+
+
+def test_similar_frames_grow_the_sequence_to_fifteen():
+    assert length(frames(40), [1] * 40) == 15
+
+
+def test_sequence_grows_while_entropy_is_low():
+    low_then_high = frames(5, 0.4) + frames(20, 0.9)
+    similar = [1, 0.1] + [1] * 23
+    entropies = [each.entropy for each in low_then_high]
+    expected = next(k for k in range(2, 25) if np.mean(entropies[:k]) > 0.5)
+    assert length(low_then_high, similar) == expected == 7
+
+
+def test_low_entropy_grows_the_sequence_to_twenty_five():
+    assert length(frames(40, 0.2), [1, 0.1] + [1] * 38) == 25
+
+
+def test_length_is_unknown_while_more_frames_would_be_needed():
+    assert length(frames(1), [1]) is None
+    assert length(frames(14), [1] * 14) is None
+    assert length(frames(15), [1] * 15) == 15
+    assert length(frames(24, 0.2), [1, 0.1] + [1] * 22) is None
+
+
+def test_fixed_length_ignores_similarity_and_entropy():
+    fixed = SequenceConfig(fixed_length=10)
+    assert length(frames(9), [1] * 9, fixed) is None
+    assert length(frames(30, 0.1), [1] * 30, fixed) == 10
+
+
+def test_uninformative_frames_are_passed_over():
+    mixed = [frame(), frame(0.0, informative=False), frame(), frame()]
+    assert length(mixed, [1, 0.0, 0.5, 1]) == 3
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 0.8)), min_size=1, max_size=40))
+def test_chosen_length_is_within_its_bounds_and_within_the_frames(drawn):
+    similar, entropies = zip(*drawn, strict=True)
+    found = length([frame(value) for value in entropies], similar)
+    assert found is None or 2 <= found <= min(25, len(drawn))
+
+
+def test_hand_worked_two_by_two_diagonal():
+    newest, older = np.array([0.1, 0.9], np.float32), np.array([0.7, 0.2], np.float32)
+    scores = sequence_scores([newest, older], np.array([True, True]))
+    assert scores[0] == -np.inf and scores[1] == pytest.approx((0.9 + 0.7) / 2)
+
+
+def test_hand_worked_forward_window_starts_at_the_anchor():
+    oldest, newer = np.array([0.7, 0.2], np.float32), np.array([0.1, 0.9], np.float32)
+    scores = sequence_scores([oldest, newer], np.array([True, True]), FORWARD)
+    assert scores[0] == pytest.approx((0.7 + 0.9) / 2) and scores[1] == -np.inf
+
+
+@given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 99))
+def test_scores_are_means_of_diagonals_in_both_directions(k, count, seed):
+    rows = list(np.random.default_rng(seed).random((k, count), np.float32))
+    informative = np.ones(count, bool)
+    backward = sequence_scores(rows, informative, BACKWARD)
+    forward = sequence_scores([row[::-1] for row in rows], informative, FORWARD)
+    assert (forward[::-1] == backward).all()
+    for index in range(count):
+        if index < k - 1:
+            assert backward[index] == -np.inf
+        else:
+            diagonal = [rows[offset][index - offset] for offset in range(k)]
+            assert backward[index] == pytest.approx(np.mean(diagonal), abs=1e-6)
+
+
+def test_an_uninformative_query_frame_does_not_break_the_diagonal():
+    rows = [np.array([0, 0, 0.9], np.float32), None, np.array([0.7, 0, 0], np.float32)]
+    scores = sequence_scores(rows, np.ones(3, bool))
+    assert scores[2] == pytest.approx(0.8)
+
+
+def test_an_uninformative_reference_is_never_matched_nor_breaks_its_neighbours():
+    rows = [np.full(4, 0.8, np.float32)] * 3
+    scores = sequence_scores(rows, np.array([True, False, True, True]))
+    assert scores[:2].tolist() == [-np.inf, -np.inf]
+    assert scores[2:] == pytest.approx(0.8)
+
+
+def test_a_diagonal_that_is_mostly_unknown_gives_no_score():
+    row = np.full(4, 0.8, np.float32)
+    assert (sequence_scores([row, None, None], np.ones(4, bool)) == -np.inf).all()
+
+
+def test_a_window_longer_than_the_map_scores_nothing():
+    rows = [np.full(3, 0.8, np.float32)] * 5
+    assert (sequence_scores(rows, np.ones(3, bool)) == -np.inf).all()

@@ -1,0 +1,108 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters: bounds, names, and everything that is derived from them."""
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+from convseq_ros.cli.config import all_parameters, markdown, yaml
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    core_parameters,
+    EncodingConfig,
+    flatten,
+    KeyframeConfig,
+    make_config,
+    NodeConfig,
+    SequenceConfig,
+)
+from convseq_ros.errors import ConfigError
+from convseq_ros.parameter import parameters
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def test_names_are_unique_across_groups():
+    names = [item.name for item in [*all_parameters(), *parameters(KeyframeConfig)]]
+    assert len(names) == len(set(names))
+
+
+def test_every_parameter_has_one_sentence_and_its_unit_in_its_name():
+    for item in all_parameters():
+        assert item.doc.endswith('.') and '  ' not in item.doc
+        if item.unit in ('px', 's', 'm', 'rad'):
+            assert item.name.endswith('_' + item.unit)
+
+
+def test_every_default_is_allowed():
+    for item in [*all_parameters(), *parameters(KeyframeConfig)]:
+        assert item.check(item.default) == item.default
+
+
+def test_the_defaults_are_the_papers():
+    rule = SequenceConfig()
+    assert (rule.overlap_threshold, rule.entropy_threshold) == (0.9, 0.5)
+    assert (rule.min_length, rule.max_overlap_length, rule.max_length) == (2, 15, 25)
+    assert EncodingConfig() == EncodingConfig(512, 0.5)
+
+
+def test_flat_values_round_trip():
+    values = flatten(Config()) | {'max_length': 20, 'min_margin': 0.5, 'image_size_px': 256}
+    assert flatten(make_config(values)) == values
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_known_one():
+    with pytest.raises(ConfigError, match="'max_lenght'; did you mean max_length"):
+        make_config({'max_lenght': 3})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'told'),
+    [
+        ('max_length', 101, r'max_length: 101 is outside 1 .. 100'),
+        ('min_margin', -0.1, r'min_margin: -0.1 is outside 0 .. 1'),
+        ('min_margin', float('nan'), 'not a finite number'),
+        ('max_length', 2.5, 'expected int, got 2.5'),
+        ('max_length', True, 'expected int, got True'),
+        ('overlap_threshold', 'high', "expected float, got 'high'"),
+        ('image_size_px', 500, 'multiple of the 16 px cell'),
+        ('max_length', 14, 'ascending order'),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_refused(name, value, told):
+    with pytest.raises(ConfigError, match=told):
+        make_config({name: value})
+
+
+def test_a_choice_that_is_not_listed_is_refused():
+    with pytest.raises(ConfigError, match='not one of raw, compressed'):
+        NodeConfig(image_transport='theora')
+
+
+def test_a_whole_number_is_taken_as_a_float():
+    assert make_config({'min_margin': 0}).acceptance.min_margin == 0.0
+
+
+def test_configurations_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        AcceptanceConfig().min_margin = 0.5
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'), [('x', 'expected float'), ('2', 'outside'), ('nan', 'finite')]
+)
+def test_text_that_is_no_allowed_value_is_refused(text, told):
+    margin = next(item for item in core_parameters() if item.name == 'min_margin')
+    with pytest.raises(ConfigError, match=told):
+        margin.parse(text)
+
+
+def test_the_shipped_parameter_file_is_what_the_code_says():
+    shipped = (REPOSITORY / 'config' / 'vpr_node.yaml').read_text(encoding='utf-8')
+    assert shipped == yaml(all_parameters()) + '\n'
+
+
+def test_the_readme_lists_every_parameter_as_the_code_does():
+    assert markdown(all_parameters()) in (REPOSITORY / 'README.md').read_text(encoding='utf-8')
