@@ -1,0 +1,73 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where frames come from: folders of pictures and ROS recordings."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from convseq_ros.core.types import Frame
+from convseq_ros.errors import SourceError
+from convseq_ros.sources.folder import ImageFolder, pictures_in
+from convseq_ros.sources.recording import Recording
+from convseq_ros.sources.storage import is_storage_file
+
+
+class Source(Protocol):
+    """
+    A stream of frames that can be read more than once.
+
+    Attributes
+    ----------
+    name, topic : str
+        Of the folder or recording, and of the image topic; empty for a folder.
+    warnings : list of str
+        What a user should know, one line each; grows while the source is read.
+
+    """
+
+    name: str
+    topic: str
+    warnings: list[str]
+
+    def __len__(self) -> int:
+        """Frames expected, as an index or a directory tells."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order; each call starts anew."""
+
+
+def open_source(path: Path, topic: str = '') -> Source:
+    """
+    Open a folder of pictures or a recording, whichever is there.
+
+    Parameters
+    ----------
+    path : Path
+        A folder of pictures, a folder that a ROS 2 recorder wrote, or a .mcap, .db3 or .bag file.
+    topic : str, optional
+        Image topic of a recording that has several.
+
+    Raises
+    ------
+    SourceError
+        If it is neither, is damaged, or holds no images.
+
+    """
+    path = Path(path)
+    if not path.is_dir() or _holds_recording(path):
+        return Recording(path, topic)
+    if topic:
+        raise SourceError(f'{path}: a folder of pictures has no topic {topic!r}; leave it out')
+    return ImageFolder(path)
+
+
+def _holds_recording(folder: Path) -> bool:
+    try:
+        files = list(folder.iterdir())
+        pictures = pictures_in(folder)
+    except OSError as error:
+        raise SourceError(f'{folder}: {error.strerror}; check its permissions') from None
+    described = folder / 'metadata.yaml' in files
+    recorded = any(is_storage_file(file) for file in files)
+    return (recorded and described) or (not pictures and (recorded or described))

@@ -1,0 +1,96 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A folder of pictures as a stream of frames."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+from convseq_ros.core.types import Frame
+from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.sources.images import decode_picture
+from convseq_ros.sources.natural_order import natural_key
+
+IMAGE_SUFFIXES = frozenset(
+    {'.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff', '.ppm', '.pgm', '.webp'}
+)
+FRAME_INTERVAL_NS = 100_000_000
+MAX_STAMP_NS = 2**63 - 1
+
+
+def pictures_in(path: Path) -> list[Path]:
+    """Return the pictures of a folder, img2 before img10; hidden files are left out."""
+    return sorted(
+        (
+            item
+            for item in path.iterdir()
+            if item.suffix.lower() in IMAGE_SUFFIXES
+            and not item.name.startswith('.')
+            and item.is_file()
+        ),
+        key=natural_key,
+    )
+
+
+class ImageFolder:
+    """
+    The pictures of a folder, in natural order of their names.
+
+    Frames are stamped by their names if every name is a whole number of 16 digits or more
+    (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would
+    be no stamp to ROS). A picture that cannot be
+    read ends the stream, because leaving it out would shift every index after it.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; folders inside it are not entered.
+
+    Raises
+    ------
+    SourceError
+        If the folder is missing or holds no pictures; while iterating, if one is unreadable.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_dir():
+            raise SourceError(f'{path}: no such folder; give a folder of pictures')
+        try:
+            self._pictures = pictures_in(path)
+        except OSError as error:
+            raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+        if not self._pictures:
+            known = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
+            raise SourceError(
+                f'{path}: no pictures and no recording in this folder; expected {known}, '
+                'or a .mcap, .db3 or .bag file'
+            )
+        self.name = path.resolve().name
+        self.topic = ''
+        self.warnings: list[str] = []
+
+    def __len__(self) -> int:
+        return len(self._pictures)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for stamp_ns, picture in zip(_stamps_ns(self._pictures), self._pictures, strict=True):
+            try:
+                gray = decode_picture(picture.read_bytes())
+            except OSError as error:
+                raise SourceError(
+                    f'{picture}: {error.strerror}; restore it or remove it from the folder'
+                ) from None
+            except ImageError as error:
+                raise SourceError(
+                    f'{picture}: not a readable picture ({error}); '
+                    'restore it or remove it from the folder'
+                ) from None
+            yield Frame(stamp_ns, gray, picture.name)
+
+
+def _stamps_ns(pictures: list[Path]) -> list[int]:
+    names = [picture.stem for picture in pictures]
+    if all(re.fullmatch('[0-9]{16,}', name) and int(name) <= MAX_STAMP_NS for name in names):
+        return [int(name) for name in names]
+    return [(index + 1) * FRAME_INTERVAL_NS for index in range(len(names))]

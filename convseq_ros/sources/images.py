@@ -1,0 +1,217 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+From the fields of an image message, or the bytes of a picture file, to a grey image.
+
+Messages are duck-typed: those of rclpy and of rosbags, which hold their data as array, numpy
+array or bytes, serve alike. Colour reaches grey by one road (BGR, then `gray_from_bgr`), so that
+a folder, a recording and a camera that show the same picture give the same pixels.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from convseq_ros.errors import ImageError
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Gray = npt.NDArray[np.uint8]
+Pixels = npt.NDArray[np.uint8]
+
+_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+_JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
+
+
+def gray_from_bgr(bgr: Pixels) -> Gray:
+    """
+    Return the grey image of a colour image: the only place where colour is given up.
+
+    Parameters
+    ----------
+    bgr : ndarray of uint8, shape (H, W, 3)
+        Blue, green, red.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W)
+
+    """
+    return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
+
+
+def decode_image(message: Any) -> Gray:
+    """
+    Return the grey image of a sensor_msgs/Image.
+
+    Parameters
+    ----------
+    message : object
+        With the fields `height`, `width`, `encoding`, `is_bigendian`, `step` and `data`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W)
+        C-contiguous and independent of the message.
+
+    Raises
+    ------
+    ImageError
+        If the encoding is unknown, the size is zero or does not suit the encoding, or `step` or
+        `data` is too small for it.
+
+    """
+    encoding = ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ImageError(
+            f'encoding: {message.encoding!r} is not supported; use {", ".join(ENCODINGS)}'
+        )
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if height < 1 or width < 1:
+        raise ImageError(
+            f'height, width: {height} x {width} px is an empty image; check the camera driver'
+        )
+    if height < encoding.min_side or width < encoding.min_side or width % encoding.width_multiple:
+        raise ImageError(
+            f'height, width: {height} x {width} px does not suit {message.encoding}; it needs '
+            f'at least {encoding.min_side} px and a width divisible by {encoding.width_multiple}'
+        )
+    row = width * encoding.bytes_per_pixel
+    if step < row:
+        raise ImageError(
+            f'step: {step} bytes is too small; a row of {width} px in {message.encoding} '
+            f'takes {row}'
+        )
+    data = np.frombuffer(message.data, np.uint8)
+    needed = step * (height - 1) + row
+    if data.size < needed:
+        raise ImageError(
+            f'data: {data.size} bytes is too short; {height} rows of step {step} take {needed}'
+        )
+    shape = (height, width, encoding.bytes_per_pixel)
+    strides = (step, encoding.bytes_per_pixel, 1)
+    pixels = np.ascontiguousarray(np.ndarray(shape, np.uint8, data, 0, strides))
+    return encoding.to_gray(pixels, bool(message.is_bigendian))
+
+
+def decode_compressed(message: Any) -> Gray:
+    """
+    Return the grey image of a sensor_msgs/CompressedImage.
+
+    Parameters
+    ----------
+    message : object
+        With the fields `format` ('jpeg', 'png', or as image_transport writes it, such as
+        'bgr8; jpeg compressed bgr8') and `data`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W)
+        C-contiguous and independent of the message.
+
+    Raises
+    ------
+    ImageError
+        If the format is compressedDepth or the data are damaged or no JPEG or PNG.
+
+    """
+    if 'compressedDepth' in message.format:
+        raise ImageError(
+            f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
+        )
+    try:
+        return decode_picture(message.data)
+    except ImageError as error:
+        raise ImageError(f'format {message.format!r}: {error}') from None
+
+
+def decode_picture(data: Any) -> Gray:
+    """
+    Return the grey image of an encoded picture, as stored (an EXIF rotation is not applied).
+
+    Parameters
+    ----------
+    data : bytes, array or ndarray of uint8
+        Content of a picture file.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W)
+
+    Raises
+    ------
+    ImageError
+        If the data are cut short, damaged or of an unknown kind.
+
+    """
+    encoded = np.frombuffer(data, np.uint8)
+    if _is_cut_jpeg(encoded.tobytes()):
+        raise ImageError(f'data: {encoded.size} bytes of a JPEG that is cut short; send it whole')
+    try:
+        bgr = cv2.imdecode(encoded, _READ_FLAGS) if encoded.size else None
+    except cv2.error:
+        bgr = None
+    if bgr is None:
+        raise ImageError(
+            f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
+        )
+    return gray_from_bgr(_uint8(bgr))
+
+
+def _is_cut_jpeg(data: bytes) -> bool:
+    """Tell a JPEG without its end, which some OpenCV versions fill up with grey."""
+    return data.startswith(_JPEG_START) and data.rfind(_JPEG_END) <= data.rfind(_JPEG_SCAN)
+
+
+def _uint8(array: Any) -> npt.NDArray[np.uint8]:
+    return np.asarray(array, np.uint8)
+
+
+def _gray(pixels: Pixels, _: bool) -> Gray:
+    return pixels[:, :, 0].copy()
+
+
+def _high_byte(pixels: Pixels, is_bigendian: bool) -> Gray:
+    return pixels[:, :, 0 if is_bigendian else 1].copy()
+
+
+def _bgr(pixels: Pixels, _: bool) -> Gray:
+    return gray_from_bgr(pixels)
+
+
+def _through_bgr(conversion: int) -> Callable[[Pixels, bool], Gray]:
+    def to_gray(pixels: Pixels, _: bool) -> Gray:
+        return gray_from_bgr(_uint8(cv2.cvtColor(pixels, conversion)))
+
+    return to_gray
+
+
+@dataclass(frozen=True, slots=True)
+class _Encoding:
+    bytes_per_pixel: int
+    to_gray: Callable[[Pixels, bool], Gray]
+    min_side: int = 1
+    width_multiple: int = 1
+
+
+# ROS names a mosaic by its first two rows from the left edge; so do OpenCV's four-letter names
+# (the older two-letter ones, such as BayerBG, start one pixel further in).
+ENCODINGS = {
+    'mono8': _Encoding(1, _gray),
+    'mono16': _Encoding(2, _high_byte),
+    '8UC1': _Encoding(1, _gray),
+    '8UC3': _Encoding(3, _bgr),
+    'bgr8': _Encoding(3, _bgr),
+    'rgb8': _Encoding(3, _through_bgr(cv2.COLOR_RGB2BGR)),
+    'bgra8': _Encoding(4, _through_bgr(cv2.COLOR_BGRA2BGR)),
+    'rgba8': _Encoding(4, _through_bgr(cv2.COLOR_RGBA2BGR)),
+    'bayer_rggb8': _Encoding(1, _through_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
+    'bayer_bggr8': _Encoding(1, _through_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
+    'bayer_gbrg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
+    'bayer_grbg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
+    'yuv422': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'uyvy': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'yuv422_yuy2': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'yuyv': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+}

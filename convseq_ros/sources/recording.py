@@ -1,0 +1,176 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS recording as a stream of frames, of raw messages, or of poses."""
+
+from collections.abc import Iterator
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+from convseq_ros.core.types import Frame, Pose
+from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.raw_message import RawMessage, STAMP_END
+from convseq_ros.sources.storage import open_storage
+from convseq_ros.sources.topics import choose_topic, IMAGE_TYPES, merge_topics, POSE_TYPES
+
+DECODERS = dict(zip(IMAGE_TYPES, (decode_image, decode_compressed), strict=True))
+
+
+class Recording:
+    """
+    The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
+
+    Nothing is held in memory, and every iteration starts anew. A message that cannot be decoded
+    gives a frame without an image that says why.
+
+    Parameters
+    ----------
+    path : Path
+        A folder that a recorder wrote, or a .mcap, .db3 or .bag file.
+    topic : str, optional
+        An image topic; may be left out if there is only one.
+
+    Attributes
+    ----------
+    name, topic, type_name : str
+        Of the file or folder, of the chosen topic, and of its messages.
+    warnings : list of str
+        What a user should know, one line each; grows while the recording is read.
+
+    Raises
+    ------
+    SourceError
+        If there is no recording, or no image topic, or several to choose from; while iterating,
+        if the file is damaged further on.
+
+    """
+
+    def __init__(self, path: Path, topic: str = '') -> None:
+        self._path = path
+        self._storages, self.warnings = open_storage(path)
+        topics = merge_topics(storage.topics for storage in self._storages)
+        chosen = choose_topic(path, topics, topic, IMAGE_TYPES, '--topic')
+        self.name = path.resolve().name
+        self.topic = chosen.name
+        self.type_name = chosen.type_name
+        self._count = min(chosen.count, sys.maxsize)
+        for storage in self._storages:
+            if storage.damage:
+                saved = storage.topics.get(self.topic)
+                count = saved.count if saved else 0
+                self._warn(f'{storage.damage}; {count} frames of {self.topic} were saved')
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Frame]:
+        for message in self._raw_messages():
+            try:
+                gray = DECODERS[message.type_name](message.decode())
+            except ImageError as error:
+                yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
+                continue
+            if not message.header_stamp_ns:
+                self._warn(
+                    f'{self._path}: images of {self.topic} carry no stamp; '
+                    'the time of recording was taken instead'
+                )
+            yield Frame(message.stamp_ns, gray, self.topic)
+
+    def messages(self) -> Iterator[RawMessage]:
+        """
+        Yield the image messages undecoded, as CDR that rclpy can publish.
+
+        Messages too damaged to hold a stamp are left out.
+
+        Raises
+        ------
+        SourceError
+            If the recording is damaged further on.
+
+        """
+        return (message for message in self._raw_messages() if len(message.cdr) >= STAMP_END)
+
+    def _raw_messages(self) -> Iterator[RawMessage]:
+        count = 0
+        for storage in self._storages:
+            for message in storage.messages(self.topic):
+                if message.type_name == self.type_name:
+                    count += 1
+                    yield message
+        if not count:
+            raise SourceError(
+                f'{self._path}: none of the {self._count} images of {self.topic} that its index '
+                'lists is there; record again'
+            )
+        if count != self._count:
+            self._warn(
+                f'{self._path}: {count} images of {self.topic} were read, but its index lists '
+                f'{self._count}; it may be damaged'
+            )
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+
+def image_messages(path: Path, topic: str = '') -> Iterator[RawMessage]:
+    """Yield the image messages of a recording as CDR; see `Recording.messages`."""
+    return Recording(path, topic).messages()
+
+
+def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
+    """
+    Return the poses of an odometry or pose topic, by time.
+
+    Parameters
+    ----------
+    path : Path
+        A recording.
+    topic : str, optional
+        Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
+        left out if there is only one.
+
+    Returns
+    -------
+    list of (int, Pose)
+        Stamp in nanoseconds (of recording, if the header has none) and pose; damaged messages and
+        values that are not finite are left out.
+
+    Raises
+    ------
+    SourceError
+        If there is no such topic, no usable pose, or the recording is damaged.
+
+    """
+    storages, _ = open_storage(path)
+    topics = merge_topics(storage.topics for storage in storages)
+    chosen = choose_topic(path, topics, topic, POSE_TYPES, '--odom')
+    poses = [
+        (message.stamp_ns, pose)
+        for storage in storages
+        for message in storage.messages(chosen.name)
+        if message.type_name == chosen.type_name and (pose := _pose(message)) is not None
+    ]
+    if not poses:
+        raise SourceError(
+            f'{path}: no pose of {chosen.name} is whole and finite; choose another topic'
+        )
+    return sorted(poses, key=lambda item: item[0])
+
+
+def _pose(message: RawMessage) -> Pose | None:
+    try:
+        pose: Any = message.decode().pose
+    except ImageError:
+        return None
+    if message.type_name != 'geometry_msgs/msg/PoseStamped':
+        pose = pose.pose
+    at, turn = pose.position, pose.orientation
+    position = (float(at.x), float(at.y), float(at.z))
+    orientation = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
+    if not all(map(math.isfinite, position + orientation)):
+        return None
+    return Pose(position, orientation)

@@ -1,0 +1,89 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Choosing the topic to read from a recording."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from convseq_ros.errors import SourceError
+
+IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
+POSE_TYPES = (
+    'nav_msgs/msg/Odometry',
+    'geometry_msgs/msg/PoseStamped',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What a recording tells of one of its topics."""
+
+    name: str
+    type_name: str
+    count: int
+
+    def __str__(self) -> str:
+        messages = 'message' if self.count == 1 else 'messages'
+        return f'{self.name}   # {self.type_name}, {self.count} {messages}'
+
+
+def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
+    """Return one table of the topics of several files; messages of a topic are added up."""
+    merged: dict[str, Topic] = {}
+    for table in tables:
+        for name, topic in table.items():
+            count = topic.count + (merged[name].count if name in merged else 0)
+            first = merged.get(name, topic)
+            merged[name] = Topic(name, first.type_name, count)
+    return merged
+
+
+def choose_topic(
+    path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
+) -> Topic:
+    """
+    Return the wanted topic, or the only one of the right types that has messages.
+
+    Parameters
+    ----------
+    path : Path
+        The recording, for messages to the user.
+    topics : mapping of str to Topic
+        All topics of the recording.
+    wanted : str
+        Name asked for; empty for the only one there is.
+    types : tuple of str
+        Types that will do.
+    option : str
+        How a user asks for a topic, such as '--topic'.
+
+    Raises
+    ------
+    SourceError
+        If the choice is not clear; lists the right topics, one a line, ready to paste.
+
+    """
+    fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
+    if not fitting:
+        kind = ' or '.join(name.split('/')[-1] for name in types)
+        found = ', '.join(f'{topic.name} ({topic.type_name})' for topic in topics.values())
+        raise SourceError(
+            f'{path}: no {kind} messages in this recording; it holds {found or "nothing"}'
+        )
+    listing = ''.join(f'\n{option} {topic}' for topic in fitting)
+    if not wanted:
+        if len(fitting) > 1:
+            raise SourceError(f'{path}: {len(fitting)} topics could be meant; add one of{listing}')
+        return fitting[0]
+    for topic in fitting:
+        if topic.name == wanted or topic.name == f'/{wanted}':
+            return topic
+    if wanted not in topics:
+        problem = f'no topic {wanted!r}'
+    elif topics[wanted].type_name in types:
+        problem = f'topic {wanted!r} has no messages'
+    else:
+        problem = f'topic {wanted!r} is of type {topics[wanted].type_name}'
+    raise SourceError(f'{path}: {problem}; use{listing}')

@@ -1,0 +1,266 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cut, flipped and foreign recordings: frames that are right, or one clear error."""
+
+from pathlib import Path
+import shutil
+import zipfile
+
+from convseq_ros.core.types import Frame
+from convseq_ros.errors import SourceError
+from convseq_ros.sources import open_source
+from convseq_ros.sources.recording import read_poses
+import numpy as np
+import pytest
+
+TOPIC = '/camera/image_raw'
+MCAPS = ['mcap file', 'mcap plain', 'mcap zstd', 'mcap lz4', 'mcap without chunks']
+
+
+def read(path):
+    """Return the frames up to the first error, that error, and the warnings."""
+    frames = []
+    try:
+        source = open_source(path)
+        for frame in source:
+            assert isinstance(frame, Frame)
+            assert (frame.gray is None) == bool(frame.problem)
+            frames.append(frame)
+    except SourceError as error:
+        assert '\n' not in str(error) or '--topic' in str(error)
+        return frames, str(error), []
+    assert len(frames) == len(source) or source.warnings
+    return frames, '', source.warnings
+
+
+@pytest.mark.parametrize('layout', MCAPS)
+def test_cut_mcap_yields_every_frame_up_to_the_cut(recorder, layout, pictures):
+    path = recorder.write(layout, recorder.drive(pictures))
+    whole = path.read_bytes()
+    counts = []
+    for cut in [*range(0, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
+        path.write_bytes(whole[:cut])
+        frames, error, warnings = read(path)
+        counts.append(len(frames))
+        for i, frame in enumerate(frames):
+            np.testing.assert_array_equal(frame.gray, pictures[i])
+            assert frame.stamp_ns == recorder.start_ns + recorder.step_ns * i
+        assert bool(error) == (not frames)
+        if frames:
+            assert len(warnings) == 1
+            assert 'at byte' in warnings[0]
+            assert f'{len(frames)} frames of {TOPIC} were saved' in warnings[0]
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] == 12
+    assert len(set(counts)) > (3 if layout in ('mcap zstd', 'mcap lz4') else 5)
+
+
+@pytest.mark.parametrize('layout', ['mcap plain', 'mcap without chunks'])
+def test_a_frame_that_is_whole_in_the_file_is_never_lost(recorder, layout, pictures):
+    path = recorder.write(layout, recorder.drive(pictures))
+    whole = path.read_bytes()
+    ends = [whole.index(gray.tobytes()) + gray.size for gray in pictures]
+    for saved, end in enumerate(ends, start=1):
+        path.write_bytes(whole[:end])
+        assert len(read(path)[0]) == saved
+        path.write_bytes(whole[: end - 1])
+        assert len(read(path)[0]) == saved - 1
+
+
+def test_whole_blocks_of_a_cut_compressed_chunk_are_saved(recorder):
+    rng = np.random.default_rng(5)
+    pictures = [rng.integers(0, 256, (160, 200), dtype=np.uint8) for _ in range(20)]
+    path = recorder.write('mcap folder zstd', recorder.drive(pictures)) / 'drive.mcap'
+    whole = path.read_bytes()
+    counts = []
+    for share in (0.3, 0.6, 0.9):
+        path.write_bytes(whole[: int(len(whole) * share)])
+        frames, _, _ = read(path)
+        counts.append(len(frames))
+        for frame, picture in zip(frames, pictures, strict=False):
+            np.testing.assert_array_equal(frame.gray, picture)
+    assert 0 < counts[0] < counts[1] < counts[2] < 20
+
+
+def test_a_last_record_of_a_few_bytes_is_no_trouble(recorder, pictures):
+    path = recorder.write('mcap plain', recorder.drive(pictures))
+    whole = path.read_bytes()
+    last_chunk = whole.rindex(pictures[11].tobytes())
+    for extra in range(1, 60):
+        path.write_bytes(whole[:last_chunk] + b'\x06' * extra)
+        assert len(read(path)[0]) == 11
+
+
+@pytest.mark.parametrize('with_metadata', [True, False])
+def test_cut_mcap_in_a_folder_is_saved(recorder, pictures, with_metadata):
+    folder = recorder.write('mcap folder', recorder.drive(pictures))
+    if not with_metadata:
+        (folder / 'metadata.yaml').unlink()
+    file = folder / 'drive.mcap'
+    file.write_bytes(file.read_bytes()[:5000])
+    frames, error, warnings = read(folder)
+    assert error == ''
+    assert 3 <= len(frames) < 12
+    assert len(warnings) == 1
+    assert f'{len(frames)} frames of {TOPIC} were saved' in warnings[0]
+
+
+def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
+    recorder, tmp_path, pictures
+):
+    folder = tmp_path / 'split'
+    folder.mkdir()
+    for number, part in enumerate((pictures[:6], pictures[6:])):
+        base = tmp_path / str(number)
+        base.mkdir()
+        file = recorder.write('mcap plain', recorder.drive(part), base)
+        (folder / f'split_{number}.mcap').write_bytes(file.read_bytes())
+    last = folder / 'split_1.mcap'
+    last.write_bytes(last.read_bytes()[:3000])
+    frames, _, warnings = read(folder)
+    assert 6 < len(frames) < 12
+    assert len(warnings) == 1
+    last.write_bytes(b'')
+    frames, _, warnings = read(folder)
+    assert len(frames) == 6
+    assert 'split_1.mcap' in warnings[0]
+    assert 'left out' in warnings[0]
+
+
+def test_saved_frames_can_be_read_twice_and_as_messages(recorder, pictures):
+    path = recorder.write('mcap zstd', recorder.drive(pictures))
+    path.write_bytes(path.read_bytes()[:-40])
+    recording = open_source(path)
+    assert len(recording) == len(list(recording)) == len(list(recording)) == 12
+    assert len(list(recording.messages())) == 12
+    assert len(recording.warnings) == 1
+
+
+def test_poses_are_saved_from_a_cut_mcap(recorder):
+    rows = [('/odom', i, recorder.odometry(float(i), i + 1)) for i in range(9)]
+    path = recorder.write('mcap plain', rows)
+    path.write_bytes(path.read_bytes()[:-30])
+    assert [stamp for stamp, _ in read_poses(path, '/odom')] == list(range(1, 10))
+
+
+def test_an_mcap_without_profile_is_read_from_start_to_end(recorder, pictures):
+    path = recorder.write('mcap without profile', recorder.drive(pictures))
+    frames, error, warnings = read(path)
+    assert (len(frames), error) == (12, '')
+    assert 'start to end' in warnings[0]
+
+
+@pytest.mark.parametrize('layout', ['db3 file', 'sqlite3 folder', 'ros1 bag'])
+@pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_other_cut_recordings_are_one_clear_error(recorder, layout, share, pictures):
+    path = recorder.write(layout, recorder.drive(pictures))
+    file = path / 'drive.db3' if path.is_dir() else path
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(len(whole) * share)])
+    frames, error, _ = read(path)
+    assert frames == []
+    assert str(file) in error
+
+
+def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(recorder, pictures):
+    folder = recorder.write('mcap folder', recorder.drive(pictures))
+    metadata = folder / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('message_count: 12', 'message_count: 15'))
+    frames, error, warnings = read(folder)
+    assert (len(frames), error) == (12, '')
+    assert '12 images' in warnings[0]
+    assert '15' in warnings[0]
+
+
+@pytest.mark.parametrize('count', ['0', '-1', '12.5', '99999999999999999999', 'many'])
+def test_a_count_that_makes_no_sense_gives_frames_or_one_error(recorder, pictures, count):
+    folder = recorder.write('mcap folder', recorder.drive(pictures))
+    metadata = folder / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('count: 12', f'count: {count}'))
+    frames, error, _ = read(folder)
+    assert len(frames) == 12 or error
+
+
+@pytest.mark.parametrize(
+    'layout', ['mcap folder', *MCAPS, 'db3 file', 'sqlite3 folder', 'ros1 bag']
+)
+def test_flipped_bits_give_frames_or_one_error(recorder, layout, pictures):
+    path = recorder.write(layout, recorder.drive(pictures[:6]))
+    file = next(path.glob('drive.*')) if path.is_dir() else path
+    whole = file.read_bytes()
+    rng = np.random.default_rng(11)
+    heads_and_tails = [*range(0, 120, 6), *range(len(whole) - 900, len(whole), 40)]
+    for position in [*heads_and_tails, *rng.integers(0, len(whole), 20).tolist()]:
+        damaged = bytearray(whole)
+        damaged[position] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
+        frames, _, _ = read(path)
+        assert len(frames) <= 6
+
+
+def test_a_broken_chunk_ends_the_frames_with_an_error_that_counts_them(recorder, pictures):
+    path = recorder.write('mcap zstd', recorder.drive(pictures))
+    data = bytearray(path.read_bytes())
+    frame = b'\x28\xb5\x2f\xfd'
+    last = data.rindex(frame)
+    data[last : last + 4] = bytes(4)
+    path.write_bytes(data)
+    frames, error, _ = read(path)
+    assert 0 < len(frames) < 12
+    assert f'after {len(frames)} messages of {TOPIC}' in error
+    assert 'mcap recover' in error
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3', '.bag'])
+@pytest.mark.parametrize('kind', ['text', 'zip', 'empty', 'zeros', 'picture'])
+def test_foreign_files_are_one_clear_error(recorder, tmp_path, suffix, kind, pictures):
+    path = tmp_path / f'drive{suffix}'
+    if kind == 'zip':
+        with zipfile.ZipFile(path, 'w') as archive:
+            archive.writestr('a.txt', 'hello' * 100)
+    else:
+        png = recorder.compressed(pictures[0]).data.tobytes()
+        contents = {'text': b'hello\n' * 50, 'empty': b'', 'zeros': bytes(9999), 'picture': png}
+        path.write_bytes(contents[kind])
+    frames, error, _ = read(path)
+    assert frames == []
+    assert str(path) in error
+
+
+def test_one_format_under_the_name_of_another_is_an_error(recorder, tmp_path, pictures):
+    path = recorder.write('db3 file', recorder.drive(pictures))
+    for suffix in ('.mcap', '.bag'):
+        foreign = tmp_path / f'foreign{suffix}'
+        shutil.copy(path, foreign)
+        assert str(foreign) in read(foreign)[1]
+
+
+def test_paths_that_are_no_recording_are_one_clear_error(tmp_path):
+    assert 'no such file' in read(tmp_path / 'missing.mcap')[1]
+    note = tmp_path / 'notes.txt'
+    note.write_text('hello')
+    assert 'expected a folder or a .mcap, .db3, .bag file' in read(note)[1]
+    assert 'no pictures and no recording' in read(tmp_path)[1]
+
+
+@pytest.mark.parametrize(
+    'content', ['', 'a: b', '[1, 2', 'rosbag2_bagfile_information: 3', '\x00']
+)
+def test_metadata_that_cannot_be_used_is_a_warning_while_files_can(recorder, pictures, content):
+    folder = recorder.write('mcap folder', recorder.drive(pictures))
+    (folder / 'metadata.yaml').write_text(content)
+    frames, error, warnings = read(folder)
+    assert (len(frames), error) == (12, '')
+    assert 'metadata.yaml' in warnings[0]
+    (folder / 'drive.mcap').unlink()
+    frames, error, _ = read(folder)
+    assert str(folder) in error
+
+
+def test_a_recording_that_vanishes_is_one_clear_error(recorder, layout, pictures):
+    path = recorder.write(layout, recorder.drive(pictures))
+    source = open_source(path)
+    shutil.rmtree(path) if path.is_dir() else Path.unlink(path)
+    with pytest.raises(SourceError, match='drive'):
+        list(source)

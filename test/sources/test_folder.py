@@ -1,0 +1,120 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of pictures: order, stamps, and what can be wrong with them."""
+
+from convseq_ros.errors import SourceError
+from convseq_ros.sources import open_source
+from convseq_ros.sources.folder import IMAGE_SUFFIXES, ImageFolder
+from convseq_ros.sources.images import decode_picture
+import cv2
+import numpy as np
+import pytest
+
+
+def draw(path, value=100, shape=(6, 8)):
+    channels = () if path.suffix == '.pgm' else (3,)
+    picture = np.full((*shape, *channels), value, np.uint8)
+    assert cv2.imwrite(str(path), picture)
+
+
+def test_pictures_come_in_natural_order(tmp_path):
+    for number in (10, 2, 1, 11, 20):
+        draw(tmp_path / f'img{number}.png', number)
+    frames = list(ImageFolder(tmp_path))
+    assert [frame.source for frame in frames] == [f'img{n}.png' for n in (1, 2, 10, 11, 20)]
+    assert [int(frame.gray[0, 0]) for frame in frames] == [1, 2, 10, 11, 20]
+
+
+def test_stamps_are_a_tenth_of_a_second_apart_without_better_names(tmp_path):
+    for number in range(3):
+        draw(tmp_path / f'{number}.png')
+    assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == [10**8, 2 * 10**8, 3 * 10**8]
+
+
+def test_long_numbers_are_stamps(tmp_path):
+    stamps = [1403636579763555584, 1403636579813555456, 1520530308199447626]
+    for stamp in reversed(stamps):
+        draw(tmp_path / f'{stamp}.png')
+    assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == stamps
+
+
+@pytest.mark.parametrize('other', ['preview', '9' * 19, '123456789012345'])
+def test_one_name_that_is_no_stamp_makes_all_stamps_regular(tmp_path, other):
+    for name in ('1403636579763555584', other):
+        draw(tmp_path / f'{name}.png')
+    assert [frame.stamp_ns for frame in ImageFolder(tmp_path)] == [10**8, 2 * 10**8]
+
+
+@pytest.mark.parametrize('suffix', [*sorted(IMAGE_SUFFIXES), '.JPG', '.Png'])
+def test_every_suffix_is_read(tmp_path, suffix):
+    draw(tmp_path / f'a{suffix}', 90)
+    (frame,) = ImageFolder(tmp_path)
+    assert frame.gray.shape == (6, 8)
+    assert np.abs(frame.gray.astype(int) - 90).max() <= 2
+
+
+def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
+    draw(tmp_path / 'a.png')
+    (tmp_path / 'truth.csv').write_text('1,2')
+    (tmp_path / '._a.png').write_bytes(b'resource fork')
+    (tmp_path / 'b.png').mkdir()
+    folder = ImageFolder(tmp_path)
+    assert len(folder) == 1
+    assert [frame.source for frame in folder] == ['a.png']
+
+
+def test_a_folder_can_be_read_twice_and_knows_its_length(tmp_path):
+    for number in range(4):
+        draw(tmp_path / f'{number}.png', number)
+    folder = open_source(tmp_path)
+    assert len(folder) == 4
+    assert folder.name == tmp_path.name
+    assert folder.topic == ''
+    assert folder.warnings == []
+    first, second = list(folder), list(folder)
+    assert [frame.stamp_ns for frame in first] == [frame.stamp_ns for frame in second]
+
+
+def test_one_pixel_pictures_are_frames(tmp_path):
+    draw(tmp_path / 'a.png', 5, (1, 1))
+    (frame,) = ImageFolder(tmp_path)
+    np.testing.assert_array_equal(frame.gray, [[5]])
+
+
+@pytest.mark.parametrize('content', [b'', b'not a picture', b'\xff\xd8\xff\xe0 cut'])
+def test_an_unreadable_picture_is_named_and_frames_before_it_are_kept(tmp_path, content):
+    draw(tmp_path / '1.png')
+    (tmp_path / '2.jpg').write_bytes(content)
+    draw(tmp_path / '3.png')
+    seen = []
+    with pytest.raises(SourceError, match=r'2\.jpg.*remove it') as caught:
+        for frame in ImageFolder(tmp_path):
+            seen.append(frame.source)
+    assert seen == ['1.png']
+    assert '\n' not in str(caught.value)
+
+
+def test_missing_empty_and_pictureless_folders_are_errors(tmp_path):
+    with pytest.raises(SourceError, match='no such folder'):
+        ImageFolder(tmp_path / 'missing')
+    with pytest.raises(SourceError, match='no pictures'):
+        open_source(tmp_path)
+    (tmp_path / 'notes.txt').write_text('hello')
+    with pytest.raises(SourceError, match=r'no pictures.*jpg.*\.mcap') as caught:
+        open_source(tmp_path)
+    assert '\n' not in str(caught.value)
+
+
+def test_a_topic_of_a_folder_is_an_error(tmp_path):
+    draw(tmp_path / 'a.png')
+    with pytest.raises(SourceError, match='/camera'):
+        open_source(tmp_path, '/camera')
+
+
+def test_real_pictures_are_read(shared_data):
+    folder = open_source(shared_data / 'gardens_point' / 'day_left')
+    frame = next(iter(folder))
+    assert len(folder) == 200
+    path = shared_data / 'gardens_point' / 'day_left' / frame.source
+    np.testing.assert_array_equal(frame.gray, decode_picture(path.read_bytes()))
+    assert frame.gray.std() > 10

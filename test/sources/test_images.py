@@ -1,0 +1,296 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every encoding against a known picture, and every way in which a message can be wrong."""
+
+from array import array
+import struct
+from types import SimpleNamespace
+import zlib
+
+from convseq_ros.errors import ImageError
+from convseq_ros.sources.images import (
+    decode_compressed,
+    decode_image,
+    decode_picture,
+    ENCODINGS,
+    gray_from_bgr,
+)
+import cv2
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+BLUE, GREEN, RED = 200, 90, 30
+GRAY_OF_COLOUR = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
+MOSAICS = {'rggb': 'RGGB', 'bggr': 'BGGR', 'gbrg': 'GBRG', 'grbg': 'GRBG'}
+
+
+def message(pixels, encoding, bigendian=0, padding=0, container=bytes):
+    """Return an Image whose rows end in `padding` bytes of 255."""
+    height, width = pixels.shape[:2]
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    data = rows.tobytes()
+    return SimpleNamespace(
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=bigendian,
+        step=rows.shape[1],
+        data=array('B', data) if container is array else container(data),
+    )
+
+
+def noise(*shape, dtype=np.uint8):
+    return np.random.default_rng(1).integers(0, np.iinfo(dtype).max, shape, dtype=dtype)
+
+
+def mosaic(pattern, bgr):
+    """Return what a sensor behind a mosaic of colour filters sees of a picture."""
+    plane = {'B': 0, 'G': 1, 'R': 2}
+    seen = np.empty(bgr.shape[:2], np.uint8)
+    for place, colour in enumerate(pattern):
+        row, column = divmod(place, 2)
+        seen[row::2, column::2] = bgr[row::2, column::2, plane[colour]]
+    return seen
+
+
+@pytest.mark.parametrize('padding', [0, 5])
+@pytest.mark.parametrize('container', [bytes, array, lambda data: np.frombuffer(data, np.uint8)])
+@pytest.mark.parametrize('encoding', ['mono8', '8UC1'])
+def test_gray_encodings_keep_every_pixel(encoding, container, padding):
+    gray = noise(7, 9)
+    decoded = decode_image(message(gray, encoding, padding=padding, container=container))
+    np.testing.assert_array_equal(decoded, gray)
+
+
+@pytest.mark.parametrize('padding', [0, 6])
+@pytest.mark.parametrize(
+    ('encoding', 'channels'),
+    [('bgr8', 'BGR'), ('8UC3', 'BGR'), ('rgb8', 'RGB'), ('bgra8', 'BGRA'), ('rgba8', 'RGBA')],
+)
+def test_colour_encodings_agree_with_bgr(encoding, channels, padding):
+    bgr = noise(7, 9, 3)
+    planes = {'B': bgr[..., 0], 'G': bgr[..., 1], 'R': bgr[..., 2], 'A': noise(7, 9)}
+    pixels = np.stack([planes[channel] for channel in channels], axis=2)
+    decoded = decode_image(message(pixels, encoding, padding=padding))
+    np.testing.assert_array_equal(decoded, gray_from_bgr(bgr))
+
+
+@pytest.mark.parametrize('padding', [0, 4])
+@pytest.mark.parametrize(('bigendian', 'dtype'), [(0, '<u2'), (1, '>u2')])
+def test_mono16_becomes_its_high_byte_in_either_byte_order(bigendian, dtype, padding):
+    values = noise(5, 6, dtype=np.uint16)
+    decoded = decode_image(message(values.astype(dtype), 'mono16', bigendian, padding))
+    np.testing.assert_array_equal(decoded, values >> 8)
+
+
+@pytest.mark.parametrize('padding', [0, 3])
+@pytest.mark.parametrize('name', MOSAICS)
+def test_bayer_mosaic_of_one_colour_becomes_its_gray(name, padding):
+    bgr = np.full((8, 10, 3), (BLUE, GREEN, RED), np.uint8)
+    pixels = mosaic(MOSAICS[name], bgr)
+    decoded = decode_image(message(pixels, f'bayer_{name}8', padding=padding))
+    assert np.abs(decoded.astype(int) - GRAY_OF_COLOUR).max() <= 1
+
+
+@pytest.mark.parametrize('name', MOSAICS)
+def test_bayer_mosaic_of_a_drawn_picture_resembles_only_its_own_pattern(name):
+    bgr = np.zeros((40, 40, 3), np.uint8)
+    bgr[:20], bgr[20:, :20], bgr[20:, 20:] = (230, 40, 20), (20, 60, 240), (30, 220, 90)
+    pixels = mosaic(MOSAICS[name], bgr)
+    wanted = gray_from_bgr(bgr).astype(int)
+    errors = {
+        other: np.abs(decode_image(message(pixels, f'bayer_{other}8')) - wanted).mean()
+        for other in MOSAICS
+    }
+    assert min(errors, key=errors.get) == name
+    assert errors[name] < 5 < sorted(errors.values())[1]
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'order'),
+    [('yuv422', 'UYVY'), ('uyvy', 'UYVY'), ('yuv422_yuy2', 'YUYV'), ('yuyv', 'YUYV')],
+)
+def test_yuv422_of_a_known_colour_becomes_its_gray(encoding, order):
+    luma = 16 + (65.5 * RED + 128.6 * GREEN + 25.0 * BLUE) / 255
+    u = 128 + (-37.8 * RED - 74.2 * GREEN + 112.0 * BLUE) / 255
+    v = 128 + (112.0 * RED - 93.8 * GREEN - 18.2 * BLUE) / 255
+    parts = {'Y': round(luma), 'U': round(u), 'V': round(v)}
+    pair = np.array([parts[part] for part in order], np.uint8).reshape(2, 2)
+    decoded = decode_image(message(np.tile(pair, (6, 4, 1)), encoding, padding=2))
+    assert decoded.shape == (6, 8)
+    assert np.abs(decoded.astype(int) - GRAY_OF_COLOUR).max() <= 3
+
+
+def test_gray_colours_keep_their_value():
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    np.testing.assert_array_equal(gray_from_bgr(ramp)[0], np.arange(256))
+
+
+@pytest.mark.parametrize('encoding', ENCODINGS)
+def test_results_own_their_memory(encoding):
+    size = ENCODINGS[encoding].bytes_per_pixel
+    data = bytearray(noise(6, 8 * size).tobytes())
+    fields = SimpleNamespace(
+        height=6, width=8, encoding=encoding, is_bigendian=0, step=8 * size, data=data
+    )
+    decoded = decode_image(fields)
+    before = decoded.copy()
+    data[:] = bytes(len(data))
+    np.testing.assert_array_equal(decoded, before)
+    assert decoded.dtype == np.uint8
+    assert decoded.shape == (6, 8)
+    assert decoded.flags.c_contiguous
+    assert decoded.flags.owndata
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'mono16', 'bgr8', 'rgba8'])
+def test_one_pixel_is_an_image(encoding):
+    size = ENCODINGS[encoding].bytes_per_pixel
+    pixel = np.full((1, 1, size), 77, np.uint8)
+    np.testing.assert_array_equal(decode_image(message(pixel, encoding)), [[77]])
+
+
+def test_padding_of_the_last_row_may_be_missing():
+    fields = message(noise(4, 5), 'mono8', padding=3)
+    fields.data = fields.data[:-3]
+    np.testing.assert_array_equal(decode_image(fields), noise(4, 5))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'encoding': 'rgb9'}, ["'rgb9'", 'mono8', 'bayer_rggb8', 'yuv422_yuy2']),
+        ({'encoding': ''}, ['encoding', "''"]),
+        ({'height': 0}, ['height', '0 x 8']),
+        ({'width': 0}, ['width', '6 x 0']),
+        ({'height': 0, 'width': 0, 'step': 0, 'data': b''}, ['empty']),
+        ({'step': 7}, ['step: 7', '8']),
+        ({'step': 0}, ['step: 0']),
+        ({'data': b'12345'}, ['data: 5 bytes', '48']),
+        ({'data': b''}, ['data: 0 bytes']),
+        ({'height': 2**32 - 1}, ['data: 48 bytes']),
+        ({'width': 2**32 - 1}, ['step: 8']),
+        ({'encoding': 'yuv422', 'width': 3}, ['6 x 3', 'divisible by 2']),
+        ({'encoding': 'bayer_rggb8', 'height': 2}, ['2 x 8', 'at least 3']),
+    ],
+)
+def test_wrong_fields_are_named_with_value_and_remedy_in_one_line(changes, words):
+    fields = message(noise(6, 8), 'mono8')
+    fields.__dict__.update(changes)
+    with pytest.raises(ImageError) as caught:
+        decode_image(fields)
+    assert all(word in str(caught.value) for word in words)
+    assert '\n' not in str(caught.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    height=st.integers(0, 5),
+    width=st.integers(0, 5),
+    step=st.integers(0, 30),
+    data=st.binary(max_size=120),
+    encoding=st.sampled_from([*ENCODINGS, 'bogus']),
+    bigendian=st.integers(0, 1),
+)
+def test_any_fields_give_an_image_of_that_size_or_an_image_error(
+    height, width, step, data, encoding, bigendian
+):
+    fields = SimpleNamespace(
+        height=height, width=width, step=step, data=data, encoding=encoding, is_bigendian=bigendian
+    )
+    try:
+        assert decode_image(fields).shape == (height, width)
+    except ImageError as error:
+        assert '\n' not in str(error)
+
+
+def smooth(*shape):
+    return cv2.GaussianBlur(noise(*shape), (0, 0), 2)
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['png', 'bgr8; png compressed bgr8', 'rgb8; png compressed bgr8', 'mono8; png compressed '],
+)
+def test_png_is_exact_in_either_spelling_of_the_format(name):
+    bgr = noise(8, 9, 3)
+    fields = SimpleNamespace(format=name, data=cv2.imencode('.png', bgr)[1].tobytes())
+    np.testing.assert_array_equal(decode_compressed(fields), gray_from_bgr(bgr))
+
+
+@pytest.mark.parametrize('name', ['jpeg', 'jpg', 'bgr8; jpeg compressed bgr8'])
+@pytest.mark.parametrize('container', [bytes, lambda data: array('B', data)])
+def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
+    bgr = smooth(40, 50, 3)
+    data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    decoded = decode_compressed(SimpleNamespace(format=name, data=container(data)))
+    assert np.abs(decoded.astype(int) - gray_from_bgr(bgr)).mean() < 2
+    assert decoded.flags.c_contiguous
+    assert decoded.flags.owndata
+
+
+def test_jpeg_turns_gray_after_decoding_its_colours():
+    data = cv2.imencode('.jpg', noise(16, 16, 3))[1]
+    bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(decode_picture(data.tobytes()), gray_from_bgr(bgr))
+
+
+def test_16_bit_png_becomes_its_high_byte_like_mono16():
+    values = noise(6, 7, dtype=np.uint16)
+    data = cv2.imencode('.png', values)[1].tobytes()
+    fields = SimpleNamespace(format='mono16; png compressed ', data=data)
+    np.testing.assert_array_equal(decode_compressed(fields), values >> 8)
+
+
+def exif(orientation):
+    tiff = b'II*\x00\x08\x00\x00\x00' + struct.pack('<HHHIHHI', 1, 0x112, 3, 1, orientation, 0, 0)
+    return b'Exif\x00\x00' + tiff
+
+
+def test_exif_orientation_is_ignored():
+    data = cv2.imencode('.jpg', smooth(20, 30))[1].tobytes()
+    block = exif(orientation=6)
+    turned = data[:2] + b'\xff\xe1' + struct.pack('>H', len(block) + 2) + block + data[2:]
+    assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR).shape[:2] == (30, 20)
+    np.testing.assert_array_equal(decode_picture(turned), decode_picture(data))
+
+
+def test_compressed_depth_is_refused_by_name():
+    fields = SimpleNamespace(format='16UC1; compressedDepth png', data=b'123')
+    with pytest.raises(ImageError, match='compressedDepth'):
+        decode_compressed(fields)
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.png'])
+@pytest.mark.parametrize('share', [0.0, 0.02, 0.3, 0.7, 0.98])
+def test_cut_pictures_are_image_errors(suffix, share, capfd):
+    data = cv2.imencode(suffix, noise(40, 50, 3))[1].tobytes()
+    fields = SimpleNamespace(format='jpeg', data=data[: int(len(data) * share)])
+    with pytest.raises(ImageError, match=r"^format 'jpeg': data: \d+ bytes") as caught:
+        decode_compressed(fields)
+    assert '\n' not in str(caught.value)
+    capfd.readouterr()
+
+
+def test_jpeg_with_a_thumbnail_that_is_cut_is_an_image_error():
+    whole = cv2.imencode('.jpg', noise(40, 50, 3))[1].tobytes()
+    thumbnail = cv2.imencode('.jpg', noise(4, 5, 3))[1].tobytes()
+    block = b'\xff\xe1' + struct.pack('>H', len(thumbnail) + 2) + thumbnail
+    with_thumbnail = whole[:2] + block + whole[2:]
+    np.testing.assert_array_equal(decode_picture(with_thumbnail), decode_picture(whole))
+    with pytest.raises(ImageError):
+        decode_picture(with_thumbnail[:-200])
+
+
+def test_bytes_after_a_jpeg_do_no_harm():
+    whole = cv2.imencode('.jpg', noise(16, 16))[1].tobytes()
+    np.testing.assert_array_equal(decode_picture(whole + bytes(64)), decode_picture(whole))
+
+
+@pytest.mark.parametrize('data', [b'', b'hello world', bytes(100), zlib.compress(b'x' * 99)])
+def test_what_is_no_picture_is_an_image_error(data):
+    with pytest.raises(ImageError, match='cannot be decoded'):
+        decode_picture(data)

@@ -1,0 +1,245 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whole recordings: every storage and layout, choice of topics, stamps, raw messages, poses."""
+
+from dataclasses import replace
+import sys
+
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.sources import open_source
+from convseq_ros.sources.raw_message import typestore
+from convseq_ros.sources.recording import DECODERS, image_messages, read_poses, Recording
+import numpy as np
+import pytest
+
+TOPIC = '/camera/image_raw'
+
+
+def assert_frames_show(frames, pictures):
+    assert len(frames) == len(pictures)
+    for frame, picture in zip(frames, pictures, strict=True):
+        np.testing.assert_array_equal(frame.gray, picture)
+
+
+def test_every_layout_gives_the_same_frames_again_and_again(recorder, layout, pictures):
+    rows = [('/chatter', recorder.start_ns, recorder.text()), *recorder.drive(pictures)]
+    path = recorder.write(layout, rows)
+    recording = open_source(path)
+    assert isinstance(recording, Recording)
+    assert (recording.name, recording.topic, len(recording)) == (path.name, TOPIC, 12)
+    for _ in range(2):
+        frames = list(recording)
+        assert_frames_show(frames, pictures)
+        stamps = [recorder.start_ns + recorder.step_ns * i for i in range(12)]
+        assert [frame.stamp_ns for frame in frames] == stamps
+        assert {frame.source for frame in frames} == {TOPIC}
+        assert not any(frame.problem for frame in frames)
+    assert recording.warnings == []
+
+
+def test_two_iterations_do_not_disturb_each_other(recorder, layout, pictures):
+    recording = Recording(recorder.write(layout, recorder.drive(pictures)))
+    for first, second in zip(recording, recording, strict=True):
+        np.testing.assert_array_equal(first.gray, second.gray)
+
+
+def test_raw_messages_are_cdr_with_time_and_type(recorder, layout, pictures):
+    path = recorder.write(layout, recorder.drive(pictures))
+    messages = list(image_messages(path, TOPIC))
+    assert len(messages) == 12
+    for i, (log_time_ns, type_name, cdr) in enumerate(messages):
+        stamp_ns = recorder.start_ns + recorder.step_ns * i
+        assert type_name == 'sensor_msgs/msg/Image'
+        assert log_time_ns == stamp_ns + 5_000_000
+        assert messages[i].stamp_ns == stamp_ns
+        image = recorder.ros2.deserialize_cdr(cdr, type_name)
+        np.testing.assert_array_equal(image.data.reshape(24, 32), pictures[i])
+        assert image.header.frame_id == 'camera'
+
+
+@pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
+@pytest.mark.parametrize('name', ['png', 'bgr8; png compressed bgr8'])
+def test_compressed_topics_are_read(recorder, storage, name, pictures):
+    rows = [
+        ('/camera/image_raw/compressed', i, recorder.compressed(gray, i + 1, name=name))
+        for i, gray in enumerate(pictures)
+    ]
+    recording = open_source(recorder.write(storage, rows))
+    assert recording.type_name == 'sensor_msgs/msg/CompressedImage'
+    assert_frames_show(list(recording), pictures)
+
+
+def two_cameras(recorder, pictures):
+    rows = recorder.drive(pictures[:4], '/left/image_raw')
+    rows += recorder.drive(pictures[4:], '/right/image_raw')
+    rows.append(('/chatter', recorder.start_ns, recorder.text()))
+    return sorted(rows, key=lambda row: row[1])
+
+
+@pytest.mark.parametrize('storage', ['mcap folder', 'sqlite3 folder', 'ros1 bag'])
+def test_several_image_topics_are_listed_ready_to_paste(recorder, storage, pictures):
+    path = recorder.write(storage, two_cameras(recorder, pictures))
+    with pytest.raises(SourceError) as caught:
+        open_source(path)
+    first, *others = str(caught.value).splitlines()
+    assert str(path) in first
+    assert '2 topics' in first
+    assert others == [
+        '--topic /left/image_raw   # sensor_msgs/msg/Image, 4 messages',
+        '--topic /right/image_raw   # sensor_msgs/msg/Image, 8 messages',
+    ]
+
+
+@pytest.mark.parametrize('wanted', ['/right/image_raw', 'right/image_raw'])
+def test_a_topic_asked_for_is_read_alone(recorder, wanted, pictures):
+    path = recorder.write('mcap folder', two_cameras(recorder, pictures))
+    recording = open_source(path, wanted)
+    assert recording.topic == '/right/image_raw'
+    assert len(recording) == 8
+    assert_frames_show(list(recording), pictures[4:])
+
+
+@pytest.mark.parametrize('storage', ['mcap file', 'sqlite3 folder', 'ros1 bag'])
+@pytest.mark.parametrize(
+    ('wanted', 'problem'),
+    [('/front', "no topic '/front'"), ('/chatter', "'/chatter' is of type std_msgs/msg/String")],
+)
+def test_a_wrong_topic_lists_the_right_ones(recorder, storage, wanted, problem, pictures):
+    path = recorder.write(storage, two_cameras(recorder, pictures))
+    with pytest.raises(SourceError) as caught:
+        open_source(path, wanted)
+    assert problem in str(caught.value).splitlines()[0]
+    assert '--topic /left/image_raw' in str(caught.value)
+    assert '--topic /right/image_raw' in str(caught.value)
+
+
+@pytest.mark.parametrize('wanted', ['', '/camera'])
+@pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'db3 file', 'ros1 bag'])
+def test_a_recording_without_images_names_what_it_has(recorder, storage, wanted):
+    path = recorder.write(storage, [('/chatter', 1, recorder.text())])
+    with pytest.raises(SourceError, match=r'/chatter \(std_msgs/msg/String\)') as caught:
+        open_source(path, wanted)
+    assert '\n' not in str(caught.value)
+
+
+def test_time_of_recording_stands_in_for_missing_stamps_with_one_warning(
+    recorder, layout, pictures
+):
+    rows = [(TOPIC, 1000 + i, recorder.image(gray, 0)) for i, gray in enumerate(pictures)]
+    recording = open_source(recorder.write(layout, rows))
+    for _ in range(2):
+        assert [frame.stamp_ns for frame in recording] == [1000 + i for i in range(12)]
+    assert len(recording.warnings) == 1
+    assert 'no stamp' in recording.warnings[0]
+
+
+def test_images_that_cannot_be_decoded_are_frames_with_a_problem(recorder, layout, pictures):
+    rows = recorder.drive(pictures[:5])
+    bad = {1: {'encoding': '32FC1'}, 2: {'step': 3}, 3: {'data': np.zeros(9, np.uint8)}}
+    for i, changes in bad.items():
+        rows[i] = (*rows[i][:2], replace(rows[i][2], **changes))
+    frames = list(open_source(recorder.write(layout, rows)))
+    assert [frame.gray is None for frame in frames] == [False, True, True, True, False]
+    named = [frame.problem.split(':')[0] for frame in frames]
+    assert named == ['', 'encoding', 'step', 'data', '']
+    assert [frame.stamp_ns for frame in frames] == [row[1] - 5_000_000 for row in rows]
+
+
+def test_compressed_depth_is_a_frame_with_a_problem(recorder, pictures):
+    row = ('/depth', 1, recorder.compressed(pictures[0], 1, name='16UC1; compressedDepth png'))
+    (frame,) = open_source(recorder.write('mcap folder', [row]))
+    assert frame.gray is None
+    assert 'compressedDepth' in frame.problem
+
+
+@pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'mcap without chunks'])
+def test_frames_stream_without_reading_the_rest(recorder, storage, pictures, monkeypatch):
+    recording = open_source(recorder.write(storage, recorder.drive(pictures)))
+    decoded = []
+    monkeypatch.setitem(
+        DECODERS,
+        'sensor_msgs/msg/Image',
+        lambda message: decoded.append(message) or np.zeros((1, 1), np.uint8),
+    )
+    next(iter(recording))
+    assert len(decoded) == 1
+
+
+@pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
+def test_odometry_is_read_by_stamp(recorder, storage, pictures):
+    rows = recorder.drive(pictures)
+    rows += [('/odom', i, recorder.odometry(float(i), 100 - i)) for i in range(1, 6)]
+    poses = read_poses(recorder.write(storage, rows), '/odom')
+    assert poses == [
+        (100 - i, Pose((float(i), 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))) for i in (5, 4, 3, 2, 1)
+    ]
+
+
+@pytest.mark.parametrize('kind', ['PoseStamped', 'PoseWithCovarianceStamped'])
+def test_stamped_poses_are_read(recorder, kind):
+    odometry = recorder.odometry(7.0, 42)
+    pose = odometry.pose.pose if kind == 'PoseStamped' else odometry.pose
+    message = recorder.ros2.types[f'geometry_msgs/msg/{kind}'](odometry.header, pose)
+    path = recorder.write('mcap folder', [('/pose', 1, message)])
+    assert read_poses(path, '') == [(42, Pose((7.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)))]
+
+
+def test_a_wrong_pose_topic_lists_the_right_ones(recorder, pictures):
+    rows = [*recorder.drive(pictures), ('/odom', 1, recorder.odometry(0.0, 1))]
+    path = recorder.write('mcap folder', rows)
+    for wanted in ('/gps', TOPIC):
+        with pytest.raises(SourceError) as caught:
+            read_poses(path, wanted)
+        assert wanted in str(caught.value).splitlines()[0]
+        assert '/odom   # nav_msgs/msg/Odometry, 1 message' in str(caught.value)
+
+
+def test_a_recording_without_poses_is_an_error(recorder, pictures):
+    path = recorder.write('mcap folder', recorder.drive(pictures))
+    with pytest.raises(SourceError, match=r'no Odometry or PoseStamped.*/camera/image_raw'):
+        read_poses(path, '/odom')
+
+
+def test_poses_that_are_not_finite_are_left_out(recorder):
+    rows = [('/odom', i, recorder.odometry(x, i)) for i, x in ((1, 1.0), (2, float('nan')))]
+    assert [stamp for stamp, _ in read_poses(recorder.write('mcap folder', rows), '/odom')] == [1]
+
+
+def test_only_unusable_poses_are_an_error(recorder):
+    path = recorder.write('mcap file', [('/odom', 1, recorder.odometry(float('inf'), 1))])
+    with pytest.raises(SourceError, match='finite'):
+        read_poses(path, '/odom')
+
+
+def test_a_folder_of_bags_without_metadata_is_read_in_natural_order(recorder, tmp_path, pictures):
+    folder = tmp_path / 'split'
+    folder.mkdir()
+    for number, part in ((9, pictures[:5]), (10, pictures[5:])):
+        base = tmp_path / str(number)
+        base.mkdir()
+        recorder.write('mcap file', recorder.drive(part), base).rename(folder / f'd_{number}.mcap')
+    recording = open_source(folder)
+    assert len(recording) == 12
+    assert_frames_show(list(recording), pictures)
+    assert recording.warnings == []
+
+
+def test_pictures_beside_a_recording_are_not_mistaken_for_it(recorder, pictures):
+    path = recorder.write('mcap folder', recorder.drive(pictures))
+    (path / 'preview.png').write_bytes(recorder.compressed(pictures[0]).data.tobytes())
+    assert len(open_source(path)) == 12
+    (path / 'metadata.yaml').unlink()
+    assert open_source(path).topic == ''
+
+
+@pytest.mark.parametrize('module', ['rosbags', 'mcap'])
+def test_a_missing_library_is_one_line_of_advice(recorder, pictures, monkeypatch, module):
+    path = recorder.write('mcap file', recorder.drive(pictures))
+    path.write_bytes(path.read_bytes()[:-20])
+    typestore.cache_clear()
+    for name in (f'{module}.typesys', f'{module}.stream_reader'):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ConvseqError, match=f'pip install {module}') as caught:
+        open_source(path)
+    assert '\n' not in str(caught.value)
