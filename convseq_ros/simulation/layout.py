@@ -1,0 +1,229 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where everything stands on one stretch of the street; all follows from a seed."""
+
+from collections.abc import Iterator
+
+from convseq_ros.simulation import facade, furniture
+from convseq_ros.simulation.ground import (
+    FRONT_M,
+    GROUND_HALF_M,
+    GROUND_RESOLUTION,
+    KERB_M,
+    paint_ground,
+)
+from convseq_ros.simulation.light import illuminate, Light
+from convseq_ros.simulation.panel import Painter, Panel, Point
+from convseq_ros.simulation.texture import Sheet, Texture
+import numpy as np
+
+STRETCH_M = 48.0
+_CAR_M = 3.3
+_HOUSE_DEPTH_M = 9.0
+
+
+class Layout:
+    """
+    Places everything of one stretch.
+
+    Parameters
+    ----------
+    seed : int
+        Of the street.
+    index : int
+        The stretch begins at `index` times `STRETCH_M`.
+    light : Light
+        What falls on it.
+
+    """
+
+    def __init__(self, seed: int, index: int, light: Light) -> None:
+        self._seed, self._index, self._light = seed, index, light
+        self._count = 0
+        self._start = index * STRETCH_M
+        self._lamps = [at for near in (-1, 0, 1) for at in self._lamp_places(index + near)]
+
+    def _rng(self, topic: int, index: int | None = None) -> np.random.Generator:
+        at = self._index if index is None else index
+        return np.random.default_rng((self._seed, at + 1_000_000, topic))
+
+    def _panel(
+        self, start: Point, end: Point, bottom: float, top: float, paint: Painter,
+        resolution: float = 32.0, visible_m: float = 170.0, facing: bool = False,
+        gain: float | None = None, seed: int | None = None,
+    ) -> Panel:
+        self._count += 1
+        seeds = (self._seed, self._index + 1_000_000, 99, self._count) if seed is None else (seed,)
+        if gain is None:
+            gain = (self._light.left if start[1] + end[1] > 0 else self._light.right) * 1.05
+        return Panel(
+            start, end, bottom, top, visible_m, facing, resolution, seeds, paint, gain,
+            self._light, self._lamps,
+        )
+
+    def _lamp_places(self, index: int) -> list[Point]:
+        rng = self._rng(1, index)
+        return [
+            (index * STRETCH_M + 24.0 * i + rng.uniform(2, 22), side * (KERB_M + 0.4 - 1.2))
+            for i, side in enumerate(rng.permutation((-1.0, 1.0)))
+        ]
+
+    def _bounds(self, side: int) -> Point:
+        """Where the first house of this stretch and that of the next begin."""
+        first, last = (self._rng(20 + side, self._index + i).uniform(-5, 5) for i in (0, 1))
+        return self._start + first, self._start + STRETCH_M + last
+
+    def houses(self, side: int) -> Iterator[Panel]:
+        """Yield the fronts and sides of the houses on one side, gaps between them."""
+        rng = self._rng(30 + side)
+        at, last = self._bounds(side)
+        while last - at > 1.0:
+            width = float(rng.uniform(5.5, 15.0))
+            width = last - at if last - at < width + 5.5 else width
+            y = side * (FRONT_M + float(rng.choice((0.0, 0.0, 0.3, 0.8, 1.6))))
+            if rng.uniform() < 0.13:
+                yield from self._garden(rng, side, at, width)
+            else:
+                yield from self._house(rng, side, at, width, y)
+            at += width
+
+    def _house(
+        self, rng: np.random.Generator, side: int, x: float, width: float, y: float
+    ) -> Iterator[Panel]:
+        floors = int(rng.choice((1, 2, 2, 3, 3, 4, 5)))
+        eaves = floors * float(rng.uniform(2.8, 3.4)) + 0.4
+        top = eaves + float(rng.uniform(1.6, 3.4))
+        gain = self._light.left if side > 0 else self._light.right
+
+        def paint_front(rng: np.random.Generator, sheet: Sheet) -> None:
+            facade.paint_facade(rng, sheet, floors, eaves)
+
+        ends = ((x, y), (x + width, y)) if side > 0 else ((x + width, y), (x, y))
+        yield self._panel(*ends, 0.0, top, paint_front, gain=gain)
+        right, left = sorted((y, y + side * _HOUSE_DEPTH_M))
+        for start, end in (((x, left), (x, right)), ((x + width, right), (x + width, left))):
+            yield self._panel(
+                start, end, 0.0, eaves, facade.paint_side, resolution=16.0, gain=0.75 * gain
+            )
+
+    def _garden(
+        self, rng: np.random.Generator, side: int, x: float, width: float
+    ) -> Iterator[Panel]:
+        y = side * (FRONT_M + 0.2)
+        for _ in range(int(rng.integers(1, 4))):
+            tree = x + float(rng.uniform(0.2, 0.8)) * width, y + side * float(rng.uniform(3, 8))
+            yield self._tree(rng, *tree)
+        ends = ((x, y), (x + width, y)) if side > 0 else ((x + width, y), (x, y))
+        yield self._panel(*ends, 0.0, float(rng.uniform(0.9, 2.2)), furniture.paint_fence)
+
+    def _tree(self, rng: np.random.Generator, x: float, y: float) -> Panel:
+        height = float(rng.uniform(4.5, 9.0))
+        half = height * float(rng.uniform(0.24, 0.36))
+        return self._panel(
+            (x, y - half), (x, y + half), 0.0, height, furniture.paint_tree, facing=True,
+        )
+
+    def second_row(self) -> Iterator[Panel]:
+        """Yield large buildings behind the houses."""
+        rng = self._rng(40)
+        for side in (-1, 1):
+            at = self._start
+            while at < self._start + STRETCH_M - 12:
+                width, y = float(rng.uniform(10, 24)), side * float(rng.uniform(26, 40))
+                width = min(width, self._start + STRETCH_M - at)
+                ends = ((at, y), (at + width, y)) if side > 0 else ((at + width, y), (at, y))
+                yield self._panel(
+                    *ends, 0.0, float(rng.uniform(8, 26)), facade.paint_block, resolution=10.0
+                )
+                at += width + float(rng.uniform(0, 14))
+
+    def lamps(self) -> Iterator[Panel]:
+        """Yield the street lamps, their arms over the road."""
+        for x, y in self._lamp_places(self._index):
+            side = np.sign(y)
+            foot = y + side * 1.2
+            yield self._panel(
+                (x, foot + side * 0.15), (x, foot - side * 1.75), 0.0, 6.1, furniture.paint_lamp,
+                visible_m=110.0, resolution=40.0,
+            )
+
+    def plants(self) -> Iterator[Panel]:
+        """Yield trees along the pavement, few or an avenue."""
+        rng = self._rng(50)
+        for side in (-1, 1):
+            for _ in range(int(rng.choice((0, 1, 1, 2, 4)))):
+                yield self._tree(
+                    rng, self._start + float(rng.uniform(0, STRETCH_M)), side * (KERB_M + 1.0)
+                )
+
+    def _bays(self) -> Iterator[tuple[float, int, int]]:
+        """Yield x, side and seed of every parked car."""
+        rng = self._rng(60)
+        for side in (-1, 1):
+            for bay in range(8):
+                shift, seed = float(rng.uniform(0.2, 1.4)), int(rng.integers(1 << 31))
+                if rng.uniform() < 0.42:
+                    yield self._start + 6.0 * bay + shift, side, seed
+
+    def parked(self) -> Iterator[Panel]:
+        """Yield parked cars: both ends and the side that shows."""
+        long = furniture.CAR_LENGTH_M
+        for x, side, seed in self._bays():
+            rng = np.random.default_rng(seed)
+            inner, outer = side * _CAR_M, side * (_CAR_M + furniture.CAR_WIDTH_M)
+            left, right = max(inner, outer), min(inner, outer)
+            top = furniture.CAR_HEIGHT_M * float(rng.uniform(0.93, 1.25))
+            for paint, start, end in (
+                (furniture.paint_car_end, (x, left), (x, right)),
+                (furniture.paint_car_end, (x + long, right), (x + long, left)),
+                (furniture.paint_car_side, (x, inner), (x + long, inner)),
+            ):
+                yield self._panel(
+                    start, end, 0.0, top, paint, resolution=48.0, visible_m=90.0,
+                    gain=self._light.ground, seed=seed,
+                )
+
+    def signs(self) -> Iterator[Panel]:
+        """Yield traffic signs, bins and the signs that hang over the pavement."""
+        rng = self._rng(70)
+        for side in (-1, 1):
+            for _ in range(int(rng.integers(1, 4))):
+                x, y = self._start + float(rng.uniform(0, STRETCH_M)), side * (KERB_M + 0.6)
+                kind = rng.uniform()
+                if kind < 0.4:
+                    yield self._panel(
+                        (x, y + 0.55), (x, y - 0.55), 0.0, float(rng.uniform(2.4, 3.2)),
+                        furniture.paint_sign, resolution=60.0, visible_m=80.0, facing=True,
+                    )
+                elif kind < 0.6:
+                    yield self._panel(
+                        (x, y + 0.35), (x, y - 0.35), 0.0, float(rng.uniform(0.8, 1.5)),
+                        furniture.paint_bin, resolution=60.0, visible_m=50.0, facing=True,
+                    )
+                else:
+                    near = side * (FRONT_M - float(rng.uniform(0.6, 1.2)))
+                    low = float(rng.uniform(2.7, 4.5))
+                    ends = sorted((near, side * FRONT_M), reverse=True)
+                    yield self._panel(
+                        (x, ends[0]), (x, ends[1]), low, low + float(rng.uniform(0.5, 1.8)),
+                        furniture.paint_hanging_sign, resolution=60.0, visible_m=80.0,
+                    )
+
+    def ground(self) -> Texture:
+        """Paint the road of this stretch."""
+        sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, GROUND_RESOLUTION)
+        half = furniture.CAR_WIDTH_M / 2
+        shadows = [
+            (x - self._start - 0.1, GROUND_HALF_M + side * (_CAR_M + half) - half - 0.2,
+             furniture.CAR_LENGTH_M + 0.2, furniture.CAR_WIDTH_M + 0.4)
+            for x, side, _ in self._bays()
+        ]
+        paint_ground(self._rng(80), sheet, shadows)
+        rows, columns = sheet.image.shape[:2]
+        where = (
+            np.linspace(self._start, self._start + STRETCH_M, columns, dtype=np.float32)[None, :],
+            np.linspace(GROUND_HALF_M, -GROUND_HALF_M, rows, dtype=np.float32)[:, None],
+            np.zeros((1, 1), np.float32),
+        )
+        gain = self._light.ground
+        return Texture(illuminate(sheet.image, None, self._light, gain, where, self._lamps))

@@ -1,0 +1,75 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One upright painted rectangle: what houses, cars and trees are made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from convseq_ros.simulation.light import illuminate, Light
+from convseq_ros.simulation.texture import Sheet, Texture
+import numpy as np
+
+Point = tuple[float, float]
+Painter = Callable[[np.random.Generator, Sheet], None]
+
+
+@dataclass(eq=False)
+class Panel:
+    """
+    An upright painted rectangle.
+
+    Parameters
+    ----------
+    start, end : tuple of 2 floats
+        x, y in metres of the left and the right side of the picture.
+    bottom, top : float
+        Heights, metres.
+    visible_m : float
+        From how far it is worth drawing.
+    facing : bool
+        True if it turns to the camera about its middle, as trees do.
+    resolution : float
+        Pixels per metre of the picture.
+    seed : tuple of ints
+        Decides the picture.
+    paint : callable
+        Paints the picture on a sheet.
+    gain : float
+        Share of the light that falls on it.
+    light : Light
+        What shines on the street.
+    lamps : list of (x, y)
+        Street lamps near by, metres.
+
+    """
+
+    start: Point
+    end: Point
+    bottom: float
+    top: float
+    visible_m: float
+    facing: bool
+    resolution: float
+    seed: tuple[int, ...]
+    paint: Painter
+    gain: float
+    light: Light
+    lamps: list[Point]
+
+    @cached_property
+    def texture(self) -> Texture:
+        """The picture in this panel's light, made when first needed."""
+        width = float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
+        sheet = Sheet(width, self.top - self.bottom, self.resolution, self.light.lamps > 0)
+        self.paint(np.random.default_rng(self.seed), sheet)
+        rows, columns = sheet.image.shape[:2]
+        across = np.linspace(0, 1, columns, dtype=np.float32)[None, :]
+        down = np.linspace(self.top, self.bottom, rows, dtype=np.float32)[:, None]
+        where = (
+            self.start[0] + (self.end[0] - self.start[0]) * across,
+            self.start[1] + (self.end[1] - self.start[1]) * across,
+            down,
+        )
+        lit = illuminate(sheet.image, sheet.glow, self.light, self.gain, where, self.lamps)
+        return Texture(lit)

@@ -1,0 +1,70 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A street of any length; nothing of it is kept, all follows from its seed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.simulation.layout import Layout
+from convseq_ros.simulation.light import Light
+from convseq_ros.simulation.panel import Panel
+from convseq_ros.simulation.texture import Texture
+
+
+@dataclass(eq=False)
+class Stretch:
+    """
+    A stretch of the street in one light.
+
+    Parameters
+    ----------
+    buildings : list of Panel
+        Everything on and behind the line of the facades.
+    things : list of Panel
+        Everything in front of them.
+    ground : callable
+        Makes the road's texture.
+
+    """
+
+    buildings: list[Panel]
+    things: list[Panel]
+    make_ground: Callable[[], Texture]
+
+    @cached_property
+    def ground(self) -> Texture:
+        """The road from above, x to the right and the left side of the street up."""
+        return self.make_ground()
+
+
+@dataclass(frozen=True, slots=True)
+class Street:
+    """
+    A straight street along x, its middle at y = 0, left positive.
+
+    Parameters
+    ----------
+    length_m : float
+        How far it may be driven; what one sees goes on beyond.
+    seed : int
+        Decides the whole street.
+
+    """
+
+    length_m: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.length_m > 0:
+            raise ConvseqError(f'length_m: {self.length_m} is not a street; make it positive')
+        if self.seed < 0:
+            raise ConvseqError(f'seed: {self.seed} is negative; choose 0 or more')
+
+    def stretch(self, index: int, light: Light) -> Stretch:
+        """Return what stands between `index` and `index + 1` times `STRETCH_M`."""
+        layout = Layout(self.seed, index, light)
+        buildings = [*layout.second_row(), *layout.houses(1), *layout.houses(-1)]
+        things = [*layout.lamps(), *layout.plants(), *layout.parked(), *layout.signs()]
+        return Stretch(buildings, things, layout.ground)

@@ -1,0 +1,98 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives tell the truth about where they are, and repeat exactly."""
+
+from dataclasses import replace
+import math
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.light import LIGHTS
+from convseq_ros.simulation.street import Street
+import numpy as np
+import pytest
+
+STREET = Street(300.0, 5)
+ACROSS = 90.0  # quick to draw: little is in sight
+SMALL = Drive(num_frames=3, width_px=96, height_px=72, start_m=20.0, heading_deg=ACROSS)
+
+
+def test_two_drives_with_the_same_settings_agree():
+    for one, other in zip(draw(STREET, SMALL), draw(STREET, SMALL), strict=True):
+        assert np.array_equal(one.image, other.image)
+        assert (one.stamp_ns, one.pose) == (other.stamp_ns, other.pose)
+
+
+def test_distances_stamps_and_poses_agree_with_the_speed():
+    drive = replace(
+        SMALL, num_frames=7, speed_mps=8.0, frame_rate_hz=30.0, heading_deg=20.0, start_ns=123
+    )
+    shots = list(draw(STREET, drive))
+    assert len(shots) == 7
+    for index, shot in enumerate(shots):
+        seconds = (shot.stamp_ns - 123) / 1e9
+        assert seconds == pytest.approx(index / 30.0, abs=1e-9)
+        assert shot.distance_m == pytest.approx(20.0 + 8.0 * seconds, abs=1e-7)
+        assert shot.pose.position == (shot.distance_m, -1.5, 0.0)
+        assert 2 * math.atan2(shot.pose.orientation[2], shot.pose.orientation[3]) == (
+            pytest.approx(math.radians(20.0))
+        )
+
+
+def test_stamps_do_not_drift_over_an_hour():
+    drive = Drive(frame_rate_hz=30.0, num_frames=108_001, start_ns=0)
+    assert drive.stamp_ns(108_000) == 3_600_000_000_000
+
+
+def test_a_frame_is_the_grey_of_the_shot():
+    shot = next(draw(STREET, SMALL))
+    frame = shot.frame
+    assert frame.gray is not None and frame.gray.shape == (72, 96)
+    assert (frame.stamp_ns, frame.pose) == (shot.stamp_ns, shot.pose)
+    weights = np.array((0.114, 0.587, 0.299))
+    assert np.abs(shot.image @ weights - frame.gray).max() < 1.0
+
+
+def test_frames_are_drawn_only_when_asked_for():
+    shots = draw(Street(1e6), replace(SMALL, num_frames=100_000))
+    assert next(shots).distance_m == 20.0
+
+
+def test_the_seed_changes_noise_only():
+    one, other = (next(draw(STREET, replace(SMALL, noise=4.0, seed=seed))).image.astype(float)
+                  for seed in (1, 2))
+    change = one - other
+    assert 2.0 < change.std() < 12.0
+    assert abs(change.mean()) < 1.0
+
+
+def test_brightness_darkens():
+    normal, dark = (next(draw(STREET, replace(SMALL, brightness=b))).image for b in (1.0, 0.3))
+    assert dark.mean() == pytest.approx(0.3 * normal.mean(), abs=2.0)
+
+
+@pytest.mark.parametrize('light', LIGHTS)
+def test_every_light_gives_a_picture(light):
+    assert next(draw(STREET, replace(SMALL, light=light))).image.std() > 8
+
+
+def test_standing_still_repeats_the_view():
+    shots = list(draw(STREET, replace(SMALL, speed_mps=0.0)))
+    change = shots[0].image.astype(float) - shots[1].image
+    assert np.abs(change).mean() < 4.0
+    assert shots[0].distance_m == shots[2].distance_m
+
+
+@pytest.mark.parametrize('wrong', [
+    {'light': 'noon'}, {'frame_rate_hz': 0.0}, {'width_px': 0}, {'num_frames': -1},
+    {'speed_mps': -1.0}, {'start_m': math.nan}, {'lane_offset_m': 4.0},
+    {'field_of_view_deg': 180.0},
+])
+def test_an_impossible_drive_is_refused_by_name(wrong):
+    with pytest.raises(ConvseqError, match=next(iter(wrong))):
+        replace(SMALL, **wrong)
+
+
+def test_a_drive_beyond_the_street_is_refused():
+    with pytest.raises(ConvseqError, match='longer street'):
+        next(draw(Street(30.0), replace(SMALL, num_frames=100)))

@@ -1,0 +1,94 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is written is what was drawn."""
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.recording import nearest_reference, write_recording
+from convseq_ros.simulation.street import Street
+import cv2
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+DRIVE = Drive(num_frames=4, width_px=64, height_px=48, heading_deg=80.0)
+
+
+@pytest.fixture(scope='module')
+def shots():
+    return list(draw(Street(100.0, 2), DRIVE))
+
+
+def read(path):
+    rosbags = pytest.importorskip('rosbags.highlevel')
+    from rosbags.typesys import get_typestore, Stores
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with rosbags.AnyReader([path], default_typestore=store) as reader:
+        return [
+            (connection.topic, stamp, store.deserialize_cdr(data, connection.msgtype))
+            for connection, stamp, data in reader.messages()
+        ]
+
+
+def test_images_come_back_pixel_for_pixel(tmp_path, shots):
+    write_recording(tmp_path / 'drive', shots, odom_topic='')
+    messages = read(tmp_path / 'drive')
+    assert len(messages) == len(shots)
+    for (topic, stamp, message), shot in zip(messages, shots, strict=True):
+        assert topic == '/camera/image_raw'
+        header = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        assert stamp == header == shot.stamp_ns
+        assert (message.encoding, message.step) == ('bgr8', 64 * 3)
+        assert np.array_equal(message.data.reshape(48, 64, 3), shot.image)
+
+
+def test_compressed_images_come_back_nearly_the_same(tmp_path, shots):
+    write_recording(tmp_path / 'drive', shots, '/cam/compressed', compressed=True, odom_topic='')
+    for (topic, _, message), shot in zip(read(tmp_path / 'drive'), shots, strict=True):
+        assert (topic, message.format) == ('/cam/compressed', 'jpeg')
+        image = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
+        assert np.abs(image.astype(float) - shot.image).mean() < 8
+
+
+def test_odometry_comes_back_with_the_same_stamps(tmp_path, shots):
+    write_recording(tmp_path / 'drive', shots)
+    odometry = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/odom']
+    assert len(odometry) == len(shots)
+    for message, shot in zip(odometry, shots, strict=True):
+        pose = message.pose.pose
+        assert (pose.position.x, pose.position.y) == shot.pose.position[:2]
+        assert (pose.orientation.z, pose.orientation.w) == shot.pose.orientation[2:]
+
+
+def test_an_existing_folder_is_left_alone(tmp_path, shots):
+    (tmp_path / 'drive').mkdir()
+    with pytest.raises(ConvseqError, match='exists already'):
+        write_recording(tmp_path / 'drive', shots)
+    assert not list((tmp_path / 'drive').iterdir())
+
+
+def test_an_interrupted_recording_leaves_nothing(tmp_path, shots):
+    def broken():
+        yield shots[0]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_recording(tmp_path / 'drive', broken())
+    assert not list(tmp_path.iterdir())
+
+
+metres = st.lists(st.floats(0, 1e4), min_size=1, max_size=30)
+
+
+@given(metres, metres)
+def test_no_reference_is_nearer_than_the_nearest(queries, references):
+    found = nearest_reference(queries, references)
+    assert len(found) == len(queries)
+    for query, index in zip(queries, found, strict=True):
+        assert abs(references[index] - query) == min(abs(r - query) for r in references)
+
+
+def test_nearest_reference_of_a_shifted_drive():
+    assert nearest_reference([0.4, 0.6, 9.0], [0.0, 1.0, 2.0]).tolist() == [0, 1, 2]
+    assert nearest_reference([], [0.0, 1.0]).tolist() == []
