@@ -1,0 +1,51 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `convseq`; each sub-command is one file with `describe` and `run`."""
+
+import argparse
+from collections.abc import Sequence
+import importlib
+import sys
+
+from convseq_ros import __version__
+from convseq_ros.errors import ConvseqError
+
+COMMANDS = {
+    'build-map': 'build a reference map from a recording or a folder of images',
+    'replay': 'recognise the frames of a recording in a map, without ROS',
+    'play': 'publish a recording to live topics, with /clock',
+    'info': 'say what a map holds',
+    'demo': 'drive a street twice: map, live node, table and picture',
+    'config': 'print every parameter with its default, ready to edit',
+}
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run a sub-command; 0 when it did its work, 1 with one line when it could not."""
+    parser = argparse.ArgumentParser(
+        prog='convseq',
+        description='Training-free visual place recognition on a CPU.',
+        epilog='\n'.join(f'  {name:10} {text}' for name, text in COMMANDS.items()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=__version__)
+    parser.add_argument('command', choices=COMMANDS, metavar='command')
+    parser.add_argument('arguments', nargs=argparse.REMAINDER)
+    chosen = parser.parse_args(args)
+    command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
+    own = argparse.ArgumentParser(
+        prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
+    )
+    try:
+        if hasattr(command, 'describe'):
+            command.describe(own)
+            return int(command.run(own.parse_args(chosen.arguments)))
+        return int(command.main(chosen.arguments))
+    except ConvseqError as error:
+        print(f'convseq {chosen.command}: {error}', file=sys.stderr)
+    except OSError as error:
+        print(f'convseq {chosen.command}: {error.filename or ""}: {error.strerror}',
+              file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f'convseq {chosen.command}: interrupted', file=sys.stderr)
+    return 1

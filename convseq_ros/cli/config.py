@@ -1,0 +1,54 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Print every parameter, ready to edit: `convseq config > my.yaml`."""
+
+import argparse
+from collections.abc import Iterable
+import json
+import textwrap
+
+from convseq_ros.config import core_parameters, NodeConfig
+from convseq_ros.parameter import Parameter, parameters
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('--markdown', action='store_true', help='print a table for documents')
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print a ROS parameter file, or the table."""
+    print(markdown(all_parameters()) if chosen.markdown else yaml(all_parameters()))
+    return 0
+
+
+def all_parameters() -> list[Parameter]:
+    """Return what the node declares: matching first, then its own."""
+    return [*core_parameters(), *parameters(NodeConfig)]
+
+
+def yaml(known: Iterable[Parameter]) -> str:
+    """Return a ROS parameter file with every default and what it means."""
+    lines = ['# Every parameter of vpr_node with its default; printed by `convseq config`.']
+    lines += ['/**:', '  ros__parameters:']
+    for item in known:
+        unit = f'{item.bounds} {item.unit}'.strip()
+        lines += textwrap.wrap(
+            f'{item.doc} [{unit}]' if unit else item.doc, 94, initial_indent='    # ',
+            subsequent_indent='    # ',
+        )  # fmt: skip
+        lines.append(f'    {item.name}: {json.dumps(item.default)}')
+    return '\n'.join(lines)
+
+
+def markdown(known: Iterable[Parameter]) -> str:
+    """Return a table of the parameters."""
+    lines = ['| parameter | default | unit | allowed | meaning |', '|---|---|---|---|---|']
+    for item in known:
+        allowed = item.bounds.replace('|', 'or')
+        live = ' *' if item.dynamic else ''
+        lines.append(
+            f'| `{item.name}`{live} | `{json.dumps(item.default)}` | {item.unit} | {allowed} '
+            f'| {item.doc} |'
+        )
+    return '\n'.join(lines)

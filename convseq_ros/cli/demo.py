@@ -1,0 +1,256 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The main job from start to end: `convseq demo [--data FOLDER]`."""
+
+import argparse
+from collections.abc import Sequence
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+import statistics
+import sys
+
+from convseq_ros.cli.build_map import build
+from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.replay import replay
+from convseq_ros.config import Config
+from convseq_ros.core.map_file import open_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.evaluation.plots import demo_picture
+from convseq_ros.results import row
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.light import LIGHTS
+from convseq_ros.simulation.recording import nearest_reference, write_recording
+from convseq_ros.simulation.street import Street
+from convseq_ros.sources import open_source
+import numpy as np
+import numpy.typing as npt
+
+_TOLERANCE = 2
+_MARKER = '.convseq-demo'
+_COMPARED = ('sequence_length', 'best_index', 'best_score', 'reference_index', 'reason')
+
+
+@dataclass(frozen=True, slots=True)
+class Drives:
+    """
+    Two drives along the same places.
+
+    Parameters
+    ----------
+    reference, query : Path
+        Recordings or folders of images.
+    truth : ndarray of int64, shape (Q,)
+        The right reference of each query; -1 where it is not known.
+    told : str
+        Where they come from, for the heading.
+
+    """
+
+    reference: Path
+    query: Path
+    truth: npt.NDArray[np.int64]
+    told: str
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        '--data', type=Path, metavar='FOLDER',
+        help='folder with two drives, query first by name (folders of images or recordings), and '
+        'perhaps ground_truth.csv (query,reference); default: a street that is drawn',
+    )  # fmt: skip
+    parser.add_argument('--output', type=Path, default=Path('demo'), help='results (demo)')
+    street = parser.add_argument_group('the drawn second drive')
+    street.add_argument('--frames', type=int, default=120, help='images (120)')
+    street.add_argument('--light', choices=LIGHTS, default='evening', help='(evening)')
+    street.add_argument('--lane-offset', type=float, default=-0.2, metavar='M', help='(-0.2)')
+    street.add_argument('--speed', type=float, default=10.0, metavar='M/S', help='(10)')
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Map the first drive, recognise the second one live and offline, and show both."""
+    folder = chosen.output
+    _make_empty(folder)
+    drives = _given_drives(chosen.data) if chosen.data else _drawn_drives(chosen, folder)
+    map_path = folder / 'map.db'
+    _say(f'building the map from {drives.reference}')
+    build(drives.reference, map_path)
+
+    _say('replaying the second drive offline')
+    source = open_source(drives.query)
+    recognizer = PlaceRecognizer(open_map(map_path), Config())
+    offline, scores = [], np.zeros((len(source), len(recognizer.reference_map)), np.float32)
+    for match, duration_ms in replay(source, recognizer):
+        written = row(match, duration_ms)
+        offline.append({name: _text(value) for name, value in written.items()})
+        if recognizer.row is not None:
+            scores[match.query_index] = recognizer.row
+
+    median_ms = statistics.median(float(each['duration_ms']) for each in offline)
+    rate = min(4.0, 60.0 / median_ms)
+    _say(f'playing it to the live node, at {rate:.2g} times its speed')
+    position = {each['query_stamp_ns']: each['query_index'] for each in offline}
+    live = [
+        each | {'query_index': position[each['query_stamp_ns']]}
+        for each in recognise_live(drives.query, len(source), map_path, folder, rate)
+    ]
+
+    print(f'\n{drives.told}\n')
+    print(_table(live, offline, drives.truth))
+    picture = folder / 'demo.png'
+    _draw(picture, drives, live, scores)
+    print(f'\nresults  {folder / "live.csv"}\npicture  {picture}')
+    return 0
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder anew if a demo made it; refuse to delete what somebody else made."""
+    marker = folder / _MARKER
+    if folder.exists() and any(folder.iterdir()) and not marker.is_file():
+        raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    marker.touch()
+
+
+def _drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
+    _say('drawing a street and driving along it twice')
+    street = Street(length_m=chosen.frames * max(1.0, chosen.speed / 10) + 60, seed=7)
+    first = Drive(num_frames=chosen.frames + 10)
+    second = Drive(
+        num_frames=chosen.frames, start_m=3.4, speed_mps=chosen.speed, seed=5,
+        lane_offset_m=chosen.lane_offset, light=chosen.light,
+        start_ns=first.start_ns + 3600 * 10**9,
+    )  # fmt: skip
+    distances = []
+    for name, drive in (('first', first), ('second', second)):
+        write_recording(folder / name, draw(street, drive))
+        distances.append([drive.distance_m(index) for index in range(drive.num_frames)])
+    truth = nearest_reference(np.array(distances[1]), np.array(distances[0]))
+    told = (
+        f'A drawn street: mapped by day, driven again in the {chosen.light}, '
+        f'{abs(first.lane_offset_m - chosen.lane_offset):.1f} m to the side.'
+    )
+    return Drives(folder / 'first', folder / 'second', truth, told)
+
+
+def _given_drives(data: Path) -> Drives:
+    if not data.is_dir():
+        raise SourceError(f'{data}: no such folder')
+    found = []
+    for path in sorted(data.iterdir()):
+        try:
+            found.append((path, len(open_source(path))))
+        except ConvseqError:
+            continue
+    if len(found) != 2:
+        names = ', '.join(path.name for path, _ in found) or 'none'
+        raise SourceError(
+            f'{data}: needs two drives (folders of images or recordings); found {names}'
+        )
+    (query, queries), (reference, references) = found
+    told = f'{data}: {query.name} ({queries} images) recognised in {reference.name} ({references}).'
+    return Drives(reference, query, _given_truth(data, queries, references), told)
+
+
+def _given_truth(data: Path, queries: int, references: int) -> npt.NDArray[np.int64]:
+    """Read ground_truth.csv; without it, equally long drives are taken as frame by frame."""
+    file = data / 'ground_truth.csv'
+    if not file.is_file():
+        known = np.arange(queries) if queries == references else np.full(queries, -1)
+        return known.astype(np.int64)
+    truth = np.full(queries, -1, np.int64)
+    try:
+        with file.open(newline='', encoding='utf-8') as lines:
+            for line in csv.DictReader(lines):
+                truth[int(line['query'])] = int(line['reference'])
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise SourceError(f'{file}: expected columns query,reference ({error})') from None
+    return truth
+
+
+def _table(
+    live: Sequence[dict[str, str]],
+    offline: Sequence[dict[str, str]],
+    truth: npt.NDArray[np.int64],
+) -> str:
+    same = sum(
+        all(each[name] == offline[int(each['query_index'])][name] for name in _COMPARED)
+        for each in live
+    )
+    columns = [_column(rows, truth, len(offline)) for rows in (live, offline)]
+    lines = [f'{"":34}{"live node":>16}{"offline":>16}']
+    lines += [f'{name:34}{columns[0][name]:>16}{columns[1][name]:>16}' for name in columns[0]]
+    lines.append(f'{"same k, index and score":34}{f"{same} of {len(offline)}":>16}')
+    return '\n'.join(lines)
+
+
+def _column(
+    rows: Sequence[dict[str, str]], truth: npt.NDArray[np.int64], sent: int
+) -> dict[str, str]:
+    matched = [each for each in rows if each['best_index']]
+    accepted = [each for each in matched if each['reference_index']]
+    lengths = [int(each['sequence_length']) for each in matched]
+    durations = [float(each['duration_ms']) for each in rows]
+    return {
+        'frames': str(len(rows)),
+        'frames dropped': str(sent - len(rows)),
+        'matched (sequence long enough)': str(len(matched)),
+        f'best match within +-{_TOLERANCE}': _share(matched, truth),
+        'accepted': str(len(accepted)),
+        f'accepted match within +-{_TOLERANCE}': _share(accepted, truth),
+        'sequence length k': (
+            f'{statistics.fmean(lengths):.1f} ({min(lengths)}-{max(lengths)})' if lengths else '-'
+        ),
+        'ms per frame (median)': f'{statistics.median(durations):.0f}' if durations else '-',
+    }
+
+
+def _share(rows: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]) -> str:
+    known = [each for each in rows if truth[int(each['query_index'])] >= 0]
+    return f'{sum(_right(each, truth) for each in known)} of {len(known)}' if known else '-'
+
+
+def _right(each: dict[str, str], truth: npt.NDArray[np.int64]) -> bool:
+    return abs(int(each['best_index']) - int(truth[int(each['query_index'])])) <= _TOLERANCE
+
+
+def _draw(
+    path: Path, drives: Drives, live: Sequence[dict[str, str]], scores: npt.NDArray[np.float32]
+) -> None:
+    found = np.full(len(scores), -1, np.int64)
+    accepted = [each for each in live if each['reference_index']]
+    for each in accepted:
+        found[int(each['query_index'])] = int(each['reference_index'])
+    shown = accepted[:: max(1, len(accepted) // 3)][:3]
+    queries = _images(drives.query, [int(each['query_index']) for each in shown])
+    references = _images(drives.reference, [int(each['reference_index']) for each in shown])
+    pairs = [
+        (
+            queries[int(each['query_index'])],
+            references[int(each['reference_index'])],
+            f'query {each["query_index"]}  ->  reference {each["reference_index"]}',
+            _right(each, drives.truth),
+        )
+        for each in shown
+    ]
+    demo_picture(path, pairs, scores, drives.truth, found, drives.told)
+
+
+def _images(path: Path, wanted: Sequence[int]) -> dict[int, npt.NDArray[np.uint8]]:
+    return {
+        index: frame.gray
+        for index, frame in enumerate(open_source(path))
+        if index in wanted and frame.gray is not None
+    }
+
+
+def _text(value: object) -> str:
+    return '' if value is None else str(value)
+
+
+def _say(what: str) -> None:
+    print(f'{what} ...', file=sys.stderr)

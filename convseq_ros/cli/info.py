@@ -1,0 +1,63 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Say what a map holds: `convseq info MAP`."""
+
+import argparse
+from datetime import datetime, UTC
+from itertools import pairwise
+import json
+import math
+from pathlib import Path
+
+from convseq_ros.core.map_file import describe_file, FORMAT_VERSION, open_map
+from convseq_ros.core.reference_map import ReferenceMap
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('map', type=Path, help='map file; it is not changed')
+    parser.add_argument('--json', action='store_true', help='print as JSON')
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print what the map holds."""
+    reference_map = open_map(chosen.map)
+    facts = {
+        'map': str(chosen.map),
+        'format': FORMAT_VERSION,
+        'bytes': chosen.map.stat().st_size,
+        **describe_file(chosen.map),
+        **describe_places(reference_map),
+    }
+    if chosen.json:
+        print(json.dumps(facts))
+    else:
+        for name, fact in facts.items():
+            print(f'{name.replace("_", " "):12} {_readable(name, fact)}')
+    return 0
+
+
+def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
+    """Return counts, time span and the length of the path through the poses."""
+    places = reference_map.places
+    poses = [place.pose for place in places if place.pose]
+    return {
+        'references': len(places),
+        'first_stamp_ns': places[0].stamp_ns if places else None,
+        'last_stamp_ns': places[-1].stamp_ns if places else None,
+        'sources': sorted({place.source for place in places})[:5],
+        'with_pose': len(poses),
+        'path_m': sum(math.dist(one.position, other.position) for one, other in pairwise(poses)),
+        'thumbnails': sum(bool(place.thumbnail) for place in places),
+    }
+
+
+def _readable(name: str, fact: object) -> str:
+    if name.endswith('_ns') and isinstance(fact, int):
+        time = datetime.fromtimestamp(fact / 1e9, UTC)
+        return f'{fact}  ({time:%Y-%m-%d %H:%M:%S} UTC)'
+    if isinstance(fact, float):
+        return f'{fact:.1f}'
+    if isinstance(fact, list):
+        return ', '.join(fact)
+    return str(fact)

@@ -1,0 +1,93 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Command-line options and parameter files, derived from `convseq_ros.config`."""
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.config import Config, core_parameters, make_config, NodeConfig
+from convseq_ros.errors import ConfigError
+from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
+
+_ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+
+
+def add_parameters(
+    parser: argparse.ArgumentParser, title: str, known: Iterable[Parameter]
+) -> None:
+    """Add an option for each parameter, such as `--max-length`; unset ones stay absent."""
+    group = parser.add_argument_group(title)
+    for item in known:
+        unit = f' [{item.unit}]' if item.unit else ''
+        group.add_argument(
+            '--' + item.name.replace('_', '-'),
+            dest=item.name,
+            metavar='VALUE',
+            default=argparse.SUPPRESS,
+            help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
+        )
+
+
+def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, Value]:
+    """Return the parameters that were given as options, parsed and checked."""
+    return {
+        item.name: item.parse(getattr(chosen, item.name))
+        for item in known
+        if hasattr(chosen, item.name)
+    }
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    """Add `--config FILE` and an option for every parameter that decides a match."""
+    parser.add_argument(
+        '--config', type=Path, metavar='FILE',
+        help='parameter file, the same YAML that the node reads; options win over it',
+    )  # fmt: skip
+    add_parameters(parser, 'parameters', core_parameters())
+
+
+def chosen_config(chosen: argparse.Namespace) -> Config:
+    """
+    Return the configuration that file and options ask for.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, a name is unknown or a value is not allowed.
+
+    """
+    values = read_parameter_file(chosen.config) if chosen.config else {}
+    return make_config(values | given(chosen, core_parameters()))
+
+
+def read_parameter_file(path: Path) -> dict[str, Any]:
+    """Return the matching parameters of a ROS parameter file; the node's own are left out."""
+    try:
+        import yaml
+    except ImportError:
+        raise ConfigError('parameter files need PyYAML: pip install pyyaml') from None
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: not a readable YAML file ({_one_line(error)})') from None
+    values = {name: value for part in _node_parts(content, path) for name, value in part.items()}
+    core = [item.name for item in core_parameters()]
+    node = [item.name for item in parameters(NodeConfig)]
+    refuse_unknown(values, [*core, *node, *_ROS_OWN])
+    return {name: value for name, value in values.items() if name in core}
+
+
+def _node_parts(content: object, path: Path) -> list[dict[str, Any]]:
+    nodes = content.values() if isinstance(content, dict) else [content]
+    parts = [node.get('ros__parameters') if isinstance(node, dict) else None for node in nodes]
+    if not all(isinstance(part, dict) for part in parts):
+        raise ConfigError(
+            f'{path}: not a ROS parameter file; `convseq config` prints one to start from'
+        )
+    return [part for part in parts if isinstance(part, dict)]
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())

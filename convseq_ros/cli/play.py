@@ -1,0 +1,30 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Publish a recording to live topics: `convseq play RECORDING`, a process of its own."""
+
+from collections.abc import Sequence
+import importlib.util
+import os
+import sys
+
+from convseq_ros.errors import ConvseqError
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Become the player, which is a ROS node; it reads the arguments.
+
+    Raises
+    ------
+    ConvseqError
+        If ROS is not installed or not sourced.
+
+    """
+    if importlib.util.find_spec('rclpy') is None:
+        raise ConvseqError(
+            'playing needs ROS: source /opt/ros/jazzy/setup.bash, '
+            "or pip install 'convseq_ros[ros]'"
+        )
+    player = [sys.executable, '-m', 'convseq_ros.node.player', *arguments]
+    sys.stdout.flush()
+    os.execv(sys.executable, player)

@@ -1,0 +1,22 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A progress bar on standard error, for people only."""
+
+from collections.abc import Iterable, Iterator
+import sys
+from typing import TypeVar
+
+Item = TypeVar('Item')
+
+
+def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """Yield the items; a terminal shows how far, how fast and how long still."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield from items
+        return
+    yield from tqdm(items, what, total, unit=' frames', dynamic_ncols=True)

@@ -1,0 +1,81 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recognise a recording in a map, without ROS: `convseq replay RECORDING --map MAP`."""
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import statistics
+import sys
+import time
+from typing import Any
+
+from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.cli.progress import progress
+from convseq_ros.core.map_file import open_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Match, Reason
+from convseq_ros.results import ResultWriter
+from convseq_ros.sources import open_source, Source
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('recording', type=Path, help='recording or folder of images')
+    parser.add_argument('--map', type=Path, required=True, help='reference map')
+    parser.add_argument(
+        '--output', type=Path, default=Path('result.csv'), help='table to write (result.csv)'
+    )
+    parser.add_argument('--topic', default='', help='image topic, if there are several')
+    parser.add_argument('--json', action='store_true', help='print the summary as JSON')
+    add_config(parser)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Replay, write the table, and sum it up."""
+    config = chosen_config(chosen)
+    recognizer = PlaceRecognizer(open_map(chosen.map, config.encoding), config)
+    source = open_source(chosen.recording, chosen.topic)
+    matches, durations = [], []
+    with ResultWriter(chosen.output) as table:
+        for match, duration_ms in replay(source, recognizer):
+            table.write(match, duration_ms)
+            matches.append(match)
+            durations.append(duration_ms)
+    for warning in source.warnings:
+        print(f'warning: {warning}', file=sys.stderr)
+    summary = summarize(matches, durations)
+    if chosen.json:
+        print(json.dumps({'output': str(chosen.output), **summary}))
+    else:
+        reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
+        print(
+            f'{chosen.output}: {summary["frames"]} frames ({reasons}); '
+            f'mean sequence length {summary["mean_sequence_length"]:.1f}, '
+            f'median {summary["median_ms"]:.1f} ms a frame'
+        )
+    return 0
+
+
+def replay(source: Source, recognizer: PlaceRecognizer) -> Iterator[tuple[Match, float]]:
+    """Yield the match of every frame with the time that it took, in milliseconds."""
+    for frame in progress(source, len(source), source.name):
+        started = time.perf_counter()
+        match = recognizer.process(frame)
+        if match.reason is Reason.UNREADABLE:
+            print(f'warning: frame {match.query_index}: {frame.problem}', file=sys.stderr)
+        yield match, (time.perf_counter() - started) * 1e3
+
+
+def summarize(matches: list[Match], durations_ms: list[float]) -> dict[str, Any]:
+    """Return counts, mean sequence length and median time of a run."""
+    lengths = [match.sequence_length for match in matches if match.sequence_length]
+    return {
+        'frames': len(matches),
+        'accepted': sum(match.accepted is not None for match in matches),
+        'reasons': dict(Counter(match.reason.value for match in matches)),
+        'mean_sequence_length': statistics.fmean(lengths) if lengths else 0.0,
+        'median_ms': statistics.median(durations_ms) if durations_ms else 0.0,
+    }

@@ -1,0 +1,220 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands: what they do, and the one line that they say when they cannot."""
+
+import json
+import os
+from pathlib import Path
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+from convseq_ros.cli import COMMANDS, main
+from convseq_ros.core.map_file import open_map
+from convseq_ros.results import read_results
+import cv2
+import numpy as np
+import pytest
+
+COUNT = 24
+START = [sys.executable, '-c', 'import sys; from convseq_ros.cli import main; sys.exit(main())']
+
+
+def image(place):
+    rng = np.random.default_rng(place)
+    coarse = np.kron(rng.integers(0, 128, (12, 16)), np.ones((8, 8)))
+    return (coarse + rng.integers(0, 128, (96, 128))).astype(np.uint8)
+
+
+def draw(folder, places):
+    folder.mkdir(parents=True)
+    for index, place in enumerate(places):
+        cv2.imwrite(str(folder / f'{index:04}.png'), image(place))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def drive(tmp_path_factory):
+    return draw(tmp_path_factory.mktemp('data') / 'drive', range(COUNT))
+
+
+@pytest.fixture(scope='module')
+def map_path(drive):
+    path = drive.parent / 'map.db'
+    assert main(['build-map', str(drive), str(path)]) == 0
+    return path
+
+
+def refused(capsys, *arguments):
+    """Return the one line that a command says when it cannot do its work."""
+    assert main([str(each) for each in arguments]) == 1
+    said = capsys.readouterr()
+    assert said.out == '' and said.err.count('\n') == 1
+    return said.err
+
+
+def test_a_map_is_built_and_described(map_path, capsys):
+    assert main(['info', str(map_path), '--json']) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts['references'], facts['thumbnails'], facts['with_pose']) == (COUNT, COUNT, 0)
+    assert facts['last_stamp_ns'] == COUNT * 10**8
+    assert main(['info', str(map_path)]) == 0
+    assert f'references   {COUNT}' in capsys.readouterr().out
+
+
+def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_path, capsys):
+    output = tmp_path / 'result.csv'
+    arguments = ['replay', drive, '--map', map_path, '--output', output, '--fixed-length', '3']
+    assert main([*map(str, arguments), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['frames'] == COUNT
+    rows = read_results(output)
+    assert [row['query_index'] for row in rows] == [str(index) for index in range(COUNT)]
+    assert all(row['best_index'] == row['query_index'] for row in rows[2:])
+    assert {row['reason'] for row in rows[:2]} == {'warming_up'}
+
+
+def test_maps_are_appended_to(drive, tmp_path, capsys):
+    path = tmp_path / 'map.db'
+    assert main(['build-map', str(drive), str(path), '--keyframe-interval-s', '0.2']) == 0
+    assert main(['build-map', str(drive), str(path), '--append', '--json']) == 0
+    built = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert built['added'] == COUNT and built['references'] == COUNT // 2 + COUNT
+    assert len(open_map(path)) == built['references']
+
+
+def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_path):
+    file, output = tmp_path / 'my.yaml', tmp_path / 'result.csv'
+    file.write_text('/**:\n  ros__parameters: {fixed_length: 4, queue_size: 3, min_margin: 1}\n')
+    arguments = ['replay', drive, '--map', map_path, '--output', output, '--config', file]
+    assert main([str(each) for each in arguments]) == 0
+    lengths = {row['sequence_length'] for row in read_results(output)}
+    assert lengths == {'0', '4'}
+    assert not any(row['status'] == 'accepted' for row in read_results(output))
+    assert main([*map(str, arguments), '--fixed-length', '5']) == 0
+    assert {row['sequence_length'] for row in read_results(output)} == {'0', '5'}
+
+
+def test_the_printed_parameter_file_is_accepted(drive, map_path, tmp_path, capsys):
+    assert main(['config']) == 0
+    file = tmp_path / 'all.yaml'
+    file.write_text(capsys.readouterr().out)
+    arguments = ['replay', drive, '--map', map_path, '--output', tmp_path / 'r', '--config', file]
+    assert main([str(each) for each in arguments]) == 0
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_every_command_has_help(command):
+    if command == 'play':
+        pytest.importorskip('rclpy')
+    done = subprocess.run([*START, command, '--help'], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and 'usage: ' in done.stdout
+
+
+def test_a_missing_recording_is_one_line(capsys, tmp_path):
+    assert 'none' in refused(capsys, 'build-map', tmp_path / 'none', tmp_path / 'map.db')
+    assert not (tmp_path / 'map.db').exists()
+
+
+def test_an_empty_folder_is_one_line(capsys, tmp_path):
+    (tmp_path / 'empty').mkdir()
+    assert 'empty' in refused(capsys, 'build-map', tmp_path / 'empty', tmp_path / 'map.db')
+
+
+def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
+    folder = draw(tmp_path / 'drive', range(3))
+    (folder / '9999.jpg').write_text('no picture')
+    assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
+    assert len(open_map(tmp_path / 'map.db')) == 3
+
+
+def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
+    before = map_path.read_bytes()
+    assert 'exists already' in refused(capsys, 'build-map', drive, map_path)
+    assert map_path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ('options', 'told'),
+    [
+        (['--max-length', '0'], 'max_length: 0 is outside 1 .. 100'),
+        (['--max-length', 'many'], "max_length: expected int, got 'many'"),
+        (['--image-size-px', '256'], 'image_size_px 512, asked for 256'),
+        (['--map', 'missing.db'], 'missing.db: no such map'),
+        (['--config', 'missing.yaml'], 'missing.yaml: not a readable YAML file'),
+        (['--output', 'no/such/folder/r.csv'], 'no/such/folder/r.csv'),
+        (['--topic', '/camera'], '/camera'),
+    ],
+)
+def test_a_bad_option_of_replay_is_one_line(capsys, drive, map_path, tmp_path, monkeypatch,
+                                            options, told):  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert told in refused(capsys, 'replay', drive, '--map', map_path, *options)
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'),
+    [
+        ('/**:\n  ros__parameters: {max_lenght: 3}', 'did you mean max_length?'),
+        ('max_length: 3', 'not a ROS parameter file'),
+        ('{', 'not a readable YAML file'),
+        ('- 1', 'not a ROS parameter file'),
+        ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
+    ],
+)
+def test_a_bad_parameter_file_is_one_line(capsys, drive, map_path, tmp_path, text, told):
+    file = tmp_path / 'my.yaml'
+    file.write_text(text)
+    assert told in refused(capsys, 'replay', drive, '--map', map_path, '--config', file)
+
+
+def test_a_map_that_is_none_is_one_line(capsys, drive, tmp_path):
+    file = tmp_path / 'map.db'
+    file.write_text('hello')
+    assert 'not a convseq map' in refused(capsys, 'replay', drive, '--map', file)
+    assert 'not a convseq map' in refused(capsys, 'info', file)
+
+
+def limited(arguments, size):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    return subprocess.run(
+        [*START, *map(str, arguments)], preexec_fn=limit, capture_output=True, text=True,
+        timeout=60, check=False,
+    )  # fmt: skip
+
+
+def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
+    path = tmp_path / 'map.db'
+    done = limited(['build-map', drive, path], 200_000)
+    assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
+    assert 'map.db: cannot write' in done.stderr
+    if path.exists():
+        open_map(path)
+
+
+def test_no_space_left_for_results_is_one_line_and_keeps_the_rows(drive, map_path, tmp_path):
+    output = tmp_path / 'result.csv'
+    done = limited(['replay', drive, '--map', map_path, '--output', output], 1000)
+    assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
+    assert 'result.csv' in done.stderr
+    assert not output.exists()
+    assert len(read_results(Path(f'{output}.part'))) > 5
+
+
+def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
+    folder, path = draw(tmp_path / 'drive', range(300)), tmp_path / 'map.db'
+    with subprocess.Popen(
+        [*START, 'build-map', str(folder), str(path)], stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.DEVNULL, env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
+    ) as process:  # fmt: skip
+        deadline = time.monotonic() + 60
+        while not path.exists() or path.stat().st_size < 100_000:
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=20)[1]
+    assert process.returncode == 1 and 'interrupted; the map holds what was added' in said
+    assert 0 < len(open_map(path)) < 300
