@@ -1,0 +1,192 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Between the records of the core and ROS messages; pure functions."""
+
+from array import array
+from collections.abc import Mapping
+import sys
+
+from builtin_interfaces.msg import Time
+from convseq_ros.core.types import Candidate, Match, Pose
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import Float64MultiArray, Header, Int64MultiArray
+
+_NS = 1_000_000_000
+_ORIGIN = (0.0, 0.0, 0.0)
+
+CANDIDATE = np.dtype([
+    ('x', '<f4'),
+    ('y', '<f4'),
+    ('z', '<f4'),
+    ('score', '<f4'),
+    ('index', '<u4'),
+    ('length', '<u4'),
+    ('stamp_sec', '<i4'),
+    ('stamp_nanosec', '<u4'),
+])
+"""One row of `~/candidates`."""
+
+_FIELD_TYPES = {
+    'f4': PointField.FLOAT32,
+    'u4': PointField.UINT32,
+    'i4': PointField.INT32,
+}
+
+
+def stamp_to_ns(stamp: Time) -> int:
+    """Return a stamp in nanoseconds."""
+    return int(stamp.sec) * _NS + int(stamp.nanosec)
+
+
+def stamp_from_ns(stamp_ns: int) -> Time:
+    """Return nanoseconds as a stamp."""
+    sec, nanosec = divmod(stamp_ns, _NS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def candidates_message(
+    match: Match, poses: Mapping[int, Pose | None], frame_id: str
+) -> PointCloud2:
+    """
+    Return the candidates of a match, best first, one point each.
+
+    Parameters
+    ----------
+    match : Match
+        The answer to one frame.
+    poses : mapping from int to Pose or None
+        Pose of each reference that is a candidate; None is put at the origin.
+    frame_id : str
+        Frame in which the poses are given.
+
+    """
+    rows = np.zeros(len(match.candidates), CANDIDATE)
+    for number, candidate in enumerate(match.candidates):
+        pose = poses[candidate.reference_index]
+        stamp = stamp_from_ns(candidate.reference_stamp_ns)
+        x, y, z = pose.position if pose else _ORIGIN
+        index, score = candidate.reference_index, candidate.score
+        length = match.sequence_length
+        rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec)
+    return PointCloud2(
+        header=match_header(match, frame_id),
+        height=1,
+        width=len(rows),
+        fields=_candidate_fields(),
+        is_bigendian=False,
+        point_step=CANDIDATE.itemsize,
+        row_step=rows.nbytes,
+        data=array('B', rows.tobytes()),
+        is_dense=True,
+    )
+
+
+def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
+    """
+    Return the rows of a `~/candidates` message.
+
+    Returns
+    -------
+    ndarray of CANDIDATE, shape (candidates,)
+        Best first.
+
+    Raises
+    ------
+    ValueError
+        If the message has other fields.
+
+    """
+    if message.is_bigendian or message.fields != _candidate_fields():
+        names = ', '.join(item.name for item in message.fields)
+        raise ValueError(f'expected the fields {", ".join(CANDIDATE.names or ())}, got {names}')
+    return np.frombuffer(bytes(message.data), CANDIDATE)
+
+
+def loop_closure_message(query_stamp_ns: int, accepted: Candidate) -> Float64MultiArray:
+    """Return both stamps in seconds, exactly two numbers: query, reference."""
+    stamps = query_stamp_ns / _NS, accepted.reference_stamp_ns / _NS
+    return Float64MultiArray(data=list(stamps))
+
+
+def loop_closure_index_message(query_index: int, accepted: Candidate) -> Int64MultiArray:
+    """Return the sequence number of the query and the index of the reference."""
+    return Int64MultiArray(data=[query_index, accepted.reference_index])
+
+
+def pose_message(
+    match: Match, pose: Pose, frame_id: str, position_sigma_m: float, heading_sigma_rad: float
+) -> PoseWithCovarianceStamped:
+    """
+    Return the pose of the accepted reference at the time of the query.
+
+    Parameters
+    ----------
+    match : Match
+        The answer to one frame.
+    pose : Pose
+        Where the reference was taken.
+    frame_id : str
+        Frame in which the pose is given.
+    position_sigma_m, heading_sigma_rad : float
+        Standard deviations along each axis and about each axis.
+
+    """
+    message = PoseWithCovarianceStamped(header=match_header(match, frame_id))
+    x, y, z = pose.position
+    message.pose.pose.position = Point(x=x, y=y, z=z)
+    x, y, z, w = pose.orientation
+    message.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    variances = [position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3
+    message.pose.covariance = np.diag(variances).ravel()
+    return message
+
+
+def image_message(bgr: npt.NDArray[np.uint8], header: Header) -> Image:
+    """
+    Return a picture as a message.
+
+    Parameters
+    ----------
+    bgr : ndarray of uint8, shape (H, W, 3) or (H, W)
+        Published as bgr8 or mono8.
+    header : Header
+        Stamp and frame.
+
+    """
+    height, width = bgr.shape[:2]
+    return Image(
+        header=header,
+        height=height,
+        width=width,
+        encoding='bgr8' if bgr.ndim == 3 else 'mono8',
+        is_bigendian=sys.byteorder == 'big',
+        step=bgr.nbytes // height,
+        data=array('B', bgr.tobytes()),
+    )
+
+
+def status_message(
+    level: bytes, name: str, text: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
+    """Return one entry of /diagnostics; numbers keep three decimals."""
+    pairs = [
+        KeyValue(key=key, value=f'{value:.3f}' if isinstance(value, float) else str(value))
+        for key, value in values.items()
+    ]
+    return DiagnosticStatus(level=level, name=name, message=text, values=pairs)
+
+
+def match_header(match: Match, frame_id: str) -> Header:
+    """Return the stamp of the query in a frame."""
+    return Header(stamp=stamp_from_ns(match.query_stamp_ns), frame_id=frame_id)
+
+
+def _candidate_fields() -> list[PointField]:
+    return [
+        PointField(name=name, offset=offset, datatype=_FIELD_TYPES[kind.str[1:]], count=1)
+        for name, (kind, offset, *_) in (CANDIDATE.fields or {}).items()
+    ]

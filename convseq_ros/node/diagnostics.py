@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the node is, on /diagnostics."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import time
+
+from convseq_ros.node.conversions import status_message
+from convseq_ros.node.statistics import Statistics
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+_SILENCE_S = 3.0
+_LOG_PERIOD_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """
+    What the node knows about itself besides its counts.
+
+    Parameters
+    ----------
+    enabled : bool
+        False if frames are ignored on purpose.
+    map_path : str
+        The map's file; empty if there is none.
+    map_size : int
+        Places in it.
+    topic : str
+        The camera's topic.
+    waiting, dropped, lost, rows_lost, clock_jumps : int
+        Frames in the queue, pushed out of it, lost by the middleware; rows missing in the result
+        file; backward jumps of the clock.
+
+    """
+
+    enabled: bool
+    map_path: str
+    map_size: int
+    topic: str
+    waiting: int
+    dropped: int
+    lost: int
+    rows_lost: int
+    clock_jumps: int
+
+
+class Diagnostics:
+    """
+    Publishes a status at a steady pace, whatever the node's clock does.
+
+    Parameters
+    ----------
+    node : Node
+        Who is described.
+    statistics : Statistics
+        Its counts.
+    situation : callable
+        Returns its Situation.
+    advice : callable
+        Says why no images may come.
+    period_s : float
+        Time between two messages.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        statistics: Statistics,
+        situation: Callable[[], Situation],
+        advice: Callable[[], str],
+        period_s: float,
+    ) -> None:
+        self._node = node
+        self._statistics = statistics
+        self._situation = situation
+        self._advice = advice
+        self._last = (time.monotonic_ns(), 0, 0, 0)
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._timer = node.create_timer(
+            period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def _publish(self) -> None:
+        situation = self._situation()
+        received_hz, processed_hz, dropped_now = self._rates(situation)
+        level, text = self._state(situation, dropped_now)
+        values = _values(self._statistics, situation)
+        values |= {'received_hz': received_hz, 'processed_hz': processed_hz}
+        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: place recognition'
+        message = DiagnosticArray(status=[status_message(level, name, text, values)])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _rates(self, situation: Situation) -> tuple[float, float, int]:
+        now_ns = time.monotonic_ns()
+        counts = self._statistics.received, self._statistics.processed, situation.dropped
+        then_ns, *before = self._last
+        received, processed, dropped = (new - old for new, old in zip(counts, before, strict=True))
+        self._last = (now_ns, *counts)
+        elapsed_s = max(now_ns - then_ns, 1) / 1e9
+        return received / elapsed_s, processed / elapsed_s, dropped
+
+    def _state(self, situation: Situation, dropped_now: int) -> tuple[bytes, str]:
+        silence = self._silence(situation)
+        if not situation.map_size:
+            return DiagnosticStatus.ERROR, (
+                f'no map; call {self._node.get_fully_qualified_name()}/load_map or set map_path'
+            )
+        if not situation.enabled:
+            return DiagnosticStatus.OK, 'disabled'
+        if silence:
+            return DiagnosticStatus.WARN, silence
+        if dropped_now:
+            return DiagnosticStatus.WARN, (
+                f'{dropped_now} frames dropped: they come faster than they are processed'
+            )
+        return DiagnosticStatus.OK, 'recognising places'
+
+    def _silence(self, situation: Situation) -> str:
+        """Return, and log now and then, why no images come; empty if they do."""
+        silent_s = (time.monotonic_ns() - self._statistics.last_arrival_ns) / 1e9
+        if silent_s < _SILENCE_S or not situation.enabled:
+            return ''
+        text = f'no images for {silent_s:.0f} s: {self._advice()}'
+        self._node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+        return text
+
+
+def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
+    match = statistics.last_match
+    values: dict[str, object] = {
+        'topic': situation.topic,
+        'received': statistics.received,
+        'processed': statistics.processed,
+        'queue': situation.waiting,
+        'dropped': situation.dropped,
+        'lost_by_middleware': situation.lost,
+        'unreadable': statistics.unreadable,
+        'failed': statistics.failed,
+        'latency_ms': statistics.latency_ms,
+        'duration_ms': statistics.duration_ms,
+        'last_reason': match.reason.value if match else '',
+        'last_sequence_length': match.sequence_length if match else 0,
+        'last_score': match.best.score if match and match.best else 0.0,
+        'map_path': situation.map_path,
+        'map_size': situation.map_size,
+        'clock_jumps': situation.clock_jumps,
+        'result_rows_lost': situation.rows_lost,
+    }
+    # A copy, because the worker's thread adds to it.
+    counts = statistics.reasons.copy()
+    return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}

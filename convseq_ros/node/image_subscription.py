@@ -1,0 +1,132 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The camera topic: raw or compressed, reliable if the camera offers it."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from convseq_ros.config import NodeConfig
+from rclpy.event_handler import (
+    QoSMessageLostInfo,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
+from rclpy.node import Node
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage, Image
+
+ImageMessage: TypeAlias = Image | CompressedImage
+_SUFFIX = '/compressed'
+_TYPES = {'raw': Image, 'compressed': CompressedImage}
+
+
+class ImageSubscription:
+    """
+    Subscribes to the camera and keeps up the subscription.
+
+    Best effort loses most raw images over 0.5 MB with default settings of the middleware, which is
+    fatal for sequences: `auto` asks for reliable delivery, and gives way to best effort as soon as
+    a camera turns out to offer nothing better.
+
+    Parameters
+    ----------
+    node : Node
+        Whose `image` topic, after remapping, is subscribed to.
+    config : NodeConfig
+        Transport, reliability and queue size.
+    on_image : callable
+        Receives each message in the executor's thread.
+
+    Attributes
+    ----------
+    lost : int
+        Messages that the middleware reported as lost.
+
+    """
+
+    def __init__(
+        self, node: Node, config: NodeConfig, on_image: Callable[[ImageMessage], None]
+    ) -> None:
+        self.lost = 0
+        self._node = node
+        self._config = config
+        self._on_image = on_image
+        topic = node.resolve_topic_name('image')
+        if config.image_transport == 'compressed' and not topic.endswith(_SUFFIX):
+            topic += _SUFFIX
+        self._topic = topic
+        reliable = config.image_reliability != 'best_effort'
+        self._subscribe(ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT)
+
+    @property
+    def topic(self) -> str:
+        """The topic as it was resolved."""
+        return str(self._subscription.topic_name)
+
+    def advice(self) -> str:
+        """Say why no images may come and what to do about it, in one line."""
+        types = self._published(self.topic)
+        wanted = _TYPES[self._config.image_transport]
+        if not types:
+            return self._advice_for_silence()
+        if _type_name(wanted) in types:
+            return f'{self.topic} has {len(types)} publisher(s), but none sends'
+        remedy = f'remap `image` to a topic of {_type_name(wanted)}'
+        if self._config.image_transport == 'raw' and _type_name(CompressedImage) in types:
+            if self.topic.endswith(_SUFFIX):
+                remedy = 'set image_transport to compressed'
+            else:
+                remedy = (
+                    f'publish it on {self.topic}{_SUFFIX} and set image_transport to compressed'
+                )
+        elif self._config.image_transport == 'compressed' and _type_name(Image) in types:
+            remedy = 'set image_transport to raw'
+        return f'{self.topic} carries {", ".join(sorted(set(types)))}; {remedy}'
+
+    def _advice_for_silence(self) -> str:
+        text = f'{self.topic} has no publisher'
+        if self._config.image_transport == 'raw':
+            other, transport = self.topic + _SUFFIX, 'compressed'
+        else:
+            other, transport = self.topic.removesuffix(_SUFFIX), 'raw'
+        if _type_name(_TYPES[transport]) in self._published(other):
+            return f'{text}, but {other} has: set image_transport to {transport}'
+        return f'{text}; remap it to the topic of the camera: -r image:=TOPIC'
+
+    def _published(self, topic: str) -> list[str]:
+        return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        self._subscription = self._node.create_subscription(
+            _TYPES[self._config.image_transport],
+            self._topic,
+            self._on_image,
+            QoSProfile(depth=self._config.queue_size, reliability=reliability),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._on_incompatible_qos,
+                message_lost=self._on_lost,
+                use_default_callbacks=False,
+            ),
+        )
+
+    def _on_incompatible_qos(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
+        logger = self._node.get_logger()
+        if info.last_policy_kind != QoSPolicyKind.RELIABILITY:
+            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
+        elif self._config.image_reliability == 'auto':
+            logger.info(f'{self.topic}: the camera sends best effort; following it')
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+        else:
+            logger.warning(
+                f'{self.topic}: a publisher sends best effort only and is not heard; '
+                'set image_reliability to auto'
+            )
+
+    def _on_lost(self, info: QoSMessageLostInfo) -> None:
+        self.lost += info.total_count_change
+
+
+def _type_name(kind: type) -> str:
+    """Return the name that the ROS graph uses, such as sensor_msgs/msg/Image."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

@@ -1,0 +1,125 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters, declared from `convseq_ros.config` under their flat names."""
+
+from collections.abc import Callable, Mapping, Sequence
+import sys
+from typing import Any
+
+from convseq_ros.config import Config, core_parameters, make_config, make_group, NodeConfig
+from convseq_ros.errors import ConfigError
+from convseq_ros.parameter import Parameter, parameters, refuse_unknown
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+KNOWN = {item.name: item for item in (*core_parameters(), *parameters(NodeConfig))}
+_CORE = frozenset(item.name for item in core_parameters())
+_OF_ROS = ('use_sim_time', 'start_type_description_service')
+_OF_ROS_PREFIX = 'qos_overrides.'
+_INT64_MAX = 2**63 - 1
+
+Listener = Callable[[Config, NodeConfig], None]
+
+
+def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
+    """
+    Declare every parameter and return the values that the user chose.
+
+    Parameters
+    ----------
+    node : Node
+        Made with `automatically_declare_parameters_from_overrides`, so that names that no
+        parameter has are seen.
+    on_change : callable
+        Receives both configurations whenever a dynamic parameter was set.
+
+    Raises
+    ------
+    ConfigError
+        If a name is unknown or a value is not allowed.
+
+    """
+    chosen = _overrides(node)
+    refuse_unknown(chosen, KNOWN)
+    values = {name: item.check(chosen.get(name, item.default)) for name, item in KNOWN.items()}
+    configs = _configs(values)
+    for name, value in values.items():
+        if name in chosen:
+            node.undeclare_parameter(name)
+        node.declare_parameter(name, value, descriptor(KNOWN[name]), ignore_override=True)
+
+    def check(changes: Sequence[RosParameter]) -> SetParametersResult:
+        ours = {item.name: item.value for item in changes if item.name in KNOWN}
+        try:
+            _configs(_current(node) | ours)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def announce(changes: Sequence[RosParameter]) -> None:
+        if any(item.name in KNOWN for item in changes):
+            on_change(*_configs(_current(node)))
+
+    node.add_pre_set_parameters_callback(_whole_numbers_to_floats)
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(announce)
+    return configs
+
+
+def descriptor(item: Parameter) -> ParameterDescriptor:
+    """Return what `ros2 param describe` shows of a parameter."""
+    text = item.doc + (f' Unit: {item.unit}.' if item.unit else '')
+    result = ParameterDescriptor(
+        name=item.name,
+        description=text,
+        additional_constraints=f'One of {item.bounds}.' if item.choices else '',
+        read_only=not item.dynamic,
+    )
+    if item.low is None and item.high is None:
+        return result
+    if item.type is float:
+        low = -sys.float_info.max if item.low is None else float(item.low)
+        high = sys.float_info.max if item.high is None else float(item.high)
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    else:
+        first = -_INT64_MAX if item.low is None else int(item.low)
+        last = _INT64_MAX if item.high is None else int(item.high)
+        result.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
+    return result
+
+
+def _overrides(node: Node) -> dict[str, Any]:
+    """Return what the command line and the parameter files say, but for what is ROS's own."""
+    names = node.list_parameters([], depth=0).names
+    return {
+        name: node.get_parameter(name).value
+        for name in names
+        if name not in _OF_ROS and not name.startswith(_OF_ROS_PREFIX)
+    }
+
+
+def _current(node: Node) -> dict[str, Any]:
+    return {name: node.get_parameter(name).value for name in KNOWN}
+
+
+def _configs(values: Mapping[str, Any]) -> tuple[Config, NodeConfig]:
+    core = {name: value for name, value in values.items() if name in _CORE}
+    return make_config(core), make_group(NodeConfig, values)
+
+
+def _whole_numbers_to_floats(changes: list[RosParameter]) -> list[RosParameter]:
+    """Take 1 for 1.0, which rclpy alone refuses."""
+    return [
+        RosParameter(item.name, value=float(item.value))
+        if item.name in KNOWN
+        and KNOWN[item.name].type is float
+        and item.type_ is RosParameter.Type.INTEGER
+        else item
+        for item in changes
+    ]

@@ -1,0 +1,95 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One thread behind one bounded queue."""
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+import threading
+from typing import Generic, TypeVar
+
+Item = TypeVar('Item')
+Action = Callable[[], None]
+
+
+class Worker(Generic[Item]):
+    """
+    Handles items one after another, in a thread of its own; drops the oldest when they pile up.
+
+    Parameters
+    ----------
+    handle : callable
+        Called with each item, in the thread; it must not raise.
+    queue_size : int
+        Items that may wait.
+
+    Attributes
+    ----------
+    dropped : int
+        Items that were pushed out of the queue.
+
+    """
+
+    def __init__(self, handle: Callable[[Item], None], queue_size: int) -> None:
+        self.dropped = 0
+        self._handle = handle
+        self._size = queue_size
+        self._items: deque[Item] = deque()
+        self._actions: deque[Action] = deque()
+        self._stopping = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def put(self, item: Item) -> None:
+        """Append an item; returns at once."""
+        with self._changed:
+            if len(self._items) == self._size:
+                self._items.popleft()
+                self.dropped += 1
+            self._items.append(item)
+            self._changed.notify()
+
+    def between_items(self, action: Action) -> None:
+        """Have the thread call an action once, after the item at hand and before the next."""
+        with self._changed:
+            self._actions.append(action)
+            self._changed.notify()
+
+    @property
+    def waiting(self) -> int:
+        """Items in the queue."""
+        return len(self._items)
+
+    def stop(self, timeout_s: float) -> bool:
+        """
+        Leave what waits, finish the item at hand and end the thread.
+
+        Returns
+        -------
+        bool
+            False if the item at hand takes longer than the timeout.
+
+        """
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while (job := self._next_job()) is not None:
+            job()
+
+    def _next_job(self) -> Action | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._stopping or self._actions or self._items)
+            if self._stopping:
+                return None
+            if self._actions:
+                return self._actions.popleft()
+            return partial(self._handle, self._items.popleft())

@@ -1,0 +1,211 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A drawn street, its map, a client on the ROS graph, and processes of ours."""
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+import warnings
+
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.map_file import save_map
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.types import Pose
+import cv2
+import numpy as np
+import pytest
+
+# A library that message packages load at their first use is not clean itself.
+with contextlib.suppress(ImportError), warnings.catch_warnings():
+    warnings.simplefilter('ignore')
+    import rosidl_generator_py  # noqa: F401
+
+# Fast DDS makes itself known in its first half second, then every 3 s; here it shall be sooner.
+DISCOVERY = """
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="quick_discovery" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+NUM_PLACES = 25
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope='session', autouse=True)
+def quick_discovery(tmp_path_factory) -> Iterator[None]:
+    """Have nodes find each other without waiting."""
+    profile = tmp_path_factory.mktemp('dds') / 'quick_discovery.xml'
+    profile.write_text(DISCOVERY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+        yield
+
+
+@pytest.fixture(scope='session')
+def street() -> list[np.ndarray]:
+    """Return grey pictures (120, 160) that have nothing in common."""
+    noise = np.random.default_rng(7).integers(0, 256, (NUM_PLACES, 120, 160), np.uint8)
+    return [cv2.GaussianBlur(picture, (5, 5), 1.0) for picture in noise]
+
+
+@pytest.fixture(scope='session')
+def street_map(street) -> ReferenceMap:
+    """Return a map of the street: a place every second, one metre apart."""
+    reference_map = ReferenceMap()
+    for index, gray in enumerate(street):
+        pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
+        place = Place(index * SECOND + 1, 'street', pose, thumbnail(gray, 64))
+        reference_map.add(place, pack_cells(describe(gray).cells))
+    return reference_map
+
+
+@pytest.fixture(scope='session')
+def map_path(street_map, tmp_path_factory) -> Path:
+    """Return the file of the map of the street."""
+    path = tmp_path_factory.mktemp('map') / 'street.db'
+    save_map(street_map, path)
+    return path
+
+
+class Client:
+    """A node that publishes, listens and waits for what others do."""
+
+    def __init__(self, context: Any) -> None:
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+
+        self.context = context
+        self.node = Node('client', context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+
+    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 20) -> Any:
+        """Spin until the condition holds, and return what it returned."""
+        deadline_s = time.monotonic() + timeout_s
+        while not (value := condition()):
+            assert time.monotonic() < deadline_s, f'waited in vain: {what or condition}'
+            self.executor.spin_once(timeout_sec=0.02)
+        return value
+
+    def listen(self, kind: type, topic: str, qos: Any = 1000) -> list[Any]:
+        """Return a list to which messages are appended; there is a publisher already."""
+        messages: list[Any] = []
+        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        self.wait_for(subscription.get_publisher_count, f'a publisher of {topic}')
+        return messages
+
+    def camera(self, kind: type, topic: str = '/image', qos: Any = 1000) -> Any:
+        """Return a publisher that has a subscriber already."""
+        publisher = self.node.create_publisher(kind, topic, qos)
+        self.wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
+        return publisher
+
+    def call(self, kind: type, name: str, **fields: Any) -> Any:
+        """Return the answer of a service."""
+        service = self.node.create_client(kind, name)
+        self.wait_for(service.service_is_ready, name)
+        future = service.call_async(kind.Request(**fields))
+        self.wait_for(future.done, name)
+        return future.result()
+
+
+@pytest.fixture
+def client() -> Iterator[Client]:
+    """Return a client in a ROS context of its own."""
+    from rclpy.context import Context
+
+    context = Context()
+    context.init()
+    client = Client(context)
+    yield client
+    client.node.destroy_node()
+    client.executor.shutdown()
+    context.try_shutdown()
+
+
+@pytest.fixture
+def vpr() -> Iterator[Callable[..., Any]]:
+    """Return a maker of a VprNode in a thread of this process."""
+    from convseq_ros.node.vpr_node import VprNode
+    from rclpy.context import Context
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    contexts, ends = [], []
+
+    def make(*ros_args: str, **parameters: Any) -> VprNode:
+        cli_args = [*ros_args]
+        for name, value in parameters.items():
+            cli_args += ['-p', f'{name}:={value}']
+        if cli_args:
+            cli_args.insert(0, '--ros-args')
+        # Not the client's context: DDS allows only one type for a topic in each.
+        context = Context()
+        context.init()
+        contexts.append(context)
+        node = VprNode(context=context, cli_args=cli_args)
+
+        def spin() -> None:
+            executor = SingleThreadedExecutor(context=context)
+            executor.add_node(node)
+            with contextlib.suppress(ExternalShutdownException):
+                executor.spin()
+            node.destroy_node()
+            executor.shutdown()
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        ends.append(thread.join)
+        return node
+
+    yield make
+    for context in contexts:
+        context.try_shutdown()
+    for end in ends:
+        end()
+
+
+@pytest.fixture
+def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Return a starter of modules of `convseq_ros.node`; what still runs at the end is ended."""
+    processes = []
+
+    def run(module: str, *args: str) -> subprocess.Popen[str]:
+        processes.append(
+            subprocess.Popen(
+                [sys.executable, '-m', f'convseq_ros.node.{module}', *map(str, args)],
+                cwd=tmp_path,
+                env=os.environ | {'PYTHONUNBUFFERED': '1'},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return processes[-1]
+
+    yield run
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def image() -> Callable[..., Any]:
+    """Return a maker of mono8 images."""
+    from convseq_ros.node.conversions import image_message, stamp_from_ns
+    from std_msgs.msg import Header
+
+    def make(gray: np.ndarray, stamp_ns: int) -> Any:
+        return image_message(gray, Header(stamp=stamp_from_ns(stamp_ns), frame_id='camera'))
+
+    return make

@@ -1,0 +1,108 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Records become messages and come back unchanged."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
+from convseq_ros.node.conversions import (
+    candidates_from_message,
+    candidates_message,
+    image_message,
+    loop_closure_index_message,
+    loop_closure_message,
+    match_header,
+    pose_message,
+    stamp_from_ns,
+    stamp_to_ns,
+    status_message,
+)
+from convseq_ros.sources.images import decode_image
+from diagnostic_msgs.msg import DiagnosticStatus
+from hypothesis import given, strategies
+import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+STAMP_NS = 1_700_000_000_123_456_789
+CANDIDATES = (
+    Candidate(7, STAMP_NS - 60_000_000_000, 0.875),
+    Candidate(2, 5, 0.5),
+)
+MATCH = Match(11, STAMP_NS, Status.ACCEPTED, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
+POSE = Pose((1.0, -2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
+
+
+@given(strategies.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
+def test_a_stamp_comes_back(stamp_ns):
+    assert stamp_to_ns(stamp_from_ns(stamp_ns)) == stamp_ns
+
+
+def test_candidates_come_back_through_the_wire():
+    message = candidates_message(MATCH, {7: POSE, 2: None}, 'map')
+    message = deserialize_message(serialize_message(message), PointCloud2)
+    rows = candidates_from_message(message)
+    assert rows['index'].tolist() == [7, 2]
+    assert rows['score'].tolist() == [0.875, 0.5]
+    assert rows['length'].tolist() == [4, 4]
+    assert [rows[axis].tolist() for axis in 'xyz'] == [[1.0, 0.0], [-2.0, 0.0], [0.5, 0.0]]
+    stamps = rows['stamp_sec'].astype(np.int64) * 10**9 + rows['stamp_nanosec']
+    assert stamps.tolist() == [candidate.reference_stamp_ns for candidate in CANDIDATES]
+    assert stamp_to_ns(message.header.stamp) == STAMP_NS
+    assert message.header.frame_id == 'map'
+
+
+def test_no_candidates_make_a_cloud_of_no_points():
+    match = Match(0, STAMP_NS, Status.SKIPPED, Reason.UNREADABLE)
+    message = candidates_message(match, {}, 'map')
+    assert (message.width, message.height, len(message.data)) == (0, 1, 0)
+    assert len(candidates_from_message(message)) == 0
+
+
+def test_a_cloud_with_other_fields_is_refused():
+    message = candidates_message(MATCH, {7: POSE, 2: None}, 'map')
+    message.fields = message.fields[:3]
+    with pytest.raises(ValueError, match='got x, y, z'):
+        candidates_from_message(message)
+
+
+def test_a_loop_closure_is_two_times_in_seconds():
+    data = loop_closure_message(MATCH.query_stamp_ns, CANDIDATES[0]).data
+    assert len(data) == 2
+    assert data[0] == pytest.approx(1_700_000_000.123_456_789, abs=3e-7)
+    assert data[0] - data[1] == pytest.approx(60.0, abs=5e-7)
+
+
+def test_a_loop_closure_index_is_query_and_reference():
+    assert loop_closure_index_message(11, CANDIDATES[0]).data.tolist() == [11, 7]
+
+
+def test_a_pose_is_the_references_at_the_time_of_the_query():
+    message = pose_message(MATCH, POSE, 'site', 2.0, 0.5)
+    pose = message.pose.pose
+    assert (pose.position.x, pose.position.y, pose.position.z) == POSE.position
+    turn = pose.orientation
+    assert (turn.x, turn.y, turn.z, turn.w) == POSE.orientation
+    assert message.header == match_header(MATCH, 'site')
+    covariance = message.pose.covariance.reshape(6, 6)
+    assert np.array_equal(covariance, np.diag([4.0, 4.0, 4.0, 0.25, 0.25, 0.25]))
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'bgr8'])
+def test_a_picture_comes_back(encoding):
+    gray = np.random.default_rng(0).integers(0, 256, (7, 5), np.uint8)
+    picture = gray if encoding == 'mono8' else np.repeat(gray[:, :, None], 3, axis=2)
+    message = image_message(picture, match_header(MATCH, 'camera'))
+    assert message.encoding == encoding
+    assert np.array_equal(decode_image(message), gray)
+
+
+def test_a_status_is_readable():
+    values = {'queue': 3, 'rate_hz': 9.87654, 'map_path': '/a.db'}
+    status = status_message(DiagnosticStatus.WARN, 'vpr_node: x', 'slow', values)
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, 'slow')
+    assert {item.key: item.value for item in status.values} == {
+        'queue': '3', 'rate_hz': '9.877', 'map_path': '/a.db',
+    }  # fmt: skip

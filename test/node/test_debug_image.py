@@ -1,0 +1,44 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The debug image shows the query beside its reference."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.reference_map import Place
+from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
+from convseq_ros.node.debug_image import debug_image
+import numpy as np
+
+ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
+SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
+
+
+def flat(value):
+    return np.full((120, 160), value, np.uint8)
+
+
+def test_query_is_left_and_reference_right():
+    place = Place(8, thumbnail=thumbnail(flat(200), 64))
+    picture = debug_image(Frame(9, flat(50)), ACCEPTED, place)
+    assert picture.shape == (264, 640, 3)
+    assert picture.dtype == np.uint8
+    assert (picture[24:, :320] == 50).all()
+    assert np.abs(picture[24:, 320:].astype(int) - 200).max() <= 2
+
+
+def test_the_caption_is_green_only_if_accepted():
+    green = debug_image(Frame(9, flat(50)), ACCEPTED, None)[:24].reshape(-1, 3)
+    grey = debug_image(Frame(9, flat(50)), SKIPPED, None)[:24].reshape(-1, 3)
+    assert green[:, 1].max() > green[:, 2].max()
+    assert (grey == grey[:, :1]).all()
+    assert grey.any()
+
+
+@pytest.mark.parametrize('place', [None, Place(8), Place(8, thumbnail=b'not a jpeg')])
+def test_what_cannot_be_shown_is_a_grey_field(place):
+    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, place)
+    assert picture.shape == (264, 480, 3)
+    assert (picture[24:] == 64).all()

@@ -1,0 +1,103 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The state on /diagnostics names what is wrong and what to do."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.node import diagnostics as module
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from sensor_msgs.msg import CompressedImage, Image
+from std_srvs.srv import SetBool
+
+SECOND = 1_000_000_000
+PERIOD = {'diagnostics_period_s': 0.1}
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Have the node miss images sooner."""
+    monkeypatch.setattr(module, '_SILENCE_S', 0.2)
+
+
+def status_with(client, text):
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_for(lambda: heard and text in heard[-1].status[0].message, text)
+    return heard[-1].status[0]
+
+
+def test_no_map_is_an_error_that_names_the_service(client, vpr):
+    vpr(**PERIOD)
+    status = status_with(client, '/vpr_node/load_map')
+    assert status.level == DiagnosticStatus.ERROR
+    assert status.name == 'vpr_node: place recognition'
+
+
+def test_a_node_that_gets_images_is_well(client, vpr, map_path, street, image):
+    vpr(map_path=map_path, **PERIOD)
+    client.camera(Image).publish(image(street[0], SECOND))
+    status = status_with(client, 'recognising places')
+    assert status.level == DiagnosticStatus.OK
+    keys = {item.key for item in status.values}
+    assert {'received_hz', 'processed_hz', 'queue', 'dropped', 'latency_ms', 'last_reason'} <= keys
+
+
+def test_a_disabled_node_misses_nothing(client, vpr, map_path, impatient):
+    vpr(map_path=map_path, **PERIOD)
+    client.call(SetBool, '/vpr_node/set_enabled', data=False)
+    assert status_with(client, 'disabled').level == DiagnosticStatus.OK
+
+
+def test_a_topic_without_a_publisher_is_named(client, vpr, map_path, impatient):
+    vpr('-r', 'image:=/front/image', map_path=map_path, **PERIOD)
+    status = status_with(client, '/front/image has no publisher; remap it')
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.startswith('no images for')
+
+
+def test_a_publisher_that_sends_nothing_is_counted(client, vpr, map_path, impatient):
+    vpr(map_path=map_path, **PERIOD)
+    client.camera(Image)
+    status_with(client, '/image has 1 publisher(s), but none sends')
+
+
+@pytest.mark.parametrize(
+    ('transport', 'kind', 'topic', 'remedy'),
+    [
+        ('raw', CompressedImage, '/image', 'carries sensor_msgs/msg/CompressedImage; publish it'),
+        ('raw', CompressedImage, '/image/compressed', 'set image_transport to compressed'),
+        ('compressed', Image, '/image', 'but /image has: set image_transport to raw'),
+        ('compressed', Image, '/image/compressed', 'set image_transport to raw'),
+        ('raw', DiagnosticArray, '/image', 'remap `image` to a topic of sensor_msgs/msg/Image'),
+    ],
+)
+def test_images_of_another_type_are_named_with_the_remedy(
+    client, vpr, map_path, impatient, transport, kind, topic, remedy
+):
+    client.node.create_publisher(kind, topic, 1)
+    vpr(map_path=map_path, image_transport=transport, **PERIOD)
+    assert status_with(client, remedy).level == DiagnosticStatus.WARN
+
+
+def test_a_compressed_topic_given_by_name_needs_the_transport_only(
+    client, vpr, map_path, impatient
+):
+    client.node.create_publisher(CompressedImage, '/cam/compressed', 1)
+    vpr('-r', 'image:=/cam/compressed', map_path=map_path, **PERIOD)
+    status_with(client, 'CompressedImage; set image_transport to compressed')
+
+
+def test_dropped_frames_are_a_warning(client, vpr, map_path, street, image):
+    vpr(map_path=map_path, queue_size=1, **PERIOD)
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    camera = client.camera(Image)
+    sent = 0
+
+    def warned():
+        nonlocal sent
+        sent += 1
+        camera.publish(image(street[sent % 25], sent * SECOND))
+        return any('dropped' in message.status[0].message for message in heard)
+
+    client.wait_for(warned)

@@ -1,0 +1,53 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The camera topic's reliability follows the parameter, and the camera if it may."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image
+
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def asked_for(client):
+    """Return the reliability of the node's subscription, as the graph shows it."""
+    infos = client.wait_for(lambda: client.node.get_subscriptions_info_by_topic('/image'))
+    assert len(infos) == 1
+    return infos[0].qos_profile.reliability
+
+
+@pytest.mark.parametrize(
+    ('chosen', 'asked'),
+    [
+        ('auto', ReliabilityPolicy.RELIABLE),
+        ('reliable', ReliabilityPolicy.RELIABLE),
+        ('best_effort', ReliabilityPolicy.BEST_EFFORT),
+    ],
+)
+def test_the_parameter_chooses_what_is_asked_for(client, vpr, chosen, asked):
+    vpr(image_reliability=chosen)
+    assert asked_for(client) is asked
+
+
+def test_auto_gives_way_to_a_best_effort_camera(client, vpr, capfd):
+    vpr()
+    client.node.create_publisher(Image, '/image', BEST_EFFORT)
+    client.wait_for(lambda: asked_for(client) is ReliabilityPolicy.BEST_EFFORT)
+    client.wait_for(lambda: 'best effort; following it' in ''.join(capfd.readouterr()))
+
+
+def test_a_reliable_camera_is_kept_reliable(client, vpr, street, image):
+    node = vpr()
+    client.camera(Image).publish(image(street[0], 1))
+    client.wait_for(lambda: node._statistics.received == 1)
+    assert asked_for(client) is ReliabilityPolicy.RELIABLE
+
+
+def test_reliable_refuses_a_best_effort_camera_and_says_so(client, vpr, capfd):
+    vpr(image_reliability='reliable')
+    client.node.create_publisher(Image, '/image', BEST_EFFORT)
+    client.wait_for(lambda: 'set image_reliability to auto' in ''.join(capfd.readouterr()))
+    assert asked_for(client) is ReliabilityPolicy.RELIABLE

@@ -1,0 +1,161 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the node are those of config.py, checked at start and when set."""
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.config import Config, core_parameters, NodeConfig, SequenceConfig
+from convseq_ros.errors import ConfigError
+from convseq_ros.node.parameters import declare, KNOWN
+from convseq_ros.parameter import parameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+ALL = [*core_parameters(), *parameters(NodeConfig)]
+
+
+class Declared(Node):
+    """A node that has nothing but parameters."""
+
+    def __init__(self, context, *ros_args):
+        super().__init__(
+            'node',
+            context=context,
+            cli_args=['--ros-args', *ros_args],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        self.changes = []
+        self.config, self.node_config = declare(self, self.note)
+
+    def note(self, *configs):
+        self.changes.append(configs)
+
+
+@pytest.fixture
+def declared(client):
+    nodes = []
+
+    def make(*ros_args):
+        nodes.append(Declared(client.context, *ros_args))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+def set_one(node, name, value):
+    return node.set_parameters([Parameter(name, value=value)])[0]
+
+
+def test_defaults_are_those_of_the_configuration(declared):
+    node = declared()
+    assert (node.config, node.node_config) == (Config(), NodeConfig())
+    assert {item.name: node.get_parameter(item.name).value for item in ALL} == {
+        item.name: item.default for item in ALL
+    }
+
+
+def test_every_parameter_is_described_with_unit_and_bounds(declared):
+    node = declared()
+    for item in ALL:
+        descriptor = node.describe_parameter(item.name)
+        assert item.doc in descriptor.description
+        assert item.unit in descriptor.description
+        assert descriptor.read_only == (not item.dynamic)
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        if item.low is not None:
+            assert (ranges[0].from_value, ranges[0].to_value) == (item.low, item.high)
+        if item.choices:
+            assert item.choices[0] in descriptor.additional_constraints
+
+
+def test_the_command_line_is_obeyed(declared):
+    node = declared('-p', 'fixed_length:=3', '-p', 'map_frame:=site')
+    assert node.config.sequence.fixed_length == 3
+    assert node.node_config.map_frame == 'site'
+    assert node.get_parameter('fixed_length').value == 3
+
+
+def test_a_parameter_file_for_all_nodes_is_obeyed(declared, tmp_path):
+    path = tmp_path / 'all.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    min_margin: 0.25\n    queue_size: 7\n')
+    node = declared('--params-file', str(path))
+    assert node.config.acceptance.min_margin == 0.25
+    assert node.node_config.queue_size == 7
+
+
+@pytest.mark.parametrize('text', ['1', '1.0'])
+def test_a_whole_number_will_do_for_a_float(declared, text):
+    node = declared('-p', f'min_margin:={text}')
+    assert node.config.acceptance.min_margin == 1.0
+    assert node.get_parameter('min_margin').type_ is Parameter.Type.DOUBLE
+    assert set_one(node, 'overlap_threshold', 1).successful
+    assert node.get_parameter('overlap_threshold').value == 1.0
+
+
+@pytest.mark.parametrize(
+    ('argument', 'reason'),
+    [
+        ('min_margim:=0.1', "unknown parameter 'min_margim'; did you mean min_margin?"),
+        ('nonsense.deep:=1', "unknown parameter 'nonsense.deep'"),
+        ('min_margin:=1.5', 'min_margin: 1.5 is outside 0 .. 1'),
+        ('queue_size:=0', 'queue_size: 0 is outside 1 .. 10000'),
+        ('queue_size:=many', "queue_size: expected int, got 'many'"),
+        ('queue_size:=2.5', 'queue_size: expected int, got 2.5'),
+        ('image_transport:=theora', "image_transport: 'theora' is not one of raw, compressed"),
+        ('image_size_px:=500', 'image_size_px: 500 is not a multiple'),
+        ('min_length:=20', 'not in ascending order'),
+    ],
+)
+def test_a_wrong_start_is_refused_in_one_line(declared, argument, reason):
+    with pytest.raises(ConfigError) as error:
+        declared('-p', argument)
+    assert reason in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+def test_parameters_of_ros_itself_are_let_be(declared):
+    node = declared(
+        '-p', 'use_sim_time:=true',
+        '-p', 'start_type_description_service:=false',
+        '-p', 'qos_overrides./clock.subscription.depth:=3',
+    )  # fmt: skip
+    assert node.get_parameter('use_sim_time').value is True
+
+
+def test_setting_a_dynamic_parameter_announces_the_new_configuration(declared):
+    node = declared()
+    assert set_one(node, 'fixed_length', 5).successful
+    config, node_config = node.changes[-1]
+    assert config.sequence == SequenceConfig(fixed_length=5)
+    assert node_config == NodeConfig()
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('min_margin', 1.5, 'range'),
+        ('fixed_length', -1, 'range'),
+        ('fixed_length', 2.5, 'type'),
+        ('queue_size', 5, 'read-only'),
+        ('map_path', 'other.db', 'read-only'),
+        ('min_margin', float('nan'), 'range'),
+    ],
+)
+def test_a_wrong_setting_is_refused_with_its_reason(declared, name, value, reason):
+    node = declared()
+    before = node.get_parameter(name).value
+    result = set_one(node, name, value)
+    assert not result.successful
+    assert reason in result.reason
+    assert node.get_parameter(name).value == before
+    assert not node.changes
+
+
+def test_no_parameter_can_be_deleted(declared):
+    node = declared()
+    assert not node.set_parameters([Parameter('min_margin')])[0].successful
+    assert node.get_parameter('min_margin').value == KNOWN['min_margin'].default

@@ -1,0 +1,188 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player publishes every image of a recording, in time, with /clock."""
+
+import signal
+import time
+
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('rosbags')
+
+from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.sources import open_source
+from convseq_ros.sources.images import decode_compressed, decode_image
+import cv2
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Int32
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+STEP_NS = 3 * SECOND // 10
+BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def record(path, messages):
+    """Write messages and the times at which they were recorded."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        name = f'sensor_msgs/msg/{type(messages[0][1]).__name__}'
+        store = get_typestore(Stores.ROS2_JAZZY)
+        connection = writer.add_connection('/camera', name, typestore=store)
+        for time_ns, message in messages:
+            writer.write(connection, time_ns, serialize_message(message))
+
+
+@pytest.fixture(scope='module')
+def pictures(street):
+    """Return larger pictures: Fast DDS acknowledges small ones every 3 s only."""
+    return [cv2.resize(gray, (320, 240)) for gray in street]
+
+
+@pytest.fixture
+def recording(tmp_path, pictures, image):
+    """Return a recording of ten images, 0.3 s apart."""
+    path = tmp_path / 'drive'
+    stamps = [START_NS + index * STEP_NS for index in range(10)]
+    record(path, [(stamp, image(pictures[i], stamp)) for i, stamp in enumerate(stamps)])
+    return path
+
+
+def stamps_of(messages):
+    return [stamp_to_ns(message.header.stamp) for message in messages]
+
+
+def hear(client, start, kind, topic, *args):
+    """Return what a subscriber gets of a whole run of the player."""
+    messages = []
+    client.node.create_subscription(kind, topic, messages.append, 1000)
+    process = start('player', *args)
+    client.wait_for(lambda: process.poll() is not None, 'the end of the player')
+    for _ in range(5):
+        client.executor.spin_once(timeout_sec=0.05)
+    assert process.returncode == 0, process.communicate()
+    return messages
+
+
+def test_every_image_arrives_unchanged(client, start, recording, pictures):
+    messages = hear(client, start, Image, '/image', recording, '--rate', 10)
+    assert stamps_of(messages) == [START_NS + index * STEP_NS for index in range(10)]
+    for message, gray in zip(messages, pictures, strict=False):
+        assert np.array_equal(decode_image(message), gray)
+
+
+def test_compressed_images_go_to_the_compressed_sub_topic(client, start, pictures, tmp_path):
+    message = CompressedImage(format='png', data=cv2.imencode('.png', pictures[0])[1].tobytes())
+    message.header.stamp.sec = 5
+    record(tmp_path / 'drive', [(SECOND, message)])
+    messages = hear(
+        client, start, CompressedImage, '/cam/compressed', tmp_path / 'drive',
+        '--image-topic', '/cam',
+    )  # fmt: skip
+    assert len(messages) == 1
+    assert np.array_equal(decode_compressed(messages[0]), pictures[0])
+
+
+def test_a_folder_of_pictures_is_played_with_stamps(client, start, pictures, tmp_path):
+    folder = tmp_path / 'pictures'
+    folder.mkdir()
+    for index in range(3):
+        cv2.imwrite(str(folder / f'{index}.png'), pictures[index])
+    messages = hear(client, start, Image, '/image', folder, '--rate', 10)
+    assert stamps_of(messages) == [frame.stamp_ns for frame in open_source(folder)]
+    assert np.array_equal(decode_image(messages[2]), pictures[2])
+
+
+def test_images_without_a_stamp_get_the_time_of_recording(
+    client, start, pictures, image, tmp_path
+):
+    record(tmp_path / 'drive', [(START_NS + 5, image(pictures[0], 0))])
+    messages = hear(client, start, Image, '/image', tmp_path / 'drive')
+    assert stamps_of(messages) == [START_NS + 5]
+
+
+def test_start_leaves_out_the_beginning(client, start, recording):
+    messages = hear(client, start, Image, '/image', recording, '--start', 1.95, '--rate', 10)
+    assert stamps_of(messages) == [START_NS + index * STEP_NS for index in (7, 8, 9)]
+
+
+def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
+    clock = []
+    client.node.create_subscription(
+        Clock, '/clock', lambda message: clock.append(stamp_to_ns(message.clock)), BEST_EFFORT
+    )
+    before_s = time.monotonic()
+    messages = hear(client, start, Image, '/image', recording, '--rate', 1.5)
+    assert time.monotonic() - before_s > 1.8
+    assert len(messages) == 10
+    assert START_NS <= clock[0]
+    assert clock == sorted(clock)
+    # 1.8 s of playing at 100 Hz; half of it will do on a busy machine.
+    assert len(clock) > 90
+    assert clock[-1] - START_NS == pytest.approx(2.7 * SECOND, abs=0.3 * SECOND)
+
+
+def test_a_node_on_the_time_of_the_recording_survives_a_loop(
+    client, start, recording, map_path
+):
+    start(
+        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'use_sim_time:=true',
+        '-p', 'diagnostics_period_s:=0.1',
+    )  # fmt: skip
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop')
+    client.wait_for(lambda: len(heard) >= 12, 'a second round')
+    client.wait_for(lambda: START_NS <= stamps_of(diagnostics)[-1] < START_NS + 10 * SECOND)
+    player.send_signal(signal.SIGINT)
+    assert player.wait(10) == 0
+    indices = [message.data for message in heard]
+    assert indices[:12] == [-1, 3, 4, 5, 6, 7, 8, 9, -1, 3, 4, 5]
+
+
+def test_nobody_listening_is_one_line_and_exit_1(start, recording):
+    process = start('player', recording, '--wait-subscribers', 0.1)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert errors.splitlines() == [
+        'convseq play: /image: nobody subscribes after 0.1 s; '
+        'start vpr_node, or play to nobody with --wait-subscribers 0'
+    ]
+
+
+def test_it_plays_to_nobody_if_told_so(start, recording):
+    process = start('player', recording, '--wait-subscribers', 0, '--rate', 100, '--best-effort')
+    assert process.communicate(timeout=20) == ('', '')
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('args', 'reason'),
+    [
+        (('missing',), 'missing: no such'),
+        (('drive', '--topic', '/rear'), '/camera'),
+        (('drive', '--start', '99', '--wait-subscribers', '0'), 'no images from --start 99 s on'),
+    ],
+)
+def test_what_cannot_be_played_is_one_line_and_exit_1(start, recording, args, reason):
+    process = start('player', *args)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert errors.startswith('convseq play: ')
+    assert reason in errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize('option', [('--rate', '0'), ('--start', '-1'), ('--rate', 'fast')])
+def test_a_wrong_option_is_refused(start, recording, option):
+    process = start('player', recording, *option)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert option[0] in errors

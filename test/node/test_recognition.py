@@ -1,0 +1,119 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever happens to one frame, the next one is answered."""
+
+from unittest.mock import Mock
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.types import Reason
+from convseq_ros.errors import ConvseqError
+from convseq_ros.node.recognition import Arrival, Recognition
+from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.statistics import Statistics
+from convseq_ros.results import read_results
+import numpy as np
+from sensor_msgs.msg import CompressedImage
+
+STEP_NS = 100_000_000
+
+
+class Setup:
+    """A recognition whose surroundings are recorded."""
+
+    def __init__(self, recognizer, path):
+        self.logger = Mock()
+        self.statistics = Statistics()
+        self.published = []
+        self.results = ResultLog(str(path), self.logger)
+        self.ros_is_up = Mock(return_value=True)
+        self.recognition = Recognition(
+            recognizer, self.results, self.publish, self.statistics, self.logger, self.ros_is_up
+        )
+
+    def publish(self, frame, match, reference_map):
+        self.published.append((frame, match, len(reference_map)))
+
+    def handle(self, message, number):
+        self.recognition.handle(Arrival(message, (number + 1) * STEP_NS, 0, '/image'))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / 'result.csv'
+
+
+@pytest.fixture
+def setup(street_map, path):
+    return Setup(PlaceRecognizer(street_map), path)
+
+
+@pytest.fixture
+def gray():
+    return np.random.default_rng(3).integers(0, 256, (60, 80), np.uint8)
+
+
+def test_an_unreadable_frame_is_answered_and_counted(setup, image, gray, path):
+    broken = image(gray, 1)
+    broken.encoding = 'mono7'
+    setup.handle(broken, 0)
+    setup.handle(CompressedImage(format='jpeg', data=b'\xff\xd8no'), 1)
+    setup.handle(image(gray, 1), 2)
+    setup.results.close()
+    reasons = [Reason.UNREADABLE, Reason.UNREADABLE, Reason.WARMING_UP]
+    assert [match.reason for _, match, _ in setup.published] == reasons
+    assert [row['reason'] for row in read_results(path)] == [item.value for item in reasons]
+    assert (setup.statistics.unreadable, setup.statistics.failed) == (2, 0)
+    assert setup.statistics.processed == 3
+    assert 'mono7' in setup.published[0][0].problem
+    assert 'mono7' in setup.logger.warning.call_args_list[0].args[0]
+
+
+@pytest.mark.parametrize(
+    ('error', 'told'),
+    [(ConvseqError('no luck'), 'no luck'), (ZeroDivisionError('oh'), 'Traceback')],
+)
+def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
+    setup, image, gray, monkeypatch, error, told
+):
+    with monkeypatch.context() as patch:
+        patch.setattr(PlaceRecognizer, 'process', Mock(side_effect=error))
+        setup.handle(image(gray, 1), 0)
+    setup.handle(image(gray, 1), 1)
+    assert setup.statistics.failed == 1
+    assert told in setup.logger.error.call_args.args[0]
+    assert [match.query_index for _, match, _ in setup.published] == [0]
+    setup.results.close()
+
+
+def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
+    setup.ros_is_up.return_value = False
+    setup.recognition._publish = Mock(side_effect=RuntimeError('context is invalid'))
+    setup.handle(image(gray, 1), 0)
+    setup.results.close()
+    assert not setup.logger.error.called
+    assert len(read_results(path)) == 1
+
+
+def test_numbers_go_on_when_the_map_changes(setup, image, gray):
+    setup.handle(image(gray, 1), 0)
+    setup.recognition.swap(PlaceRecognizer(ReferenceMap()))
+    setup.handle(image(gray, 1), 1)
+    assert [(match.query_index, size) for _, match, size in setup.published] == [(0, 25), (1, 0)]
+    assert setup.published[1][1].reason is Reason.NO_MAP
+    setup.results.close()
+
+
+def test_a_frame_with_an_invalid_size_is_no_harder_than_others(setup, image, gray):
+    for number, (field, value) in enumerate(
+        [('height', 0), ('width', 2**31), ('step', 3), ('data', b'')]
+    ):
+        message = image(gray, 1)
+        setattr(message, field, value)
+        setup.handle(message, number)
+    assert [match.reason for _, match, _ in setup.published] == [Reason.UNREADABLE] * 4
+    setup.results.close()

@@ -1,0 +1,117 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The real process survives whatever a camera sends, and says so."""
+
+import signal
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.results import read_results
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Int32
+
+SECOND = 1_000_000_000
+
+
+def bad_images(image, gray):
+    """Yield images that no decoder can read."""
+    for field, value in (
+        ('encoding', 'mono7'),
+        ('encoding', ''),
+        ('step', 3),
+        ('data', b'short'),
+        ('data', b''),
+        ('height', 0),
+        ('width', 0),
+        ('width', 2**32 - 1),
+        ('height', 2**32 - 1),
+    ):
+        message = image(gray, 0)
+        setattr(message, field, value)
+        yield message
+
+
+def test_corrupt_frames_are_counted_and_good_ones_answered(
+    client, start, map_path, street, image, tmp_path
+):
+    result_file = tmp_path / 'result.csv'
+    process = start(
+        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'fixed_length:=1',
+        '-p', f'result_file:={result_file}', '-p', 'diagnostics_period_s:=0.1',
+    )  # fmt: skip
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    camera = client.camera(Image)
+    odd = [
+        *bad_images(image, street[0]),
+        image(np.zeros((120, 160), np.uint8), 0),
+        image(np.full((1, 1), 77, np.uint8), 0),
+    ]
+    for number, message in enumerate([image(street[3], 0), *odd, image(street[4], 0)]):
+        message.header.stamp.sec = number + 1
+        camera.publish(message)
+    # Bytes that are no message at all do not even arrive.
+    camera.publish(serialize_message(odd[0])[:30])
+    camera.publish(image(street[5], 60 * SECOND))
+    client.wait_for(lambda: len(heard) == 14)
+    assert [message.data for message in heard] == [3] + [-1] * 11 + [4, 5]
+
+    def counts():
+        values = {item.key: item.value for item in diagnostics[-1].status[0].values}
+        return values if values['processed'] == '14' else None
+
+    values = client.wait_for(counts)
+    assert (values['unreadable'], values['reason_unreadable']) == ('9', '9')
+    assert (values['reason_uninformative'], values['failed']) == ('2', '0')
+    assert (values['map_path'], values['map_size']) == (str(map_path), '25')
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(10) == 0
+    reasons = [row['reason'] for row in read_results(result_file)]
+    assert reasons == ['accepted'] + ['unreadable'] * 9 + ['uninformative'] * 2 + ['accepted'] * 2
+    _, errors = process.communicate()
+    assert 'mono7' in errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize('data', [b'', b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\nno'])
+def test_a_corrupt_picture_is_counted(client, vpr, map_path, data):
+    node = vpr(map_path=map_path, image_transport='compressed')
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(CompressedImage, '/image/compressed')
+    camera.publish(CompressedImage(format='jpeg', data=data))
+    client.wait_for(lambda: heard)
+    assert node._statistics.unreadable == 1
+
+
+def test_images_without_a_stamp_get_the_time_of_the_node(client, vpr, street, image, tmp_path):
+    path = tmp_path / 'result.csv'
+    node = vpr(result_file=path)
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    before_ns = client.node.get_clock().now().nanoseconds
+    camera.publish(image(street[0], 0))
+    camera.publish(image(street[1], 0))
+    client.wait_for(lambda: len(heard) == 2)
+    after_ns = client.node.get_clock().now().nanoseconds
+    node.context.try_shutdown()
+    client.wait_for(path.exists)
+    stamps = [int(row['query_stamp_ns']) for row in read_results(path)]
+    assert before_ns < stamps[0] < stamps[1] < after_ns
+
+
+def test_frames_that_do_not_fit_the_queue_are_dropped_and_counted(
+    client, vpr, street, image, map_path
+):
+    node = vpr(map_path=map_path, queue_size=1)
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    for index in range(30):
+        camera.publish(image(street[index % 25], (index + 1) * SECOND))
+        client.wait_for(lambda number=index: node._statistics.received > number)
+    client.wait_for(lambda: len(heard) + node._worker.dropped == 30)
+    assert node._worker.dropped > 0

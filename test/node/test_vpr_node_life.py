@@ -1,0 +1,95 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the node's process starts, refuses to start, and ends."""
+
+import signal
+import time
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.results import read_results
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_the_middle_of_a_frame_ends_the_node_cleanly(
+    client, start, map_path, street, image, tmp_path, number
+):
+    result_file = tmp_path / 'result.csv'
+    process = start(
+        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'queue_size:=1000',
+        '-p', f'result_file:={result_file}',
+    )  # fmt: skip
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    for index in range(300):
+        camera.publish(image(street[index % len(street)], (index + 1) * SECOND))
+    client.wait_for(lambda: len(heard) >= 3)
+    process.send_signal(number)
+    before_s = time.monotonic()
+    assert process.wait(10) == 0
+    assert time.monotonic() - before_s < 3
+    rows = read_results(result_file)
+    assert 3 <= len(rows) < 300
+    assert [int(row['query_index']) for row in rows] == list(range(len(rows)))
+    assert not result_file.with_name('result.csv.part').exists()
+    _, errors = process.communicate()
+    assert 'Traceback' not in errors
+    assert '[ERROR]' not in errors
+
+
+@pytest.mark.parametrize('pause_s', [0.0, 0.02, 0.1])
+def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path, pause_s):
+    process = start('vpr_node', '--ros-args', '-p', f'map_path:={map_path}')
+    # The first publisher appears while the node is still being made.
+    client.listen(Int32, '/vpr_node/match_index')
+    process.send_signal(signal.SIGINT)
+    time.sleep(pause_s)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=10)
+    assert process.returncode == 0, errors
+    assert 'Traceback' not in errors
+
+
+@pytest.mark.parametrize(
+    ('argument', 'reason'),
+    [
+        ('map_path:=missing.db', 'missing.db: no such map'),
+        ('map_path:=foreign.db', 'foreign.db: not a convseq map'),
+        ('min_margim:=0.1', "unknown parameter 'min_margim'; did you mean min_margin?"),
+        ('result_file:=missing/result.csv', 'No such file or directory'),
+    ],
+)
+def test_a_node_that_cannot_start_says_why_in_one_line(start, tmp_path, argument, reason):
+    (tmp_path / 'foreign.db').write_text('something else')
+    process = start('vpr_node', '--ros-args', '-p', argument)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    lines = errors.splitlines()
+    assert len(lines) == 1, errors
+    assert '[ERROR]' in lines[0]
+    assert reason in lines[0]
+
+
+def test_a_map_of_other_settings_is_refused_with_both_values(start, map_path):
+    process = start(
+        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'image_size_px:=256'
+    )
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert '512' in errors
+    assert '256' in errors
+    assert len(errors.splitlines()) == 1
+
+
+def test_a_parameter_file_that_is_missing_is_an_error(start):
+    process = start('vpr_node', '--ros-args', '--params-file', 'missing.yaml')
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert 'missing.yaml' in errors
+    assert 'Traceback' not in errors

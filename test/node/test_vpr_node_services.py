@@ -1,0 +1,185 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Services and dynamic parameters act between two frames; no frame is lost by them."""
+
+import threading
+import time
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.map_file import open_map, save_map
+from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.node import vpr_node
+from nav_msgs.srv import LoadMap
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32, UInt32
+from std_srvs.srv import SetBool, Trigger
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def drive(client, street, image):
+    """Return a way to show one place of the street and get the index that is answered."""
+    heard, camera, shown = [], [], []
+
+    def show(place, stamp_s=None):
+        if not camera:
+            heard.append(client.listen(Int32, '/vpr_node/match_index'))
+            camera.append(client.camera(Image))
+        shown.append(stamp_s or len(shown) + 1)
+        camera[0].publish(image(street[place], shown[-1] * SECOND))
+        client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
+        return heard[0][-1].data
+
+    return show
+
+
+def set_parameter(client, name, value):
+    parameter = Parameter(name, value=value).to_parameter_msg()
+    answer = client.call(SetParameters, '/vpr_node/set_parameters', parameters=[parameter])
+    return answer.results[0]
+
+
+def test_without_a_map_the_node_waits_for_one(client, vpr, drive, map_path):
+    node = vpr(fixed_length=1)
+    assert drive(3) == -1
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
+    assert answer.result == LoadMap.Response.RESULT_SUCCESS
+    assert drive(3) == 3
+    assert node._statistics.reasons == {'no_map': 1, 'accepted': 1}
+
+
+@pytest.mark.parametrize(
+    ('url', 'result'),
+    [
+        ('missing.db', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        ('', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        ('foreign.db', LoadMap.Response.RESULT_INVALID_MAP_DATA),
+    ],
+)
+def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
+    client, vpr, drive, map_path, tmp_path, monkeypatch, url, result
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'foreign.db').write_text('something else')
+    vpr(map_path=map_path, fixed_length=1)
+    assert client.call(LoadMap, '/vpr_node/load_map', map_url=url).result == result
+    assert drive(3) == 3
+
+
+def test_another_map_takes_over_while_frames_come_and_none_is_lost(
+    client, vpr, street, street_map, image, map_path, tmp_path, monkeypatch
+):
+    reverse = ReferenceMap()
+    for index in reversed(range(len(street_map))):
+        reverse.add(street_map.places[index], street_map.packed(index))
+    save_map(reverse, tmp_path / 'reverse.db')
+    opening, frames_came = threading.Event(), threading.Event()
+
+    def open_slowly(*args):
+        opening.set()
+        assert frames_came.wait(20)
+        return open_map(*args)
+
+    vpr(map_path=map_path, fixed_length=1)
+    monkeypatch.setattr(vpr_node, 'open_map', open_slowly)
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    service = client.node.create_client(LoadMap, '/vpr_node/load_map')
+    client.wait_for(service.service_is_ready)
+    future = service.call_async(LoadMap.Request(map_url=str(tmp_path / 'reverse.db')))
+    client.wait_for(opening.is_set, 'the opening to begin')
+    for index in range(5):
+        camera.publish(image(street[index], (index + 1) * SECOND))
+    client.wait_for(lambda: len(heard) == 5, 'answers while the map is opened')
+    frames_came.set()
+    client.wait_for(future.done, 'the end of the opening')
+    for index in range(5, 10):
+        camera.publish(image(street[index], (index + 1) * SECOND))
+    client.wait_for(lambda: len(heard) == 10, 'answers from the new map')
+    assert [message.data for message in heard] == [0, 1, 2, 3, 4, 19, 18, 17, 16, 15]
+
+
+def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_path, tmp_path):
+    vpr(map_path=map_path)
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message.split(';')[0]) == (False, 'save_map_path is empty')
+    path = tmp_path / 'copy.db'
+    assert set_parameter(client, 'save_map_path', str(path)).successful
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message) == (True, str(path))
+    assert open_map(path, street_map.encoding).places == street_map.places
+
+
+def test_a_map_that_cannot_be_saved_is_one_line(client, vpr, map_path, tmp_path):
+    vpr(map_path=map_path, save_map_path=tmp_path / 'missing' / 'copy.db')
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert not answer.success
+    assert 'missing/copy.db' in answer.message
+    assert '\n' not in answer.message
+
+
+def test_no_map_cannot_be_saved(client, vpr, tmp_path):
+    vpr(save_map_path=tmp_path / 'copy.db')
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message) == (False, 'there is no map to save')
+
+
+def test_reset_starts_the_sequence_anew(client, vpr, drive, map_path):
+    vpr(map_path=map_path)
+    assert [drive(place) for place in (1, 2, 3)] == [-1, 2, 3]
+    assert client.call(Trigger, '/vpr_node/reset').success
+    assert [drive(place) for place in (4, 5)] == [-1, 5]
+
+
+def test_a_backward_jump_of_the_clock_starts_the_sequence_anew(client, vpr, drive, map_path):
+    node = vpr(map_path=map_path)
+    assert [drive(place, 100 + place) for place in (1, 2, 3)] == [-1, 2, 3]
+    assert [drive(place, place) for place in (1, 2, 3)] == [-1, 2, 3]
+    assert node._situation().clock_jumps == 1
+
+
+def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
+    client, vpr, drive, map_path, street, image
+):
+    node = vpr(map_path=map_path)
+    assert [drive(place) for place in (1, 2)] == [-1, 2]
+    assert client.call(SetBool, '/vpr_node/set_enabled', data=False).message == 'disabled'
+    camera = client.camera(Image)
+    camera.publish(image(street[3], 50 * SECOND))
+    client.wait_for(lambda: node._statistics.received == 3)
+    assert client.call(SetBool, '/vpr_node/set_enabled', data=True).message == 'enabled'
+    assert [drive(place) for place in (4, 5)] == [-1, 5]
+    assert node._statistics.processed == 4
+
+
+def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, drive, map_path):
+    vpr(map_path=map_path, fixed_length=1)
+    lengths = client.listen(UInt32, '/vpr_node/sequence_length')
+    assert drive(1) == 1
+    assert set_parameter(client, 'fixed_length', 2).successful
+    assert drive(2) == 2
+    assert set_parameter(client, 'min_margin', 1).successful
+    assert drive(3) == -1
+    assert not set_parameter(client, 'queue_size', 3).successful
+    client.wait_for(lambda: len(lengths) == 3)
+    assert [message.data for message in lengths] == [1, 2, 2]
+
+
+def test_services_answer_at_once_while_frames_are_processed(
+    client, vpr, street, image, map_path
+):
+    node = vpr(map_path=map_path, queue_size=1000)
+    camera = client.camera(Image)
+    for index in range(100):
+        camera.publish(image(street[index % 25], (index + 1) * SECOND))
+    client.wait_for(lambda: node._statistics.processed > 2)
+    before_s = time.monotonic()
+    client.call(Trigger, '/vpr_node/reset')
+    assert node._worker.waiting > 10
+    assert time.monotonic() - before_s < 0.5

@@ -1,0 +1,157 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Images go in, the places of the map come out; each test runs the real node's process."""
+
+import signal
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.node.conversions import candidates_from_message, stamp_from_ns, stamp_to_ns
+from convseq_ros.results import read_results
+import cv2
+from geometry_msgs.msg import PoseWithCovarianceStamped
+import numpy as np
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, Int64MultiArray, UInt32
+
+SECOND = 1_000_000_000
+LATER_NS = 1000 * SECOND
+NUM_FRAMES = 20
+KINDS = {
+    'match_index': Int32,
+    'match_score': Float32,
+    'sequence_length': UInt32,
+    'candidates': PointCloud2,
+    'loop_closure': Float64MultiArray,
+    'loop_closure_index': Int64MultiArray,
+    'pose': PoseWithCovarianceStamped,
+}
+
+
+@pytest.fixture
+def vpr_node(start, map_path):
+    """Return a starter of the node's process with the map of the street."""
+
+    def run(*ros_args):
+        return start('vpr_node', '--ros-args', '-p', f'map_path:={map_path}', *ros_args)
+
+    return run
+
+
+def listen_to_all(client, prefix='/vpr_node'):
+    return {name: client.listen(kind, f'{prefix}/{name}') for name, kind in KINDS.items()}
+
+
+def drive(client, camera, street, image):
+    for index in range(NUM_FRAMES):
+        camera.publish(image(street[index], LATER_NS + index * SECOND))
+
+
+def test_a_second_drive_is_recognised_on_all_topics(client, vpr_node, street, image, tmp_path):
+    result_file = tmp_path / 'result.csv'
+    process = vpr_node('-p', f'result_file:={result_file}', '-p', 'position_sigma_m:=3')
+    heard = listen_to_all(client)
+    camera = client.camera(Image)
+    drive(client, camera, street, image)
+    client.wait_for(lambda: len(heard['candidates']) == NUM_FRAMES, 'an answer to every frame')
+    client.wait_for(lambda: heard['pose'] and heard['pose'][-1].pose.pose.position.x == 19)
+
+    indices = [message.data for message in heard['match_index']]
+    assert indices[0] == -1
+    assert indices[1:] == list(range(1, NUM_FRAMES))
+    lengths = [message.data for message in heard['sequence_length']]
+    scores = [message.data for message in heard['match_score']]
+    assert lengths[0] == 0
+    assert scores[0] == 0.0
+    assert all(2 <= length <= 25 for length in lengths[1:])
+    assert all(0.5 < score <= 1.0 for score in scores[1:])
+
+    for number, message in enumerate(heard['candidates']):
+        assert stamp_to_ns(message.header.stamp) == LATER_NS + number * SECOND
+        assert message.header.frame_id == 'map'
+    rows = candidates_from_message(heard['candidates'][9])
+    assert rows['index'][0] == 9
+    assert rows['score'][0] == pytest.approx(scores[9])
+    assert rows['length'][0] == lengths[9]
+    assert (rows['x'][0], rows['y'][0], rows['z'][0]) == (9.0, 2.0, 0.5)
+    assert (rows['stamp_sec'][0], rows['stamp_nanosec'][0]) == (9, 1)
+    assert len(candidates_from_message(heard['candidates'][0])) == 0
+
+    closures = [message.data.tolist() for message in heard['loop_closure']]
+    assert closures == [pytest.approx([1000 + i, i], abs=1e-6) for i in range(1, NUM_FRAMES)]
+    pairs = [message.data.tolist() for message in heard['loop_closure_index']]
+    assert pairs == [[i, i] for i in range(1, NUM_FRAMES)]
+    pose = heard['pose'][8]
+    assert pose.header == heard['candidates'][9].header
+    assert pose.pose.pose.position.x == 9.0
+    assert pose.pose.pose.orientation.w == 0.8
+    assert pose.pose.covariance[0] == 9.0
+
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 0
+    table = read_results(result_file)
+    assert [int(row['query_stamp_ns']) for row in table] == [
+        LATER_NS + index * SECOND for index in range(NUM_FRAMES)
+    ]
+    assert [int(row['reference_index'] or -1) for row in table] == indices
+
+
+@pytest.mark.parametrize('topic', ['/image', '/image/compressed'])
+def test_compressed_images_are_recognised(client, vpr_node, street, topic):
+    vpr_node('-p', 'image_transport:=compressed', '-r', f'image:={topic}')
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(CompressedImage, '/image/compressed')
+    for index in range(5):
+        stamp = stamp_from_ns(LATER_NS + index * SECOND)
+        data = cv2.imencode('.png', street[index])[1].tobytes()
+        camera.publish(CompressedImage(header=Header(stamp=stamp), format='png', data=data))
+    client.wait_for(lambda: len(heard) == 5)
+    assert [message.data for message in heard] == [-1, 1, 2, 3, 4]
+
+
+def test_a_best_effort_camera_is_followed(client, vpr_node, street, image):
+    vpr_node()
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera = client.camera(Image, qos=qos)
+    for index in range(5):
+        camera.publish(image(street[index], LATER_NS + index * SECOND))
+        client.wait_for(lambda number=index: len(heard) == number + 1)
+    assert [message.data for message in heard] == [-1, 1, 2, 3, 4]
+
+
+def test_names_can_be_remapped_and_put_in_a_namespace(client, vpr_node, street, image, tmp_path):
+    settings = tmp_path / 'settings.yaml'
+    settings.write_text(
+        '/**:\n  ros__parameters:\n    map_frame: site\n    fixed_length: 1\n'
+    )
+    vpr_node(
+        '-r', 'image:=/cam/image', '-r', '__ns:=/robot', '-r', '__node:=places',
+        '-r', '~/match_index:=/lio/index', '--params-file', str(settings),
+    )  # fmt: skip
+    clouds = client.listen(PointCloud2, '/robot/places/candidates')
+    indices = client.listen(Int32, '/lio/index')
+    camera = client.camera(Image, '/cam/image')
+    camera.publish(image(street[6], LATER_NS))
+    client.wait_for(lambda: clouds and indices)
+    assert indices[0].data == 6
+    assert clouds[0].header.frame_id == 'site'
+    assert candidates_from_message(clouds[0])['length'][0] == 1
+
+
+def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street, image):
+    vpr(map_path=map_path, fixed_length=1)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    camera.publish(image(street[3], LATER_NS))
+    client.wait_for(lambda: indices)
+    pictures = client.listen(Image, '/vpr_node/debug_image')
+    camera.publish(image(street[4], LATER_NS + SECOND))
+    client.wait_for(lambda: pictures)
+    assert len(pictures) == 1
+    assert (pictures[0].encoding, pictures[0].height) == ('bgr8', 264)
+    assert stamp_to_ns(pictures[0].header.stamp) == LATER_NS + SECOND
+    assert np.frombuffer(pictures[0].data, np.uint8).std() > 10

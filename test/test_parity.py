@@ -1,0 +1,128 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live node and the core alone give the same answers to the same recording."""
+
+from dataclasses import replace
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('rosbags')
+
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.map_file import open_map, save_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.results import read_results, ResultWriter
+from convseq_ros.sources import open_source
+import cv2
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 100_000_000
+NUM_FRAMES = 36
+STEPS_PX = [2] * 8 + [60] * 8 + [20] * 8 + [1] * 12
+BLACK, UNREADABLE, LATE, JUMP = 5, 13, 21, 28
+
+
+@pytest.fixture(scope='module')
+def drive():
+    """Return views of a wall, driven past slowly and fast, so that k varies."""
+    noise = np.random.default_rng(11).integers(0, 256, (120, 1000), np.uint8)
+    wall = cv2.GaussianBlur(noise, (7, 7), 2.0)
+    wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX)
+    starts = np.cumsum(STEPS_PX) - STEPS_PX[0]
+    views = [wall[:, start : start + 160] for start in starts]
+    # Large enough that Fast DDS acknowledges them at once, not every 3 s.
+    return [cv2.resize(view, (320, 240), interpolation=cv2.INTER_NEAREST) for view in views]
+
+
+@pytest.fixture(scope='module')
+def map_path(drive, tmp_path_factory):
+    reference_map = ReferenceMap()
+    for index, gray in enumerate(drive):
+        blurred = cv2.GaussianBlur(gray, (3, 3), 0)
+        reference_map.add(Place(index * STEP_NS), pack_cells(describe(blurred).cells))
+    path = tmp_path_factory.mktemp('parity') / 'wall.db'
+    save_map(reference_map, path)
+    return path
+
+
+@pytest.fixture(scope='module')
+def recording(drive, tmp_path_factory):
+    """Return a recording with a black, an unreadable and a late image and a jump of the clock."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = store.types
+    path = tmp_path_factory.mktemp('parity') / 'drive'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/camera', 'sensor_msgs/msg/Image', typestore=store)
+        for index, gray in enumerate(drive):
+            stamp_ns = START_NS + index * STEP_NS
+            stamp_ns -= 2 * STEP_NS if index == LATE else 0
+            stamp_ns -= 25 * STEP_NS if index >= JUMP else 0
+            stamp = kinds['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+            pixels = np.zeros_like(gray) if index == BLACK else gray
+            message = kinds['sensor_msgs/msg/Image'](
+                kinds['std_msgs/msg/Header'](stamp, 'camera'),
+                240, 320, 'mono8', 0, 320, pixels.ravel(),
+            )  # fmt: skip
+            if index == UNREADABLE:
+                message = replace(message, step=3)
+            data = store.serialize_cdr(message, message.__msgtype__)
+            writer.write(connection, START_NS + index * STEP_NS, data)
+    return path
+
+
+def answers_of_the_core(recording, map_path, path):
+    source = open_source(recording)
+    recognizer = PlaceRecognizer(open_map(map_path))
+    with ResultWriter(path) as writer:
+        for frame in source:
+            writer.write(recognizer.process(frame), 0.0)
+    return read_results(path)
+
+
+def answers_of_the_node(recording, map_path, path):
+    python = [sys.executable, '-m']
+    node = subprocess.Popen(
+        [
+            *python, 'convseq_ros.node.vpr_node', '--ros-args', '-p', f'map_path:={map_path}',
+            '-p', f'result_file:={path}', '-p', 'queue_size:=1000',
+        ],
+        cwd=path.parent, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    part = path.with_name(path.name + '.part')
+    try:
+        subprocess.run(
+            [*python, 'convseq_ros.node.player', recording, '--rate', '2'],
+            cwd=path.parent, check=True, timeout=60,
+        )  # fmt: skip
+        deadline = 600
+        while len(part.read_text().splitlines()) <= NUM_FRAMES and deadline:
+            deadline -= 1
+            with pytest.raises(subprocess.TimeoutExpired):
+                node.wait(0.05)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(10) == 0
+    finally:
+        node.kill()
+        node.communicate()
+    return read_results(path)
+
+
+def test_the_live_node_answers_as_the_core(recording, map_path, tmp_path):
+    offline = answers_of_the_core(recording, map_path, tmp_path / 'offline.csv')
+    online = answers_of_the_node(recording, map_path, tmp_path / 'online.csv')
+    for row in (*offline, *online):
+        del row['duration_ms']
+    assert len(online) == NUM_FRAMES
+    assert online == offline
+    # The drive must be worth the comparison.
+    reasons = {row['reason'] for row in offline}
+    assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'warming_up'} <= reasons
+    assert len({row['sequence_length'] for row in offline}) > 3
