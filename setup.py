@@ -22,7 +22,10 @@ setup(
     keywords=['ROS', 'place recognition', 'loop closure', 'SLAM'],
     python_requires='>=3.11',
     packages=find_packages(exclude=['test*']),
-    package_data={NAME: ['py.typed']},
+    package_data={
+        NAME: ['py.typed', 'core/matching/projection.*'],
+        f'{NAME}.evaluation.report': ['*.css', '*.html', '*.js'],
+    },
     include_package_data=False,
     zip_safe=False,
     data_files=[

@@ -47,6 +47,24 @@ class EncodingConfig(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class MatchingConfig(Checked):
+    """How a pair of images is scored, and which pairs are."""
+
+    matching: str = parameter(
+        'regional', 'coherent asks where salient regions went, regional (the paper) how similar '
+        'their best counterparts are.', choices=('coherent', 'regional'),
+    )
+    search: str = parameter(
+        'exhaustive', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
+        choices=('exhaustive', 'shortlist'),
+    )
+    shortlist_length: int = parameter(
+        30, 'References at which the likely sequences may end.',
+        unit='references', low=3, high=1000,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
@@ -110,6 +128,7 @@ class Config:
     """Everything that decides a match: the same online and offline."""
 
     encoding: EncodingConfig = EncodingConfig()
+    matching: MatchingConfig = MatchingConfig()
     sequence: SequenceConfig = SequenceConfig()
     acceptance: AcceptanceConfig = AcceptanceConfig()
 

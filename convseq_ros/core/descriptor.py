@@ -35,32 +35,38 @@ def describe(
     side = config.image_size_px
     resized = cv2.resize(gray, (side, side), interpolation=cv2.INTER_LINEAR)
     bits = entropy_map(resized)
+    by_cell = cell_means(bits)
     return Descriptor(
         cells=cell_histograms(resized),
-        salient=salient_regions(bits, config.saliency_threshold),
+        salient=salient_regions(by_cell, config.saliency_threshold),
+        cell_entropy=by_cell,
         entropy=image_entropy(bits),
     )
 
 
-def salient_regions(bits: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:
+def cell_means(bits: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the mean of an entropy map (S, S) over each cell, shape (S / 16, S / 16)."""
+    side = bits.shape[0] // CELL_PX
+    return bits.reshape(side, CELL_PX, side, CELL_PX).mean(axis=(1, 3))
+
+
+def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:
     """
     Return which overlapping 2 x 2-cell regions are informative.
 
     Parameters
     ----------
-    bits : ndarray of float64, shape (S, S)
-        Entropy map.
+    cells : ndarray of float64, shape (C, C)
+        Mean entropy of each cell, in bits.
     threshold : float
-        Share of 8 bits that the mean over a region's 32 x 32 px must reach; ET in the paper.
+        Share of 8 bits that the mean over a region must reach; ET in the paper.
 
     Returns
     -------
-    ndarray of bool, shape ((S / 16 - 1) ** 2,)
+    ndarray of bool, shape ((C - 1) ** 2,)
         Row by row.
 
     """
-    side = bits.shape[0] // CELL_PX
-    cells = bits.reshape(side, CELL_PX, side, CELL_PX).mean(axis=(1, 3))
     regions = (cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]) / 4
     return (regions >= threshold * MAX_BITS).ravel()
 
@@ -71,5 +77,6 @@ def nothing_seen(config: EncodingConfig) -> Descriptor:
     return Descriptor(
         cells=np.zeros((side, side, BINS), np.float32),
         salient=np.zeros((side - 1) ** 2, np.bool_),
+        cell_entropy=np.zeros((side, side)),
         entropy=0.0,
     )

@@ -3,21 +3,36 @@
 """The pipeline: one object, one verb."""
 
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from convseq_ros.config import Config
 from convseq_ros.core.acceptance import decide
 from convseq_ros.core.candidates import best_candidates
 from convseq_ros.core.descriptor import describe, nothing_seen
-from convseq_ros.core.matching.regional import RegionalMatcher, similarity
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.sequence import choose_length, sequence_scores
-from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
+from convseq_ros.core.retrieval import Shortlist
+from convseq_ros.core.sequence import choose_length, Row, sequence_scores
+from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Reason, Status
 import numpy as np
 import numpy.typing as npt
 
-Row = npt.NDArray[np.float32]
 _CLOCK_JUMP_NS = 1_000_000_000
+_KEPT_REFERENCES = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A frame of the query buffer: what is compared of it, and its scores as far as known."""
+
+    descriptor: Descriptor
+    query: Any = None
+    row: Row | None = None
+    first_sight: Row | None = None
 
 
 class PlaceRecognizer:
@@ -35,8 +50,6 @@ class PlaceRecognizer:
     ----------
     resets : int
         How often a backward jump of the clock emptied the query buffer.
-    row : ndarray of float32, shape (R,), or None
-        Pair scores of the newest frame, to plot; None if it was not scored.
 
     """
 
@@ -44,11 +57,26 @@ class PlaceRecognizer:
         self.reference_map = reference_map
         self.config = config
         self.resets = 0
-        self.row: Row | None = None
-        self._matcher = RegionalMatcher(reference_map)
-        self._buffer: deque[tuple[Descriptor, Row | None]] = deque()
+        self._buffer: deque[_Seen] = deque()
         self._frames = 0
         self._last_stamp_ns: int | None = None
+        self._everywhere = np.arange(len(reference_map))
+        self._shortlist: Shortlist | None = None
+        if config.matching.search == 'shortlist' and len(reference_map):
+            self._shortlist = Shortlist(
+                reference_map, config.matching.shortlist_length, config.acceptance.rival_distance
+            )
+        self._matcher = Matcher(
+            reference_map,
+            config.matching.matching,
+            config.encoding.saliency_threshold,
+            _KEPT_REFERENCES if self._shortlist else None,
+        )
+
+    @property
+    def row(self) -> Row | None:
+        """Pair scores of the newest frame, (R,), NaN where there is none; None if unseen."""
+        return self._buffer[-1].row if self._buffer else None
 
     def reset(self) -> None:
         """Forget the frames seen so far; counting goes on."""
@@ -70,36 +98,36 @@ class PlaceRecognizer:
         answer = partial(Match, self._frames, frame.stamp_ns)
         skipped = partial(answer, Status.SKIPPED)
         self._frames += 1
-        self.row = None
         if not self._in_order(frame.stamp_ns):
             return skipped(Reason.OUT_OF_ORDER)
+        seen = self._look(frame)
+        self._keep(seen)
         if frame.gray is None:
-            self._keep(nothing_seen(self.config.encoding), None)
             return skipped(Reason.UNREADABLE)
-
-        descriptor = describe(frame.gray, self.config.encoding)
-        if not descriptor.informative:
-            self._keep(descriptor, None)
+        if seen.query is None:
             return skipped(Reason.UNINFORMATIVE)
         if not len(self.reference_map):
             return skipped(Reason.NO_MAP)
 
-        self.row = row = self._matcher.row(descriptor)
-        self._keep(descriptor, row)
+        pairs = 0 if self._shortlist else self._score([seen], self._everywhere)
+        outward = list(reversed(self._buffer))
         length = choose_length(
-            [kept for kept, _ in self._outward()], similarity, self.config.sequence
+            [one.descriptor for one in outward], similarity, self.config.sequence
         )
         if length is None:
-            return skipped(Reason.WARMING_UP, pairs_scored=len(row))
-
-        rows = [kept_row for _, kept_row in self._outward()[:length]]
-        scores = sequence_scores(rows, self._matcher.informative)
+            return skipped(Reason.WARMING_UP, pairs_scored=pairs)
+        window = outward[:length]
+        ends = self._everywhere
+        if self._shortlist:
+            ends = self._shortlist.ends([one.first_sight for one in window])
+            pairs = self._score(window, ends)
+        scores = _only(ends, sequence_scores([one.row for one in window]))
         candidates = best_candidates(scores, self.reference_map.places, self.config.acceptance)
         if not candidates:
-            return skipped(Reason.MAP_TOO_SHORT, (), length, len(row))
+            return skipped(Reason.MAP_TOO_SHORT, (), length, pairs)
         reason = decide(candidates, self.config.acceptance)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
-        return answer(status, reason, candidates, length, len(row))
+        return answer(status, reason, self._with_shift(candidates, seen), length, pairs)
 
     def _in_order(self, stamp_ns: int) -> bool:
         late_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - stamp_ns
@@ -111,10 +139,46 @@ class PlaceRecognizer:
         self._last_stamp_ns = stamp_ns
         return True
 
-    def _outward(self) -> list[tuple[Descriptor, Row | None]]:
-        return list(reversed(self._buffer))
+    def _look(self, frame: Frame) -> _Seen:
+        if frame.gray is None:
+            return _Seen(nothing_seen(self.config.encoding))
+        descriptor = describe(frame.gray, self.config.encoding)
+        query = self._matcher.see(descriptor) if descriptor.informative else None
+        if query is None:
+            return _Seen(descriptor)
+        row = np.full(len(self.reference_map), np.nan, np.float32)
+        first_sight = self._shortlist.row(descriptor) if self._shortlist else None
+        return _Seen(descriptor, query, row, first_sight)
 
-    def _keep(self, descriptor: Descriptor, row: Row | None) -> None:
-        self._buffer.append((descriptor, row))
+    def _keep(self, seen: _Seen) -> None:
+        self._buffer.append(seen)
         while len(self._buffer) > self.config.sequence.window:
             self._buffer.popleft()
+
+    def _score(self, window: Sequence[_Seen], ends: npt.NDArray[np.int64]) -> int:
+        """Score the pairs on the diagonals that end at some references; return how many."""
+        count = 0
+        for offset, one in enumerate(window):
+            if one.row is None:
+                continue
+            indices = ends[ends >= offset] - offset
+            missing = indices[np.isnan(one.row[indices])]
+            one.row[missing] = self._matcher.scores(one.query, missing)
+            count += len(missing)
+        return count
+
+    def _with_shift(
+        self, candidates: Sequence[Candidate], seen: _Seen
+    ) -> tuple[Candidate, ...]:
+        best = candidates[0]
+        shift = self._matcher.shift(seen.query, best.reference_index)
+        return replace(best, shift=shift), *candidates[1:]
+
+
+def _only(
+    ends: npt.NDArray[np.int64], scores: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the scores at some references, -inf elsewhere."""
+    listed = np.full(len(scores), -np.inf)
+    listed[ends] = scores[ends]
+    return listed

@@ -9,6 +9,8 @@ from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
+Row = npt.NDArray[np.float32]
+
 BACKWARD = -1
 FORWARD = 1
 
@@ -74,9 +76,7 @@ def mean_entropy(frames: Sequence[Descriptor]) -> float:
 
 
 def sequence_scores(
-    rows: Sequence[npt.NDArray[np.float32] | None],
-    informative: npt.NDArray[np.bool_],
-    direction: int = BACKWARD,
+    rows: Sequence[Row | None], direction: int = BACKWARD
 ) -> npt.NDArray[np.float64]:
     """
     Return how well a sequence of frames matches each reference, one to one and in order.
@@ -84,9 +84,8 @@ def sequence_scores(
     Parameters
     ----------
     rows : sequence of k ndarrays of float32, shape (R,), or None
-        Pair scores of the frames in order outward from the anchor; None for an uninformative one.
-    informative : ndarray of bool, shape (R,)
-        Which references can be matched.
+        Pair scores of the frames in order outward from the anchor, NaN where there is none; None
+        for an uninformative frame. The anchor has a row.
     direction : BACKWARD or FORWARD
         Whether the frames lie before or after the anchor.
 
@@ -94,21 +93,23 @@ def sequence_scores(
     -------
     ndarray of float64, shape (R,)
         At each reference, the mean of the pair scores along the diagonal that ends (BACKWARD) or
-        starts (FORWARD) there. -inf where the window leaves the map, the reference is
-        uninformative, or less than half of the window's pairs could be scored.
+        starts (FORWARD) there. -inf where the window leaves the map, the reference itself has no
+        score, or less than half of the window's pairs have one.
 
     """
-    count = len(informative)
-    total = np.zeros(count)
-    pairs = np.zeros(count)
+    anchor_row = rows[0]
+    if anchor_row is None:
+        raise ValueError('the anchor of a sequence must be informative')
+    count, length = len(anchor_row), len(rows)
+    total, pairs = np.zeros(count), np.zeros(count)
     for offset, row in enumerate(rows):
         if row is None or offset >= count:
             continue
         near, far = slice(offset, None), slice(None, count - offset)
         anchor, other = (near, far) if direction == BACKWARD else (far, near)
-        total[anchor] += np.where(informative[other], row[other], 0)
-        pairs[anchor] += informative[other]
-    length = len(rows)
+        known = np.isfinite(row[other])
+        total[anchor] += np.where(known, row[other], 0)
+        pairs[anchor] += known
     index = np.arange(count) if direction == BACKWARD else np.arange(count)[::-1]
-    scored = informative & (index >= length - 1) & (2 * pairs >= length)
+    scored = np.isfinite(anchor_row) & (index >= length - 1) & (2 * pairs >= length)
     return np.divide(total, pairs, out=np.full(count, -np.inf), where=scored)

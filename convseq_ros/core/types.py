@@ -8,6 +8,8 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+Shift = tuple[float, float]
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -63,6 +65,8 @@ class Descriptor:
         Histograms of gradient orientation, one a cell.
     salient : ndarray of bool, shape (regions,)
         Which 2 x 2-cell regions are informative, row by row.
+    cell_entropy : ndarray of float64, shape (rows, columns)
+        Mean entropy of each cell, in bits.
     entropy : float
         Mean entropy of the image as a share of 8 bits, in [0, 1].
 
@@ -70,6 +74,7 @@ class Descriptor:
 
     cells: npt.NDArray[np.float32]
     salient: npt.NDArray[np.bool_]
+    cell_entropy: npt.NDArray[np.float64]
     entropy: float
 
     @property
@@ -122,7 +127,7 @@ class Candidate:
     reference_index: int
     reference_stamp_ns: int
     score: float
-    shift: tuple[float, float] | None = None
+    shift: Shift | None = None
 
 
 @dataclass(frozen=True, slots=True)

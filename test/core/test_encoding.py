@@ -65,8 +65,8 @@ def test_entropy_of_a_flat_image_is_zero_and_of_noise_is_high():
 
 
 def test_a_region_is_salient_when_its_mean_entropy_reaches_the_threshold():
-    bits = np.zeros((48, 48))
-    bits[:16, :16] = 16
+    bits = np.zeros((3, 3))
+    bits[0, 0] = 16
     assert salient_regions(bits, 0.5).tolist() == [True, False, False, False]
     assert salient_regions(bits, 0.5001).tolist() == [False] * 4
 

@@ -64,13 +64,12 @@ def released(corridor):
 
 def forward_results(queries, best, rule):
     """Return (query, reference, score, k, entropy) with the first frame's mask for all frames."""
-    everywhere = np.ones(len(best[0]), bool)
     for anchor, first in enumerate(queries):
         k = choose_length(queries[anchor:], similarity, rule)
         if k is None:
             continue
         rows = [each[:, first.salient].mean(axis=1) for each in best[anchor : anchor + k]]
-        scores = sequence_scores(rows, everywhere, FORWARD)
+        scores = sequence_scores(rows, FORWARD)
         entropy = np.mean([one.entropy for one in queries[anchor : anchor + k]])
         yield anchor, int(scores.argmax()), float(scores.max()), k, entropy
 

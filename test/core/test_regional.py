@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's pair score."""
 
-from convseq_ros.core.matching.regional import pair_scores, RegionalMatcher, regions, similarity
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.regional import pair_scores, regions, similarity
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 def drawn(seed, salient=None):
     rng = np.random.default_rng(seed)
     mask = np.ones(961, bool) if salient is None else salient
-    return Descriptor(rng.random((32, 32, 8), np.float32), mask, 0.6)
+    return Descriptor(rng.random((32, 32, 8), np.float32), mask, np.full((32, 32), 5.0), 0.6)
 
 
 def test_a_region_joins_its_four_cells_row_by_row_at_unit_length():
@@ -30,7 +31,7 @@ def test_hand_worked_pair_is_the_mean_of_the_best_similarities():
     query[0, :, 0] = [1, 0, 1]
     reference = np.zeros((2, 2, 1), np.float32)
     reference[0, :, 0] = [3, 4]
-    seen = Descriptor(query, np.array([True, True]), 0.5)
+    seen = Descriptor(query, np.array([True, True]), np.zeros((2, 3)), 0.5)
     assert pair_scores(seen, [regions(reference)])[0] == pytest.approx((0.6 + 0.8) / 2)
 
 
@@ -39,7 +40,7 @@ def test_only_salient_regions_of_the_query_count():
     query[0, :, 0] = [1, 0, 1]
     reference = np.zeros((2, 2, 1), np.float32)
     reference[0, :, 0] = [3, 4]
-    seen = Descriptor(query, np.array([False, True]), 0.5)
+    seen = Descriptor(query, np.array([False, True]), np.zeros((2, 3)), 0.5)
     assert pair_scores(seen, [regions(reference)])[0] == pytest.approx(0.8)
 
 
@@ -59,10 +60,16 @@ def test_scores_lie_between_zero_and_one_and_follow_the_order_of_references():
     assert (pair_scores(drawn(9), others[::-1]) == scores[::-1]).all()
 
 
-def test_the_matcher_knows_which_references_show_nothing():
+def test_the_matcher_scores_what_it_is_asked_for_and_nothing_that_shows_nothing():
     reference_map = ReferenceMap()
-    for cells in (drawn(0).cells, np.zeros((32, 32, 8), np.float32)):
+    for cells in (drawn(0).cells, np.zeros((32, 32, 8), np.float32), drawn(1).cells):
         reference_map.add(Place(0), pack_cells(cells))
-    matcher = RegionalMatcher(reference_map)
-    assert matcher.informative.tolist() == [True, False]
-    assert matcher.row(drawn(0))[1] == 0
+    matcher = Matcher(reference_map, 'regional', 0.5)
+    query = matcher.see(drawn(9))
+    scores = matcher.scores(query, np.array([1, 2]))
+    assert np.isnan(scores[0]) and scores[1] == matcher.scores(query, np.array([2]))[0]
+    assert matcher.shift(query, 2) is None
+
+
+def test_a_query_without_salient_region_shows_nothing():
+    assert Matcher(ReferenceMap(), 'regional', 0.5).see(drawn(0, np.zeros(961, bool))) is None

@@ -4,8 +4,9 @@
 
 from collections.abc import Iterable
 
-from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.unit import unit
+from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
@@ -28,8 +29,7 @@ def regions(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     joined = np.concatenate(
         (cells[:-1, :-1], cells[:-1, 1:], cells[1:, :-1], cells[1:, 1:]), axis=2
     ).reshape(-1, 4 * cells.shape[2])
-    length = np.linalg.norm(joined, axis=1, keepdims=True)
-    return np.divide(joined, length, out=np.zeros_like(joined), where=length > 0)
+    return unit(joined)
 
 
 def pair_scores(
@@ -55,9 +55,7 @@ def pair_scores(
 
     """
     salient = regions(query.cells)[query.salient]
-    return np.fromiter(
-        ((salient @ reference.T).max(axis=1).mean() for reference in references), np.float32
-    ).clip(0.0, 1.0)
+    return np.array([_compare(salient, reference)[0] for reference in references], np.float32)
 
 
 def similarity(query: Descriptor, other: Descriptor) -> float:
@@ -65,27 +63,14 @@ def similarity(query: Descriptor, other: Descriptor) -> float:
     return float(pair_scores(query, [regions(other.cells)])[0])
 
 
-class RegionalMatcher:
-    """
-    Scores queries against every reference of a map (`pair_scores`).
+def _see(query: Descriptor, _least_bits: float) -> npt.NDArray[np.float32] | None:
+    return regions(query.cells)[query.salient] if query.informative else None
 
-    Parameters
-    ----------
-    reference_map : ReferenceMap
-        Its regions are held in memory: 123 kB a reference.
 
-    Attributes
-    ----------
-    informative : ndarray of bool, shape (R,)
-        Which references show anything.
+def _compare(
+    salient: npt.NDArray[np.float32], reference: npt.NDArray[np.float32]
+) -> tuple[float, Shift | None]:
+    return min(float((salient @ reference.T).max(axis=1).mean()), 1.0), None
 
-    """
 
-    def __init__(self, reference_map: ReferenceMap) -> None:
-        cells = [reference_map.cells(index) for index in range(len(reference_map))]
-        self._regions = [regions(place) for place in cells]
-        self.informative = np.array([place.any() for place in cells], np.bool_)
-
-    def row(self, query: Descriptor) -> npt.NDArray[np.float32]:
-        """Return the pair scores of an informative query, float32 of shape (R,)."""
-        return pair_scores(query, self._regions)
+REGIONAL = PairScore(_see, regions, _compare)

@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Coherent matching, ours: the share of regions that moved together from query to reference.
+
+At the true place the regions of the query are found again with one common shift; elsewhere,
+however similar the best counterparts are, their shifts scatter. So where each counterpart lies is
+asked, not how similar it is, which survives night, seasons and another viewpoint.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.unit import unit
+from convseq_ros.core.types import Descriptor, Shift
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+SIGMA_CELLS = 1.5
+_SPAN = 3
+_REACH = 6
+
+Regions = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class CoherentQuery:
+    """
+    What is compared of a query.
+
+    Parameters
+    ----------
+    regions : ndarray of float32, shape (G, 32)
+        Its salient regions, from `projected_regions`.
+    index : ndarray of int64, shape (G,)
+        Where they lie, row by row.
+    side : int
+        Regions in a row of the image.
+
+    """
+
+    regions: Regions
+    index: npt.NDArray[np.int64]
+    side: int
+
+
+@cache
+def projection() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the fixed mean (72,) and projection (72, 32); projection.md says where from."""
+    with files(__package__).joinpath('projection.npy').open('rb') as file:
+        stored = np.load(file, allow_pickle=False)
+    return stored[:, 0], stored[:, 1:]
+
+
+def joined_regions(cells: npt.NDArray[np.float32]) -> Regions:
+    """Return the 3 x 3-cell regions of an image at stride one, unit rows of shape (N, 72)."""
+    side = cells.shape[0] - _SPAN + 1
+    steps = range(_SPAN)
+    joined = np.concatenate(
+        [cells[row : row + side, column : column + side] for row in steps for column in steps],
+        axis=2,
+    )
+    return unit(joined.reshape(side * side, -1))
+
+
+def projected_regions(cells: npt.NDArray[np.float32]) -> Regions:
+    """
+    Return the 3 x 3-cell regions of an image, projected.
+
+    Parameters
+    ----------
+    cells : ndarray of float32, shape (S, S, 8)
+        Cell histograms.
+
+    Returns
+    -------
+    ndarray of float32, shape ((S - 2) ** 2, 32)
+        Row by row over the image, each of unit length.
+
+    """
+    mean, axes = projection()
+    return unit((joined_regions(cells) - mean) @ axes)
+
+
+def see(query: Descriptor, least_bits: float) -> CoherentQuery | None:
+    """
+    Return what is compared of a query; None if no region of it is salient.
+
+    Parameters
+    ----------
+    query : Descriptor
+        Of any image.
+    least_bits : float
+        Mean entropy over its 3 x 3 cells that makes a region salient.
+
+    """
+    entropy = cv2.boxFilter(query.cell_entropy, -1, (_SPAN, _SPAN))[1:-1, 1:-1]
+    index = np.flatnonzero(entropy >= least_bits)
+    if not index.size or not query.cells.any():
+        return None
+    return CoherentQuery(projected_regions(query.cells)[index], index, len(entropy))
+
+
+def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
+    """
+    Return which share of the regions agrees on one shift, and that shift.
+
+    Every salient region of the query votes for the shift to its best counterpart in the
+    reference; every region of the reference votes for the shift from its best counterpart among
+    the query's salient ones, with the same weight in total. Votes are counted within a Gaussian
+    of 1.5 cells.
+
+    Parameters
+    ----------
+    query : CoherentQuery
+        With at least one region.
+    reference : ndarray of float32, shape (N, 32)
+        From `projected_regions`.
+
+    Returns
+    -------
+    score : float
+        In [0, 1].
+    shift : (float, float)
+        Rows and columns, in cells, from the query's regions to the reference's; positive columns:
+        things are further right in the reference.
+
+    """
+    similarity = query.regions @ reference.T
+    there, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
+    everywhere = np.arange(len(reference))
+    votes = _votes(query.index, there, query.side)
+    votes += _votes(query.index[back], everywhere, query.side) * (len(there) / len(back))
+    peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
+    place = int(peak.argmax())
+    row, column = divmod(place, peak.shape[1])
+    score = float(peak.flat[place]) / (2 * len(there))
+    return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
+
+
+_WINDOW = np.exp(-(np.arange(-_REACH, _REACH + 1) ** 2) / (2 * SIGMA_CELLS**2))
+
+
+def _votes(
+    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64], side: int
+) -> npt.NDArray[np.float64]:
+    """Return how often each shift of rows and columns occurs, zero in the middle."""
+    span = 2 * side - 1
+    rows = end // side - start // side + side - 1
+    columns = end % side - start % side + side - 1
+    counts = np.bincount(rows * span + columns, minlength=span * span)
+    return counts.reshape(span, span).astype(np.float64)
+
+
+COHERENT = PairScore(see, projected_regions, coherent_score)

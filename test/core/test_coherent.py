@@ -1,0 +1,169 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coherent matching: where regions went."""
+
+import importlib.util
+from pathlib import Path
+
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.entropy import MAX_BITS
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.coherent import (
+    coherent_score,
+    joined_regions,
+    projected_regions,
+    projection,
+    see,
+)
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor
+import cv2
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+LEAST_BITS = 0.5 * MAX_BITS
+
+
+def texture(seed, shape=(512, 512)):
+    rng = np.random.default_rng(seed)
+    coarse = cv2.resize(rng.random((24, 24)).astype(np.float32), shape[::-1])
+    return ((coarse + rng.random(shape)) * 120).astype(np.uint8)
+
+
+def score(query, reference):
+    seen = see(describe(query), LEAST_BITS)
+    return coherent_score(seen, projected_regions(describe(reference).cells))
+
+
+def oracle(query, entropy, reference):
+    """Return score and shift as the definition says it, region by region."""
+    size, sigma = 30, 1.5
+    mean, axes = projection()
+
+    def regions(cells):
+        found = {}
+        for row in range(size):
+            for column in range(size):
+                joined = cells[row : row + 3, column : column + 3].ravel().astype(float)
+                length = np.linalg.norm(joined)
+                projected = ((joined / length if length else joined) - mean) @ axes
+                found[row, column] = projected / np.linalg.norm(projected)
+        return found
+
+    own, other = regions(query), regions(reference)
+    salient = [
+        place
+        for place in own
+        if entropy[place[0] : place[0] + 3, place[1] : place[1] + 3].mean() >= LEAST_BITS
+    ]
+    votes = []
+    for place in salient:
+        best = max(other, key=lambda there, place=place: own[place] @ other[there])
+        votes.append((best[0] - place[0], best[1] - place[1], 1.0))
+    for there in other:
+        best = max(salient, key=lambda place, there=there: own[place] @ other[there])
+        weight = len(salient) / len(other)
+        votes.append((there[0] - best[0], there[1] - best[1], weight))
+    rows, columns, weights = np.array(votes).T
+    grid = range(1 - size, size)
+    peaks = {
+        (row, column): (
+            weights
+            * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2 * sigma**2))
+        ).sum()
+        for row in grid
+        for column in grid
+    }
+    best = max(peaks, key=peaks.get)
+    return peaks[best] / (2 * len(salient)), best
+
+
+def test_score_and_shift_are_those_of_the_definition():
+    query, reference = describe(texture(0)), describe(np.roll(texture(0), 40, axis=1) // 2 + 9)
+    found = coherent_score(see(query, LEAST_BITS), projected_regions(reference.cells))
+    expected = oracle(query.cells, query.cell_entropy, reference.cells)
+    assert found[0] == pytest.approx(expected[0], abs=1e-3) and found[1] == expected[1]
+
+
+def test_an_image_matches_itself_without_shift():
+    found, shift = score(texture(1), texture(1))
+    assert found > 0.98 and shift == (0, 0)
+
+
+@pytest.mark.parametrize(('rows', 'columns'), [(3, 0), (0, -4), (-2, 5)])
+def test_a_shifted_copy_scores_high_with_exactly_that_shift(rows, columns):
+    wide = texture(2, (700, 700))
+    query = wide[94:606, 94:606]
+    top, left = 94 - 16 * rows, 94 - 16 * columns
+    found, shift = score(query, wide[top : top + 512, left : left + 512])
+    assert found > 0.6 and shift == (rows, columns)
+
+
+def test_unrelated_images_score_near_chance():
+    assert max(score(texture(3), texture(seed))[0] for seed in range(10, 15)) < 0.15
+
+
+def test_brightness_and_contrast_hardly_matter():
+    assert score(texture(4), texture(4) // 3 + 40)[0] > 0.8
+
+
+def test_an_image_without_salient_regions_shows_nothing():
+    assert see(describe(np.full((512, 512), 90, np.uint8)), LEAST_BITS) is None
+
+
+def test_only_regions_over_nine_salient_cells_vote():
+    entropy = np.zeros((32, 32))
+    entropy[4:7, 8:11] = 2 * MAX_BITS
+    drawn = np.random.default_rng(0).random((32, 32, 8), np.float32)
+    seen = see(Descriptor(drawn, np.ones(961, bool), entropy, 0.5), MAX_BITS)
+    places = {divmod(int(index), 30) for index in seen.index}
+    assert (4, 8) in places and (3, 8) in places and (2, 8) not in places
+
+
+def test_adding_references_changes_no_other_score():
+    def made(seeds):
+        reference_map = ReferenceMap()
+        for seed in seeds:
+            reference_map.add(Place(seed), pack_cells(describe(texture(seed)).cells))
+        return Matcher(reference_map, 'coherent', 0.5)
+
+    few, many = made(range(3)), made(range(6))
+    query = few.see(describe(texture(1)))
+    everywhere = np.arange(3)
+    assert (few.scores(query, everywhere) == many.scores(query, everywhere)).all()
+    assert few.scores(query, everywhere).argmax() == 1
+    assert few.shift(query, 1) == (0, 0)
+
+
+def test_regions_are_of_unit_length_and_flat_ones_have_a_place_too():
+    cells = np.zeros((32, 32, 8), np.float32)
+    assert not joined_regions(cells).any()
+    assert np.linalg.norm(projected_regions(cells), axis=1) == pytest.approx(1.0)
+
+
+def test_corridor_scores_are_those_of_the_study(shared_data):
+    def drive(name):
+        for path in sorted((shared_data / 'corridor' / name).glob('*.jpg')):
+            yield describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY))
+
+    golden = np.load(shared_data / 'coherent' / 'corridor_scores.npy', allow_pickle=False)
+    references = [projected_regions(one.cells) for one in drive('ref')]
+    for index, query in enumerate(drive('query')):
+        if index % 5 == 0:
+            seen = see(query, LEAST_BITS)
+            found = [coherent_score(seen, reference)[0] for reference in references]
+            assert np.abs(np.array(found) - golden[index]).max() < 1e-3
+
+
+def test_the_script_reproduces_the_projection(shared_data):
+    script = REPOSITORY / 'scripts' / 'make_projection.py'
+    spec = importlib.util.spec_from_file_location('make_projection', script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    fitted = module.fit(shared_data / 'rtabmap84')
+    mean, axes = projection()
+    assert np.abs(fitted[:, 0] - mean).max() < 1e-5
+    assert np.abs(fitted[:, 1:] - axes).max() < 0.02
+    published = np.load(shared_data / 'coherent' / 'projection.npz', allow_pickle=False)
+    assert np.abs(axes @ axes.T - published['projection'] @ published['projection'].T).max() < 0.2
