@@ -3,6 +3,7 @@
 """The live node and the core alone give the same answers to the same recording."""
 
 from dataclasses import replace
+import os
 import signal
 import subprocess
 import sys
@@ -89,18 +90,19 @@ def answers_of_the_core(recording, map_path, path):
 
 def answers_of_the_node(recording, map_path, path):
     python = [sys.executable, '-m']
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     node = subprocess.Popen(
         [
             *python, 'convseq_ros.node.vpr_node', '--ros-args', '-p', f'map_path:={map_path}',
             '-p', f'result_file:={path}', '-p', 'queue_size:=1000',
         ],
-        cwd=path.parent, stderr=subprocess.PIPE, text=True,
+        cwd=path.parent, env=environment, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     part = path.with_name(path.name + '.part')
     try:
         subprocess.run(
             [*python, 'convseq_ros.node.player', recording, '--rate', '2'],
-            cwd=path.parent, check=True, timeout=60,
+            cwd=path.parent, env=environment, check=True, timeout=60,
         )  # fmt: skip
         deadline = 600
         while len(part.read_text().splitlines()) <= NUM_FRAMES and deadline:

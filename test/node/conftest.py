@@ -28,8 +28,10 @@ with contextlib.suppress(ImportError), warnings.catch_warnings():
     import rosidl_generator_py  # noqa: F401
 
 # Fast DDS makes itself known in its first half second, then every 3 s; here it shall be sooner.
+# Within a process it would hand messages over directly, and lose those that come too early.
 DISCOVERY = """
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <library_settings><intraprocess_delivery>OFF</intraprocess_delivery></library_settings>
   <participant profile_name="quick_discovery" is_default_profile="true">
     <rtps><builtin><discovery_config>
       <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
@@ -184,7 +186,7 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
             subprocess.Popen(
                 [sys.executable, '-m', f'convseq_ros.node.{module}', *map(str, args)],
                 cwd=tmp_path,
-                env=os.environ | {'PYTHONUNBUFFERED': '1'},
+                env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,

@@ -51,7 +51,7 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, drive, map_path):
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     assert drive(3) == 3
-    assert node._statistics.reasons == {'no_map': 1, 'accepted': 1}
+    client.wait_for(lambda: node._statistics.reasons == {'no_map': 1, 'accepted': 1})
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
     client.wait_for(lambda: node._statistics.received == 3)
     assert client.call(SetBool, '/vpr_node/set_enabled', data=True).message == 'enabled'
     assert [drive(place) for place in (4, 5)] == [-1, 5]
-    assert node._statistics.processed == 4
+    client.wait_for(lambda: node._statistics.processed == 4)
 
 
 def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, drive, map_path):
