@@ -16,13 +16,14 @@ HIGHEST_DOMAIN = 101
 
 
 def isolate_ros() -> None:
-    """Keep logs and messages of this test run to itself; must run before rclpy is imported."""
+    """Keep this test run to itself and off other cores; must run before rclpy and NumPy do."""
     logs = tempfile.mkdtemp(prefix='convseq_ros_log_')
     atexit.register(shutil.rmtree, logs, ignore_errors=True)
     os.environ['ROS_LOG_DIR'] = logs
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % HIGHEST_DOMAIN)
     os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 
 isolate_ros()
