@@ -76,6 +76,11 @@ class ResultWriter:
             self._file.close()
             os.replace(self._part, self._path)
 
+    def abandon(self) -> None:
+        """Leave the rows so far in the part file."""
+        with suppress(OSError):
+            self._file.close()
+
     def __enter__(self) -> Self:
         return self
 
@@ -88,8 +93,7 @@ class ResultWriter:
         if kind is None:
             self.close()
         else:
-            with suppress(OSError):
-                self._file.close()
+            self.abandon()
 
 
 def read_results(path: Path) -> list[dict[str, str]]:

@@ -166,6 +166,8 @@ def open_map(path: Path, encoding: EncodingConfig | None = None) -> ReferenceMap
             reference_map = ReferenceMap(_checked_settings(path, database, encoding))
             for row in database.execute(f'{_SELECT} FROM frames ORDER BY reference_index'):
                 _add(reference_map, row, path)
+    except OSError as error:
+        raise MapError(f'{path}: cannot be read ({error.strerror})') from error
     except (sqlite3.Error, OverflowError, UnicodeDecodeError, ValueError, TypeError) as error:
         raise MapError(f'{path}: damaged map ({error}); build it again') from error
     return reference_map

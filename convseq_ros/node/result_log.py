@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's result file, which may fail without stopping the node."""
 
-import contextlib
 from pathlib import Path
 import threading
 from typing import Any
@@ -80,5 +79,4 @@ class ResultLog:
         self._failed = True
         self.lost += 1
         self._writer = None
-        with contextlib.suppress(OSError):
-            writer.close()
+        writer.abandon()

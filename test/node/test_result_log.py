@@ -66,4 +66,4 @@ def test_a_full_disk_is_told_once_and_counted(tmp_path, monkeypatch):
     assert log.lost == 3
     logger.error.assert_called_once()
     assert 'No space left on device' in logger.error.call_args.args[0]
-    assert len(read_results(tmp_path / 'result.csv')) == 1
+    assert len(read_results(tmp_path / 'result.csv.part')) == 1
