@@ -13,8 +13,8 @@ import sys
 
 from convseq_ros.cli.build_map import build
 from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.replay import replay
-from convseq_ros.config import Config
 from convseq_ros.core.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError, SourceError
@@ -68,26 +68,27 @@ def describe(parser: argparse.ArgumentParser) -> None:
     street.add_argument('--light', choices=LIGHTS, default='evening', help='(evening)')
     street.add_argument('--lane-offset', type=float, default=-0.2, metavar='M', help='(-0.2)')
     street.add_argument('--speed', type=float, default=10.0, metavar='M/S', help='(10)')
+    add_config(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Map the first drive, recognise the second one live and offline, and show both."""
-    folder = chosen.output
+    folder, config = chosen.output, chosen_config(chosen)
     _make_empty(folder)
     drives = _given_drives(chosen.data) if chosen.data else _drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(drives.reference, map_path)
+    build(drives.reference, map_path, encoding=config.encoding)
 
     _say('replaying the second drive offline')
     source = open_source(drives.query)
-    recognizer = PlaceRecognizer(open_map(map_path), Config())
+    recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
     offline, scores = [], np.zeros((len(source), len(recognizer.reference_map)), np.float32)
     for match, duration_ms in replay(source, recognizer):
         written = row(match, duration_ms)
         offline.append({name: _text(value) for name, value in written.items()})
         if recognizer.row is not None:
-            scores[match.query_index] = recognizer.row
+            scores[match.query_index] = np.nan_to_num(recognizer.row)
 
     median_ms = statistics.median(float(each['duration_ms']) for each in offline)
     rate = min(4.0, 60.0 / median_ms)
@@ -95,7 +96,7 @@ def run(chosen: argparse.Namespace) -> int:
     position = {each['query_stamp_ns']: each['query_index'] for each in offline}
     live = [
         each | {'query_index': position[each['query_stamp_ns']]}
-        for each in recognise_live(drives.query, len(source), map_path, folder, rate)
+        for each in recognise_live(drives.query, len(source), map_path, folder, rate, config)
     ]
 
     print(f'\n{drives.told}\n')

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 
+from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConvseqError
 from convseq_ros.results import read_results
 
@@ -20,7 +21,7 @@ _STALLED_S = 20.0
 
 
 def recognise_live(
-    recording: Path, frames: int, map_path: Path, folder: Path, rate: float
+    recording: Path, frames: int, map_path: Path, folder: Path, rate: float, config: Config
 ) -> list[dict[str, str]]:
     """
     Return the result table that the node wrote, one row for every frame that reached it.
@@ -37,6 +38,8 @@ def recognise_live(
         Where the table and the logs go.
     rate : float
         Seconds of the recording in a second.
+    config : Config
+        Given to the node parameter by parameter.
 
     Raises
     ------
@@ -47,10 +50,13 @@ def recognise_live(
     if importlib.util.find_spec('rclpy') is None:
         raise ConvseqError("the live node needs ROS: pip install 'convseq_ros[ros]'")
     table = folder / 'live.csv'
-    node = [
-        'vpr_node', '--ros-args', '-p', f'map_path:={map_path.absolute()}',
-        '-p', f'result_file:={table.absolute()}', '-p', 'queue_size:=1000',
-    ]  # fmt: skip
+    parameters = flatten(config) | {
+        'map_path': str(map_path.absolute()),
+        'result_file': str(table.absolute()),
+        'queue_size': 1000,
+    }
+    settings = [f'{name}:={value}' for name, value in parameters.items()]
+    node = ['vpr_node', '--ros-args', *(part for each in settings for part in ('-p', each))]
     with _process(node, folder) as running:
         player = subprocess.run(
             _command(['player', str(recording), '--rate', f'{rate:g}', '--wait-subscribers', '60']),
