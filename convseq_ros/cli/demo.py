@@ -153,7 +153,9 @@ def _given_drives(data: Path) -> Drives:
             f'{data}: needs two drives (folders of images or recordings); found {names}'
         )
     (query, queries), (reference, references) = found
-    told = f'{data}: {query.name} ({queries} images) recognised in {reference.name} ({references}).'
+    told = (
+        f'{data}: {query.name} ({queries} images) recognised in {reference.name} ({references}).'
+    )
     return Drives(reference, query, _given_truth(data, queries, references), told)
 
 

@@ -58,10 +58,8 @@ def recognise_live(
     settings = [f'{name}:={value}' for name, value in parameters.items()]
     node = ['vpr_node', '--ros-args', *(part for each in settings for part in ('-p', each))]
     with _process(node, folder) as running:
-        player = subprocess.run(
-            _command(['player', str(recording), '--rate', f'{rate:g}', '--wait-subscribers', '60']),
-            env=_environment(folder), check=False,
-        )  # fmt: skip
+        play = ['player', str(recording), '--rate', f'{rate:g}', '--wait-subscribers', '60']
+        player = subprocess.run(_command(play), env=_environment(folder), check=False)
         if player.returncode or running.poll() is not None:
             raise ConvseqError(f'the live run failed; see {folder / "vpr_node.log"}')
         _wait_for_rows(table.with_name(table.name + '.part'), frames)
