@@ -1,5 +1,6 @@
 # make demo [DATA=path]   from a fresh clone to a picture
 # make test               all that CI runs
+# make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3
@@ -18,10 +19,14 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo test lint types contract test-newest test-noble clean
+.PHONY: demo results test lint types contract test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
+
+results: .venv/demo.stamp
+	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \
+		$(foreach set,$(SETS),--set '$(set)')
 
 test: lint types contract test-newest test-noble
 

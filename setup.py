@@ -23,7 +23,10 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(exclude=['test*']),
     package_data={
-        NAME: ['py.typed', 'core/matching/projection.*'],
+        NAME: [
+            'py.typed', 'core/matching/projection.*', 'data_sets/*.yaml',
+            'data_sets/studies/*.yaml',
+        ],
         f'{NAME}.evaluation.report': ['*.css', '*.html', '*.js'],
     },
     include_package_data=False,
@@ -51,7 +54,11 @@ setup(
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plot': ['matplotlib>=3.6'],
-        'test': ['hypothesis>=6.98', 'pytest>=7.4', 'pytest-timeout>=2.2'],
+        'onnx': ['onnxruntime'],
+        'test': [
+            'hypothesis>=6.98', 'onnx', 'onnxruntime', 'pytest>=7.4', 'pytest-timeout>=2.2',
+            'scikit-learn',
+        ],
         'dev': [
             'catkin_pkg',
             'colcon-common-extensions',

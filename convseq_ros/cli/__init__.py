@@ -5,17 +5,24 @@
 import argparse
 from collections.abc import Sequence
 import importlib
+import os
 import sys
 
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
+
+# Read when NumPy is imported, which a command does. On a busy machine two BLAS threads wait for
+# each other in a loop, and a pair of images takes ten times as long.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'play': 'publish a recording to live topics, with /clock',
     'info': 'say what a map holds',
+    'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
+    'report': 'turn results into one page: tables, charts, pairs of images',
     'config': 'print every parameter with its default, ready to edit',
 }
 

@@ -2,17 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures as PNG and SVG; matplotlib is imported only when one is drawn."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
 import re
 from typing import Any, TypeAlias
 
+from convseq_ros.errors import ConvseqError
 import cv2
 import numpy as np
 import numpy.typing as npt
-
-from convseq_ros.errors import ConvseqError
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 Pair: TypeAlias = tuple[Image, Image, str, bool]
@@ -39,7 +38,9 @@ def save(figure: Any, *paths: Path) -> None:
     """Write a figure in the format that each name ends with; a file is complete or absent."""
     for path in paths:
         part = path.with_name(path.name + '.part')
-        figure.savefig(part, format=path.suffix[1:], facecolor=figure.get_facecolor())
+        kind = path.suffix[1:]
+        undated = {'Date': None} if kind == 'svg' else None
+        figure.savefig(part, format=kind, facecolor=figure.get_facecolor(), metadata=undated)
         os.replace(part, path)
 
 
@@ -115,6 +116,96 @@ def _show_image(axes: Any, image: Image, color: str) -> None:
         spine.set(color=color, linewidth=3)
 
 
+def draw_curves(
+    paths: Sequence[Path],
+    title: str,
+    curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+) -> None:
+    """Draw precision against recall, one curve (recall, precision) for each method."""
+    figure = new_figure(7, 5)
+    axes = figure.add_subplot(title=title, xlabel='recall', ylabel='precision')
+    for index, (name, (recall, precision)) in enumerate(curves.items()):
+        if len(recall):
+            axes.plot(
+                [0.0, *recall], [precision[0], *precision], label=name, color=f'C{index % 10}',
+                linestyle='--' if index >= 10 else '-', linewidth=1.5,
+            )  # fmt: skip
+    axes.set(xlim=(0, 1.01), ylim=(0, 1.02))
+    axes.grid(alpha=0.3)
+    if any(len(recall) for recall, _ in curves.values()):
+        axes.legend(loc='upper left', bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
+    figure.set_layout_engine('constrained')
+    save(figure, *paths)
+
+
+def draw_accuracies(
+    paths: Sequence[Path],
+    title: str,
+    bars: Sequence[tuple[str, float, float | None, float | None]],
+) -> None:
+    """Draw a bar for each (method, accuracy, low, high); no whisker where an end is None."""
+    figure = new_figure(7, 1.2 + 0.3 * len(bars))
+    axes = figure.add_subplot(title=title, xlabel='accuracy, matched queries')
+    for place, (name, value, low, high) in enumerate(bars):
+        axes.barh(place, value, color=f'C{place % 10}', height=0.65, label=name)
+        if low is not None and high is not None:
+            axes.plot([low, high], [place, place], color='black', linewidth=1.2, marker='|')
+        axes.text(1.015, place, f'{value:.3f}', va='center', fontsize=9)
+    axes.set_yticks(range(len(bars)), [bar[0] for bar in bars])
+    axes.set(xlim=(0, 1))
+    axes.invert_yaxis()
+    axes.spines[['top', 'right']].set_visible(False)
+    figure.set_layout_engine('constrained')
+    save(figure, *paths)
+
+
+def draw_matrix(
+    paths: Sequence[Path],
+    title: str,
+    scores: npt.NDArray[np.float32],
+    truth: npt.NDArray[np.bool_] | None,
+    found: npt.NDArray[np.int_],
+    right: npt.NDArray[np.bool_],
+) -> None:
+    """
+    Draw scores (Q, R) with the edge of truth (Q, R) and the path found (Q,), -1 for none.
+
+    `right`, shape (Q,), says which of the matches found are right.
+    """
+    figure = new_figure(6.4, 6.4)
+    axes = figure.add_subplot(title=title, xlabel='reference', ylabel='query')
+    _show_scores(axes, scores)
+    if truth is not None and truth.any() and min(truth.shape) > 1:
+        axes.contour(truth.astype(float), levels=[0.5], colors='white', linewidths=0.8)
+    _show_path(axes, found, right & (found >= 0), 9)
+    if (found >= 0).any():
+        axes.legend(loc='lower left', fontsize=8)
+    figure.set_layout_engine('constrained')
+    save(figure, *paths)
+
+
+def draw_lengths(
+    paths: Sequence[Path],
+    title: str,
+    lengths: Sequence[int],
+    entropy: Sequence[float],
+    threshold: float | None,
+) -> None:
+    """Draw sequence length over time above the entropy of the images; NaN where there is none."""
+    figure = new_figure(9, 4)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    upper.step(range(len(lengths)), lengths, where='post', linewidth=1.5)
+    upper.set(title=title, ylabel='sequence length k', ylim=(0, None))
+    lower.plot(entropy, color='C1', linewidth=1.2)
+    if threshold is not None:
+        lower.axhline(threshold, color='gray', linestyle='--', linewidth=1)
+    lower.set(xlabel='query', ylabel='image entropy')
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    figure.set_layout_engine('constrained')
+    save(figure, *paths)
+
+
 def _show_matrix(
     axes: Any,
     scores: npt.NDArray[np.float32],
@@ -122,25 +213,11 @@ def _show_matrix(
     found: npt.NDArray[np.int_],
     tolerance: int,
 ) -> None:
-    finite = scores[np.isfinite(scores)]
-    low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
     axes.set_facecolor(DARK)
-    axes.imshow(
-        scores, cmap=_night(), vmin=low, vmax=high, aspect='auto', interpolation='nearest'
-    )
-    queries = np.arange(len(truth))
+    _show_scores(axes, scores)
     line = np.where(truth >= 0, truth, np.nan)
-    axes.plot(line, queries, color='white', linewidth=1.2, label='truth')
-    right = (found >= 0) & (truth >= 0) & (np.abs(found - truth) <= tolerance)
-    wrong = (found >= 0) & ~right
-    for chosen, color, label in ((right, RIGHT, 'right'), (wrong, WRONG, 'wrong')):
-        if chosen.any():
-            axes.scatter(
-                found[chosen], queries[chosen], s=20, color=color, edgecolor=DARK,
-                linewidth=0.6, label=f'{chosen.sum()} {label}', zorder=3,
-            )  # fmt: skip
-    axes.set_xlim(-0.5, scores.shape[1] - 0.5)
-    axes.set_ylim(scores.shape[0] - 0.5, -0.5)
+    axes.plot(line, np.arange(len(truth)), color='white', linewidth=1.2, label='truth')
+    _show_path(axes, found, (found >= 0) & (truth >= 0) & (abs(found - truth) <= tolerance), 20)
     axes.set_xlabel('reference', color=PALE, fontsize=14)
     axes.set_ylabel('query', color=PALE, fontsize=14)
     axes.tick_params(colors=DIM, labelsize=11)
@@ -153,7 +230,25 @@ def _show_matrix(
     )  # fmt: skip
 
 
-def _night() -> Any:
+def _show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
-    return LinearSegmentedColormap.from_list('night', NIGHT)
+    finite = scores[np.isfinite(scores)]
+    low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
+    axes.imshow(
+        scores, cmap=LinearSegmentedColormap.from_list('night', NIGHT), vmin=low, vmax=high,
+        aspect='auto', interpolation='nearest',
+    )  # fmt: skip
+
+
+def _show_path(
+    axes: Any, found: npt.NDArray[np.int_], right: npt.NDArray[np.bool_], size: float
+) -> None:
+    queries = np.arange(len(found))
+    wrong = (found >= 0) & ~right
+    for chosen, color, label in ((right, RIGHT, 'right'), (wrong, WRONG, 'wrong')):
+        if chosen.any():
+            axes.scatter(
+                found[chosen], queries[chosen], s=size, color=color, edgecolor=DARK,
+                linewidth=0.6, label=f'{chosen.sum()} {label}', zorder=3,
+            )  # fmt: skip

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where frames come from: folders of pictures and ROS recordings."""
+"""Where frames come from: folders of pictures, ROS recordings and videos."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +11,7 @@ from convseq_ros.errors import SourceError
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.recording import Recording
 from convseq_ros.sources.storage import is_storage_file
+from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
 
 class Source(Protocol):
@@ -39,12 +40,13 @@ class Source(Protocol):
 
 def open_source(path: Path, topic: str = '') -> Source:
     """
-    Open a folder of pictures or a recording, whichever is there.
+    Open a folder of pictures, a recording or a video, whichever is there.
 
     Parameters
     ----------
     path : Path
-        A folder of pictures, a folder that a ROS 2 recorder wrote, or a .mcap, .db3 or .bag file.
+        A folder of pictures, a folder that a ROS 2 recorder wrote, a .mcap, .db3 or .bag file, or
+        a video.
     topic : str, optional
         Image topic of a recording that has several.
 
@@ -55,11 +57,18 @@ def open_source(path: Path, topic: str = '') -> Source:
 
     """
     path = Path(path)
+    if path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir():
+        _refuse_topic(path, 'a video', topic)
+        return Video(path)
     if not path.is_dir() or _holds_recording(path):
         return Recording(path, topic)
-    if topic:
-        raise SourceError(f'{path}: a folder of pictures has no topic {topic!r}; leave it out')
+    _refuse_topic(path, 'a folder of pictures', topic)
     return ImageFolder(path)
+
+
+def _refuse_topic(path: Path, what: str, topic: str) -> None:
+    if topic:
+        raise SourceError(f'{path}: {what} has no topic {topic!r}; leave it out')
 
 
 def _holds_recording(folder: Path) -> bool:

@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Score matrices and descriptors that somebody else computed, read from .npy files."""
+
+from pathlib import Path
+
+from convseq_ros.errors import SourceError
+import numpy as np
+import numpy.typing as npt
+
+
+def read_scores(
+    path: Path, queries: int, references: int, lower_is_better: bool = False
+) -> npt.NDArray[np.float32]:
+    """
+    Return a matrix of pair scores.
+
+    Parameters
+    ----------
+    path : Path
+        .npy, query by reference.
+    queries, references : int
+        The images that there are.
+    lower_is_better : bool
+        Whether the file holds distances.
+
+    Returns
+    -------
+    ndarray of float32, shape (Q, R)
+        Higher is more similar.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, its shape is another, or it holds NaN or infinity.
+
+    """
+    scores = _read(path)
+    if scores.shape != (queries, references):
+        found = ' x '.join(map(str, scores.shape))
+        advice = '; transpose it' if scores.shape == (references, queries) else ''
+        raise SourceError(
+            f'{path}: a matrix of {found} scores for {queries} queries and {references} '
+            f'references; expected query by reference{advice}'
+        )
+    return -scores if lower_is_better else scores
+
+
+def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
+    """
+    Return one descriptor for every image, float32 of shape (N, D).
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, holds NaN or infinity, or not one row for every image.
+
+    """
+    rows = _read(path)
+    if rows.ndim < 2 or len(rows) != count:
+        raise SourceError(
+            f'{path}: an array of shape {rows.shape} for {count} images; '
+            'expected one row for each'
+        )
+    return rows.reshape(count, -1)
+
+
+def _read(path: Path) -> npt.NDArray[np.float32]:
+    try:
+        stored = np.load(path, allow_pickle=False)
+        numbers = np.asarray(stored, np.float32)
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror or error}; check the path') from None
+    except (TypeError, ValueError, EOFError):
+        raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
+    if not np.isfinite(numbers).all():
+        where = ', '.join(map(str, np.argwhere(~np.isfinite(numbers))[0]))
+        raise SourceError(f'{path}: holds NaN or infinity, first at [{where}]; compute it again')
+    return numbers

@@ -1,0 +1,141 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""SeqSLAM (Milford and Wyeth, ICRA 2012), the sequence-based ancestor that needs no training."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+LENGTH = 10
+_WIDTH_PX, _HEIGHT_PX, _PATCH_PX = 64, 32, 8
+_CONTRAST_WINDOW = 10
+_VELOCITIES = (0.8, 0.9, 1.0, 1.1, 1.2)
+
+
+def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """
+    Return a small copy of an image whose patches all have mean 0 and deviation 1.
+
+    Parameters
+    ----------
+    gray : ndarray of uint8, shape (H, W)
+        The image.
+
+    Returns
+    -------
+    ndarray of float32, shape (2048,)
+        64 x 32 px, patches of 8 x 8 px; a patch without contrast is 0.
+
+    Notes
+    -----
+    The widespread Python port keeps these values as unsigned bytes, where differences below zero
+    wrap round. Here they are signed numbers throughout.
+
+    """
+    small = cv2.resize(gray, (_WIDTH_PX, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    patches = small.astype(np.float32).reshape(
+        _HEIGHT_PX // _PATCH_PX, _PATCH_PX, _WIDTH_PX // _PATCH_PX, _PATCH_PX
+    )
+    mean = patches.mean(axis=(1, 3), keepdims=True)
+    deviation = patches.std(axis=(1, 3), keepdims=True)
+    normal = np.divide(
+        patches - mean, deviation, out=np.zeros_like(patches), where=deviation > 0
+    )
+    return normal.ravel()
+
+
+def differences(
+    queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """
+    Return the mean absolute difference of every query and every reference.
+
+    Parameters
+    ----------
+    queries, references : ndarray of float32, shape (Q, P) and (R, P)
+        From `patch_normalized`.
+
+    Returns
+    -------
+    ndarray of float32, shape (Q, R)
+        Lower is more similar.
+
+    """
+    return np.stack([np.abs(references - query).mean(axis=1) for query in queries])
+
+
+def enhanced(
+    difference: npt.NDArray[np.float32], window: int = _CONTRAST_WINDOW
+) -> npt.NDArray[np.float32]:
+    """
+    Return similarities that stand out among those of neighbouring references.
+
+    Parameters
+    ----------
+    difference : ndarray of float32, shape (Q, R)
+        From `differences`.
+    window : int
+        R_window in the paper: half of it lies on either side; fewer at the rims of the map.
+
+    Returns
+    -------
+    ndarray of float32, shape (Q, R)
+        Minus the deviation from the local mean, in units of the local standard deviation; higher
+        is more similar.
+
+    """
+    reach = window // 2
+    count = difference.shape[1]
+    index = np.arange(count)
+    first = np.maximum(index - reach, 0)
+    last = np.minimum(index + reach + 1, count)
+    number = last - first
+    sums, squares = (
+        np.pad(np.cumsum(part.astype(np.float64), axis=1), ((0, 0), (1, 0)))
+        for part in (difference, difference.astype(np.float64) ** 2)
+    )
+    mean = (sums[:, last] - sums[:, first]) / number
+    variance = (squares[:, last] - squares[:, first]) / number - mean**2
+    deviation = np.sqrt(np.maximum(variance, 0))
+    similarity = np.divide(
+        mean - difference, deviation, out=np.zeros_like(mean), where=deviation > 1e-9
+    )
+    return similarity.astype(np.float32)
+
+
+def trajectory_scores(
+    rows: Sequence[npt.NDArray[np.float32] | None],
+) -> npt.NDArray[np.float64]:
+    """
+    Return for every reference the best trajectory that ends there.
+
+    Parameters
+    ----------
+    rows : sequence of k ndarrays of float32, shape (R,), or None
+        Similarities of the newest frame and of those before it, newest first; None, but not of
+        the newest, counts as 0 everywhere.
+
+    Returns
+    -------
+    ndarray of float64, shape (R,)
+        Mean similarity along the best straight line, over velocities of 0.8 to 1.2 references a
+        frame; -inf where every line leaves the map.
+
+    Notes
+    -----
+    As in the paper, lines end at the newest frame; the released code centres them on the frame.
+
+    """
+    count = next(len(row) for row in rows if row is not None)
+    ages = np.arange(len(rows))
+    table = np.stack([np.zeros(count) if row is None else row for row in rows])
+    best = np.full(count, -np.inf)
+    for velocity in _VELOCITIES:
+        back = np.round(ages * velocity).astype(np.int64)
+        ends = np.arange(back[-1], count)
+        if len(ends):
+            mean = table[ages, ends[:, None] - back].mean(axis=1)
+            best[ends] = np.maximum(best[ends], mean)
+    return best

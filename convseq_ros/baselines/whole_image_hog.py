@@ -1,0 +1,38 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Histograms of oriented gradients of the whole image as one descriptor (Dalal, Triggs 2005)."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from skimage.feature import hog
+
+_SIDE_PX = 512
+_CELL_PX = 16
+_BINS = 9
+_BLOCK_CELLS = 2
+
+
+def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """
+    Return the descriptor of a grey image of any size, to be compared by cosine.
+
+    Parameters
+    ----------
+    gray : ndarray of uint8, shape (H, W)
+        The image; it is resized to 512 x 512.
+
+    Returns
+    -------
+    ndarray of float32, shape (34596,)
+        Cells of 16 px, 9 unsigned bins, blocks of 2 x 2 cells at a stride of one cell: the sizes
+        of VPR-Bench's HOG, computed by scikit-image.
+
+    """
+    resized = cv2.resize(gray, (_SIDE_PX, _SIDE_PX), interpolation=cv2.INTER_LINEAR)
+    return hog(
+        resized,
+        orientations=_BINS,
+        pixels_per_cell=(_CELL_PX, _CELL_PX),
+        cells_per_block=(_BLOCK_CELLS, _BLOCK_CELLS),
+    ).astype(np.float32)

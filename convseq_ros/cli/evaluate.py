@@ -1,0 +1,114 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measure methods on data sets: `convseq evaluate SET... --output DIR`."""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.config import Config
+from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, Plan, PUBLISHED
+from convseq_ros.evaluation.cache import Cache, default_folder
+from convseq_ros.evaluation.data_set import open_data_set, ready_made
+from convseq_ros.evaluation.methods import KINDS
+from convseq_ros.evaluation.protocols import CLOSED, OPEN
+from convseq_ros.evaluation.scorecard import CRITERIA
+from convseq_ros.evaluation.study import read_study, run_study
+from convseq_ros.evaluation.table import format_table, summary_rows
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
+    parser.add_argument(
+        'sets', nargs='*', metavar='SET',
+        help=f'data set: a YAML file, or one of {", ".join(ready_made())}',
+    )  # fmt: skip
+    parser.add_argument(
+        '--method', action='append', metavar='METHOD',
+        help='[label=]KIND[-kN][@single|@dynamic|@kN][+option=value]..., KIND one of '
+        f'{", ".join(forms)}, or {PUBLISHED} for the score matrices that the set names; may be '
+        f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})',
+    )  # fmt: skip
+    parser.add_argument(
+        '--protocol', action='append', choices=(CLOSED, OPEN),
+        help='the whole map, or half of it removed; may be given twice (default closed); a set '
+        'without reference is always matched against its own past',
+    )  # fmt: skip
+    parser.add_argument(
+        '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'
+    )
+    parser.add_argument(
+        '--threshold-from-others', action='store_true',
+        help='also take the threshold for each set from the sets of other places',
+    )  # fmt: skip
+    parser.add_argument(
+        '--exclude-recent', type=int, metavar='N',
+        help='latest frames that are no loop closure, for a drive against its own past',
+    )  # fmt: skip
+    parser.add_argument(
+        '--study', type=Path, action='append', metavar='FILE', default=[],
+        help='run a study, a YAML file, instead; may be given more than once',
+    )  # fmt: skip
+    parser.add_argument(
+        '--output', type=Path, default=Path('results'), help='run folder to write (results)'
+    )
+    parser.add_argument(
+        '--data-root', type=Path, default=Path(),
+        help='where the folders of ready-made sets are (the present folder)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--cache', type=Path, metavar='DIR',
+        help=f'where encodings and results are kept ({default_folder()})',
+    )  # fmt: skip
+    parser.add_argument('--no-cache', action='store_true', help='compute everything anew')
+    parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
+    add_config(parser)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Evaluate, write the run folder, and print the table."""
+    config = chosen_config(chosen)
+    cache = Cache(None if chosen.no_cache else chosen.cache or default_folder())
+    if chosen.study:
+        return _run_studies(chosen, config, cache)
+    if not chosen.sets:
+        raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
+    if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
+        raise ConfigError(f'--exclude-recent: {chosen.exclude_recent} is below 0')
+    plan = Plan(
+        methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
+        protocols=tuple(dict.fromkeys(chosen.protocol or (CLOSED,))),
+        criterion=chosen.criterion,
+        transfer=chosen.threshold_from_others,
+        exclude_recent=chosen.exclude_recent,
+        argv=tuple(sys.argv),
+    )
+    data_sets = [open_data_set(text, chosen.data_root) for text in chosen.sets]
+    summaries = evaluate(data_sets, config, plan, chosen.output, cache, _say)
+    _print(summaries, summary_rows(summaries), chosen.json)
+    return 0
+
+
+def _run_studies(chosen: argparse.Namespace, config: Config, cache: Cache) -> int:
+    if chosen.sets:
+        raise ConfigError(f'{chosen.sets[0]}: a study names its own sets; leave it out')
+    for path in chosen.study:
+        study = read_study(path, chosen.data_root)
+        rows = run_study(study, config, chosen.output, cache, tuple(sys.argv), _say)
+        _print(rows, rows, chosen.json)
+    return 0
+
+
+def _print(content: Any, rows: Sequence[dict[str, Any]], as_json: bool) -> None:
+    print(json.dumps(content) if as_json else format_table(rows))
+
+
+def _say(text: str) -> None:
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr)

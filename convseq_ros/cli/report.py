@@ -1,0 +1,41 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Turn results into one page: `convseq report RESULT... --output report.html`."""
+
+import argparse
+from pathlib import Path
+import sys
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_report
+from convseq_ros.evaluation.report.figures import write_figures
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'result', type=Path, nargs='+', metavar='RESULT',
+        help='folder that `convseq evaluate --output` wrote',
+    )  # fmt: skip
+    parser.add_argument('--output', type=Path, default=Path('report.html'), metavar='FILE',
+                        help='the page (default: %(default)s)')
+    parser.add_argument('--figures', type=Path, metavar='FOLDER',
+                        help='also write every chart as PNG and SVG; needs matplotlib')
+    parser.add_argument(
+        '--max-megabytes', type=float, default=MOST_MEGABYTES, metavar='SIZE',
+        help='show fewer pairs rather than write a larger page (default: %(default)s)',
+    )  # fmt: skip
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Write the page, and the figures if they are wanted."""
+    if not chosen.max_megabytes > 0:
+        raise ConvseqError(f'--max-megabytes: {chosen.max_megabytes:g} is not above 0')
+    runs = read_runs(chosen.result)
+    write_report(runs, chosen.output, chosen.max_megabytes)
+    size = chosen.output.stat().st_size / 1e6
+    print(f'{chosen.output}: {len(runs)} runs, {size:.1f} MB', file=sys.stderr)
+    if chosen.figures:
+        write_figures(runs, chosen.figures)
+        print(f'{chosen.figures}: figures as PNG and SVG', file=sys.stderr)
+    return 0

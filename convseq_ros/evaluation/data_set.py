@@ -1,0 +1,245 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A data set: a query, a reference and a truth, named by a small YAML file."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+import difflib
+from pathlib import Path
+import re
+from typing import Any
+
+from convseq_ros.errors import ConfigError
+
+READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
+TRUTH_KINDS = ('identity', 'table', 'npy', 'poses', 'none')
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """
+    Where the images of a drive are.
+
+    Parameters
+    ----------
+    path : Path
+        Folder, recording or video.
+    topic, odom : str
+        Topics of a recording: its images, and the poses that a truth of kind `poses` takes.
+    count : int
+        Images that must be there; 0 for any number.
+
+    """
+
+    path: Path
+    topic: str = ''
+    odom: str = ''
+    count: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TruthSource:
+    """
+    Where the truth is, and how far off an answer may be.
+
+    Parameters
+    ----------
+    kind : str
+        One of `TRUTH_KINDS`; `none` says that no place is seen twice.
+    path : Path or None
+        Its file.
+    tolerance : int
+        Frames.
+    radius_m : float
+        Metres, for poses.
+    first_index : int
+        The number that a table gives to the first image.
+
+    """
+
+    kind: str
+    path: Path | None = None
+    tolerance: int = 0
+    radius_m: float = 0.0
+    first_index: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DataSet:
+    """
+    What a YAML file says.
+
+    Parameters
+    ----------
+    name, title : str
+        Name in tables and folders, and for people.
+    query, reference : Part
+        The drives; without a reference, the query is matched against its own past.
+    truth : TruthSource
+        The right answers.
+    exclude_recent : int
+        Latest frames that are no loop closure, for a drive against its own past.
+    place : str
+        Sets of one place are never told apart as "other sets"; by default the name.
+    published : mapping of str to Path
+        Score matrices of other methods, query by reference.
+    where, source : str
+        Where the images belong and where they come from, for people.
+
+    """
+
+    name: str
+    query: Part
+    truth: TruthSource
+    reference: Part | None = None
+    exclude_recent: int = 20
+    place: str = ''
+    published: Mapping[str, Path] = field(default_factory=dict)
+    title: str = ''
+    where: str = ''
+    source: str = ''
+
+    @property
+    def online(self) -> bool:
+        """Whether the query is matched against its own past."""
+        return self.reference is None
+
+
+def ready_made() -> list[str]:
+    """Return the names of the data sets that come with the package."""
+    return sorted(path.stem for path in READY_MADE.glob('*.yaml'))
+
+
+def open_data_set(text: str, data_root: Path = Path()) -> DataSet:
+    """
+    Return the data set that a user names.
+
+    Parameters
+    ----------
+    text : str
+        A YAML file, whose relative paths start at the file; or the name of a ready-made set.
+    data_root : Path
+        Where the relative paths of a ready-made set start.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such set, or it says something that cannot be understood.
+
+    """
+    path = Path(text)
+    if path.suffix.lower() in ('.yaml', '.yml'):
+        return read_data_set(path, path.parent)
+    if text in ready_made():
+        return read_data_set(READY_MADE / f'{text}.yaml', data_root)
+    raise ConfigError(
+        f'{text}: no data set; give a YAML file or one of {", ".join(ready_made())}'
+    )
+
+
+def read_data_set(path: Path, base: Path) -> DataSet:
+    """Return what a YAML file says, its relative paths starting at `base`."""
+    content = read_yaml(path)
+    known = ('name', 'title', 'query', 'reference', 'truth', 'exclude_recent', 'place',
+             'published', 'where', 'source')  # fmt: skip
+    refuse_unknown(content, known, path)
+    name = str(content.get('name', path.stem))
+    if not re.fullmatch(r'[\w.-]+', name) or name.startswith('.'):
+        raise ConfigError(f'{path}: name {name!r} is no folder name; use letters, digits, . _ -')
+    for needed in ('query', 'truth'):
+        if needed not in content:
+            raise ConfigError(f'{path}: says no {needed}; add it')
+    reference = content.get('reference')
+    published = {
+        str(label): base / str(file)
+        for label, file in _mapping(content.get('published', {}), path, 'published').items()
+    }
+    data_set = DataSet(
+        name=name,
+        query=_part(content['query'], path, base, 'query'),
+        reference=None if reference is None else _part(reference, path, base, 'reference'),
+        truth=_truth(content['truth'], path, base),
+        exclude_recent=_number(content.get('exclude_recent', 20), int, path, 'exclude_recent'),
+        place=str(content.get('place', name)),
+        published=published,
+        title=str(content.get('title', name)),
+        where=' '.join(str(content.get('where', '')).split()),
+        source=' '.join(str(content.get('source', '')).split()),
+    )
+    if data_set.online and data_set.truth.kind == 'identity':
+        raise ConfigError(
+            f'{path}: truth identity needs a reference; against its own past every frame would '
+            'be its own answer; give a table, poses or none'
+        )
+    return data_set
+
+
+def read_yaml(path: Path) -> Mapping[str, Any]:
+    """Return the mapping in a YAML file; ConfigError if there is none."""
+    try:
+        import yaml
+    except ImportError:
+        raise ConfigError(f'{path}: needs PyYAML; pip install pyyaml') from None
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}; check the path') from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: not YAML ({" ".join(str(error).split())})') from None
+    return _mapping(content, path, 'the file')
+
+
+def refuse_unknown(names: Iterable[str], known: Iterable[str], path: Path) -> None:
+    """Raise a ConfigError that names the first unknown key and the nearest known one."""
+    known = list(known)
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, n=1)
+            advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
+            raise ConfigError(f'{path}: unknown key {name!r}; {advice}')
+
+
+def _part(content: Any, path: Path, base: Path, name: str) -> Part:
+    said = _mapping(content, path, name)
+    refuse_unknown(said, ('path', 'topic', 'odom', 'count'), path)
+    if 'path' not in said:
+        raise ConfigError(f'{path}: {name} has no path; add where its images are')
+    return Part(
+        base / str(said['path']),
+        str(said.get('topic', '')),
+        str(said.get('odom', '')),
+        _number(said.get('count', 0), int, path, f'{name}: count'),
+    )
+
+
+def _truth(content: Any, path: Path, base: Path) -> TruthSource:
+    said = _mapping(content, path, 'truth')
+    refuse_unknown(said, ('kind', 'path', 'tolerance', 'radius_m', 'first_index'), path)
+    kind = str(said.get('kind', ''))
+    if kind not in TRUTH_KINDS:
+        raise ConfigError(f'{path}: truth kind {kind!r} is not one of {", ".join(TRUTH_KINDS)}')
+    if kind in ('table', 'npy') and 'path' not in said:
+        raise ConfigError(f'{path}: truth {kind} has no path; add its file')
+    radius_m = _number(said.get('radius_m', 0), float, path, 'radius_m')
+    if kind == 'poses' and not radius_m:
+        raise ConfigError(f'{path}: truth poses has no radius_m; add how many metres are right')
+    return TruthSource(
+        kind,
+        base / str(said['path']) if 'path' in said else None,
+        _number(said.get('tolerance', 0), int, path, 'tolerance'),
+        radius_m,
+        _number(said.get('first_index', 0), int, path, 'first_index'),
+    )
+
+
+def _mapping(content: Any, path: Path, what: str) -> Mapping[str, Any]:
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'{path}: {what} is not a list of `key: value`')
+    return content
+
+
+def _number(value: Any, kind: Any, path: Path, name: str) -> Any:
+    fitting = isinstance(value, int | float) and not isinstance(value, bool)
+    if not fitting or value < 0 or kind(value) != value:
+        raise ConfigError(f'{path}: {name}: {value!r} is not a number of the right kind')
+    return kind(value)

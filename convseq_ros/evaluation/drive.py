@@ -1,0 +1,209 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One drive, ready to be matched: its images on demand, and what was computed of each."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+import time
+from typing import Any
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.cache import Cache, content_digest
+from convseq_ros.sources import open_source
+import numpy as np
+import numpy.typing as npt
+
+Changed = Callable[[Frame, int], Frame]
+
+
+@dataclass(frozen=True)
+class Images:
+    """
+    The images of a drive, which can be read again and again.
+
+    Parameters
+    ----------
+    path, topic : Path, str
+        Folder, recording or video, and image topic.
+    order : tuple of int, optional
+        Which frames, in which order; all of them if left out.
+    restamp : bool
+        Whether frames out of the common order take the stamps of an even pace.
+    change : callable, optional
+        Alters a frame, given its index.
+    changed_by : object
+        What JSON can say of `change`; part of `content`.
+
+    """
+
+    path: Path
+    topic: str = ''
+    order: tuple[int, ...] | None = None
+    restamp: bool = True
+    change: Changed | None = field(default=None, compare=False)
+    changed_by: Any = None
+
+    @cached_property
+    def content(self) -> list[Any]:
+        """What determines these images, for a cache."""
+        order = list(self.order) if self.order is not None else None
+        try:
+            return [content_digest(self.path), self.topic, order, self.restamp, self.changed_by]
+        except OSError as error:
+            raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
+
+    def __iter__(self) -> Iterator[Frame]:
+        source = open_source(self.path, self.topic)
+        frames: Iterable[Frame] = source
+        if self.order is not None:
+            whole = list(source)
+            stamps_ns = self.stamps_ns([frame.stamp_ns for frame in whole])
+            frames = (
+                replace(whole[index], stamp_ns=stamp_ns)
+                for index, stamp_ns in zip(self.order, stamps_ns, strict=True)
+            )
+        for index, frame in enumerate(frames):
+            yield self.change(frame, index) if self.change else frame
+
+    def stamps_ns(self, whole: Sequence[int]) -> list[int]:
+        """Return the stamps of the frames in their order, given those of all frames."""
+        if self.order is None or not self.restamp:
+            return [whole[index] for index in self.order or range(len(whole))]
+        step_ns = whole[1] - whole[0] if len(whole) > 1 else 0
+        return [whole[0] + place * step_ns for place in range(len(self.order))]
+
+    @property
+    def whole(self) -> 'Images':
+        """The same images, all of them in the common order."""
+        return replace(self, order=None)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """
+    What was computed of the images of a drive; entry i belongs to frame i.
+
+    Parameters
+    ----------
+    images : Images
+        Where it came from.
+    stamps_ns, names, readable : sequences
+        Stamp, file name or topic, and whether the image could be decoded.
+    descriptors : sequence of Descriptor
+        One that shows nothing where the image could not be decoded.
+    encode_ms : float
+        Median time to describe an image.
+
+    """
+
+    images: Images
+    encoding: EncodingConfig
+    stamps_ns: Sequence[int]
+    names: Sequence[str]
+    readable: Sequence[bool]
+    descriptors: Sequence[Descriptor]
+    encode_ms: float
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @cached_property
+    def informative(self) -> npt.NDArray[np.bool_]:
+        """Which frames show anything, shape (N,)."""
+        return np.array([one.informative for one in self.descriptors], np.bool_)
+
+    @cached_property
+    def similarity(self) -> Callable[[Descriptor, Descriptor], float]:
+        """The pair score by which k is chosen; each pair of frames is compared once."""
+        known: dict[tuple[int, int], float] = {}
+
+        def remembered(anchor: Descriptor, other: Descriptor) -> float:
+            pair = (id(anchor), id(other))
+            if pair not in known:
+                known[pair] = similarity(anchor, other)
+            return known[pair]
+
+        return remembered
+
+    @cached_property
+    def reference_map(self) -> ReferenceMap:
+        """The drive as a map; frames that could not be read hold their places."""
+        made = ReferenceMap(self.encoding)
+        for stamp_ns, name, one in zip(
+            self.stamps_ns, self.names, self.descriptors, strict=True
+        ):
+            made.add(Place(stamp_ns, name), pack_cells(one.cells))
+        return made
+
+
+def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Drive:
+    """
+    Describe every image of a drive, or recall what an earlier run found.
+
+    Raises
+    ------
+    SourceError
+        If the images cannot be read.
+
+    """
+    if images.order is not None and images.change is None:
+        return _paced(describe_drive(images.whole, encoding, cache), images, images.order)
+    facts = [images.content, asdict(encoding)]
+    kept = cache.get('drives', facts)
+    if kept is None:
+        kept = _described(images, encoding)
+        cache.put('drives', facts, kept)
+    columns = [kept[item.name] for item in fields(Descriptor)]
+    descriptors = [Descriptor(*map(_value, row)) for row in zip(*columns, strict=True)]
+    return Drive(
+        images, encoding, kept['stamps_ns'].tolist(), kept['names'].tolist(),
+        kept['readable'].tolist(), descriptors, float(kept['encode_ms']),
+    )  # fmt: skip
+
+
+def _paced(whole: Drive, images: Images, order: Sequence[int]) -> Drive:
+    return replace(
+        whole,
+        images=images,
+        stamps_ns=images.stamps_ns(whole.stamps_ns),
+        names=[whole.names[index] for index in order],
+        readable=[whole.readable[index] for index in order],
+        descriptors=[whole.descriptors[index] for index in order],
+    )
+
+
+def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArray[Any]]:
+    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
+    for frame in images:
+        started = time.perf_counter()
+        if frame.gray is None:
+            descriptors.append(nothing_seen(encoding))
+        else:
+            descriptors.append(describe(frame.gray, encoding))
+            durations.append((time.perf_counter() - started) * 1e3)
+        stamps_ns.append(frame.stamp_ns)
+        names.append(frame.source)
+        readable.append(frame.gray is not None)
+    if not durations:
+        raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
+    return {
+        'stamps_ns': np.array(stamps_ns, np.int64),
+        'names': np.array(names),
+        'readable': np.array(readable),
+        'encode_ms': np.array(np.median(durations)),
+        **{
+            item.name: np.array([getattr(one, item.name) for one in descriptors])
+            for item in fields(Descriptor)
+        },
+    }
+
+
+def _value(stored: Any) -> Any:
+    return stored if np.ndim(stored) else stored.item()

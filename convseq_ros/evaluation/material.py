@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a data set gives to every method: images, encodings and the truth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.cache import Cache
+from convseq_ros.evaluation.data_set import DataSet, Part
+from convseq_ros.evaluation.drive import describe_drive, Drive, Images
+from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
+from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.recording import read_poses
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Material:
+    """
+    A data set, opened.
+
+    Parameters
+    ----------
+    data_set : DataSet
+        What was asked for.
+    query, reference : Images
+        The drives; the same for a drive against its own past.
+    truth : Truth
+        The right answers; for a drive against its own past, those that are past.
+    cache : Cache
+        Where encodings and results are kept.
+
+    """
+
+    data_set: DataSet
+    query: Images
+    reference: Images
+    truth: Truth
+    cache: Cache
+    _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
+
+    def drives(self, encoding: EncodingConfig) -> tuple[Drive, Drive]:
+        """Return query and reference, described."""
+        if encoding not in self._drives:
+            query = describe_drive(self.query, encoding, self.cache)
+            own_past = self.reference == self.query
+            reference = query if own_past else describe_drive(
+                self.reference, encoding, self.cache
+            )  # fmt: skip
+            self._drives[encoding] = query, reference
+        return self._drives[encoding]
+
+    @cached_property
+    def content(self) -> list[object]:
+        """What determines the images, for a cache."""
+        return [self.query.content, self.reference.content]
+
+
+def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> Material:
+    """
+    Read the images and the truth of a data set, and check one against the other.
+
+    Raises
+    ------
+    SourceError
+        If images are missing, counts disagree, or no query has a right reference.
+
+    """
+    query = _images(data_set.query, data_set)
+    reference = query if data_set.reference is None else _images(data_set.reference, data_set)
+    nothing = Truth(np.zeros((0, 0), np.bool_))
+    material = Material(data_set, query, reference, nothing, cache)
+    drives = material.drives(encoding)
+    for part, drive in zip((data_set.query, data_set.reference), drives, strict=True):
+        if part and part.count and part.count != len(drive):
+            raise SourceError(
+                f'{data_set.name}: {len(drive)} images in {part.path}, expected {part.count}; '
+                f'{data_set.where or "complete them"}'
+            )
+    truth = _TRUTHS[data_set.truth.kind](data_set, *drives)
+    if data_set.online:
+        truth = of_the_past(truth, data_set.exclude_recent)
+    if not truth.known.any() and data_set.truth.kind != 'none':
+        raise SourceError(
+            f'{data_set.name}: the truth gives no query a right reference; nothing could be '
+            'measured (for a drive without revisits, say truth: {kind: none})'
+        )
+    return replace(material, truth=truth, _drives={encoding: drives})
+
+
+def _images(part: Part, data_set: DataSet) -> Images:
+    if not part.path.exists():
+        raise SourceError(
+            f'{data_set.name}: {part.path} is missing; '
+            f'{data_set.where or "correct the path in its file"}'
+        )
+    return Images(part.path, part.topic)
+
+
+def _identity(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+    try:
+        return same_index(len(query), len(reference), data_set.truth.tolerance)
+    except SourceError as error:
+        raise SourceError(f'{data_set.name}: {error}') from None
+
+
+def _table(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+    said = data_set.truth
+    assert said.path is not None
+    pairs = read_pairs(said.path, query.names, reference.names, said.first_index)
+    return listed(pairs, (len(query), len(reference)), said.tolerance, str(said.path))
+
+
+def _npy(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+    said = data_set.truth
+    shape = len(query), len(reference)
+    assert said.path is not None
+    return listed(read_npy(said.path, shape), shape, said.tolerance, str(said.path))
+
+
+def _poses(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+    first = _positions(data_set, data_set.query, query, 'query')
+    second = (
+        first
+        if data_set.reference is None
+        else _positions(data_set, data_set.reference, reference, 'reference')
+    )
+    return within_radius(first, second, data_set.truth.radius_m)
+
+
+def _positions(
+    data_set: DataSet, part: Part, drive: Drive, name: str
+) -> npt.NDArray[np.float64]:
+    if data_set.truth.path is not None:
+        return read_positions(data_set.truth.path, name, len(drive))
+    track = PoseTrack(read_poses(part.path, part.odom))
+    poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
+    return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])
+
+
+def _none(_: DataSet, query: Drive, reference: Drive) -> Truth:
+    return Truth(np.zeros((len(query), len(reference)), np.bool_))
+
+
+_TRUTHS: dict[str, Callable[[DataSet, Drive, Drive], Truth]] = {
+    'identity': _identity,
+    'table': _table,
+    'npy': _npy,
+    'poses': _poses,
+    'none': _none,
+}

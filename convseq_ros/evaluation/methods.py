@@ -1,0 +1,254 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The methods: one row of the registry for each, all giving pair scores, query by reference."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+import time
+
+from convseq_ros.baselines import seqslam
+from convseq_ros.baselines.cosine import cosine_scores
+from convseq_ros.baselines.onnx_model import IMAGENET_MEAN, IMAGENET_STD, OnnxModel
+from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
+from convseq_ros.baselines.whole_image_hog import whole_image_hog
+from convseq_ros.config import Config, core_parameters
+from convseq_ros.core.sequence import BACKWARD, FORWARD
+from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation.cache import content_digest
+from convseq_ros.evaluation.drive import Images
+from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.method_name import MethodName
+from convseq_ros.evaluation.recognition import pair_scores, with_known
+from convseq_ros.evaluation.sequence_matching import SequenceScorer
+from convseq_ros.parameter import Value
+import numpy as np
+import numpy.typing as npt
+
+Gray = npt.NDArray[np.uint8]
+_PUBLISHED: Mapping[str, Value] = {'matching': 'regional', 'search': 'exhaustive'}
+_ANSWERS_ALWAYS: Mapping[str, Value] = {'acceptance_rule': 'margin', 'min_margin': 0.0}
+
+
+@dataclass(frozen=True, slots=True)
+class PairScores:
+    """
+    What a method gives.
+
+    Parameters
+    ----------
+    scores : ndarray of float32, shape (Q, R)
+        Query by reference, higher is more similar; NaN where a pair was not scored.
+    encode_ms, row_ms : float or None
+        Median time to encode an image and to score it against all references, if known.
+    scorer : callable or None
+        The method's own way to score a sequence.
+
+    """
+
+    scores: npt.NDArray[np.float32]
+    encode_ms: float | None = None
+    row_ms: float | None = None
+    scorer: SequenceScorer | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """
+    A row of the registry.
+
+    Parameters
+    ----------
+    rows : callable
+        The pair scores of a data set.
+    length : int or None
+        k unless asked otherwise: 0 for as many frames as they ask for, None for the parameter's.
+    settings : mapping
+        Core parameters that belong to the method.
+    options : tuple of str
+        Its own options.
+    argument : str
+        What stands after the colon; empty for nothing.
+    direction : BACKWARD or FORWARD
+        Where the window lies.
+    recognizer : bool
+        Whether it is the online recogniser that answers.
+
+    """
+
+    rows: Callable[[Material, MethodName, Config], PairScores]
+    length: int | None = 1
+    settings: Mapping[str, Value] = field(default_factory=dict)
+    options: tuple[str, ...] = ()
+    argument: str = ''
+    direction: int = BACKWARD
+    recognizer: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A method as asked for, with the configuration that it runs with."""
+
+    name: MethodName
+    kind: Kind
+    config: Config
+
+    def rows(self, material: Material) -> PairScores:
+        """Return the pair scores of a data set."""
+        return self.kind.rows(material, self.name, self.config)
+
+
+def make_method(name: MethodName, config: Config) -> Method:
+    """
+    Return the method that a name asks for.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such method, or an option or argument does not fit.
+
+    """
+    if name.kind not in KINDS:
+        raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
+    kind = KINDS[name.kind]
+    if bool(kind.argument) != bool(name.argument):
+        expected = f'{name.kind}:{kind.argument}' if kind.argument else name.kind
+        raise ConfigError(f'method {name.label}: expected {expected}')
+    core = {item.name: item for item in core_parameters()}
+    for option in name.options:
+        if option not in kind.options and option not in core:
+            raise ConfigError(
+                f'method {name.label}: unknown option {option!r}; known: '
+                f'{", ".join([*kind.options, *core])}'
+            )
+    values = {
+        option: core[option].parse(text)
+        for option, text in name.options.items()
+        if option not in kind.options
+    }
+    length = kind.length if name.length is None else name.length
+    if length is not None:
+        values.setdefault('fixed_length', length)
+    return Method(name, kind, with_known(config, {**kind.settings, **values}))
+
+
+def _core(material: Material, _: MethodName, config: Config) -> PairScores:
+    rows, frame_ms = pair_scores(material, config)
+    encode_ms = material.drives(config.encoding)[0].encode_ms
+    return PairScores(rows, encode_ms, max(0.0, frame_ms - encode_ms))
+
+
+def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
+    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized, 'seqslam')
+    started = time.perf_counter()
+    scores = seqslam.enhanced(seqslam.differences(query, reference))
+    row_ms = (time.perf_counter() - started) * 1e3 / len(query)
+    own = name.length is None
+    return PairScores(scores, encode_ms, row_ms, seqslam.trajectory_scores if own else None)
+
+
+def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
+    return _by_cosine(*_descriptors(material, whole_image_hog, 'hog'))
+
+
+def _onnx(material: Material, name: MethodName, _: Config) -> PairScores:
+    path = Path(name.argument)
+    size = name.options.get('size')
+    try:
+        shape = tuple(map(int, size.split('x'))) if size else None
+        mean, std = (
+            tuple(map(float, name.options[key].split(','))) if key in name.options else usual
+            for key, usual in (('mean', IMAGENET_MEAN), ('std', IMAGENET_STD))
+        )
+        if shape is not None and (len(shape) != 2 or min(shape) < 1):
+            raise ValueError
+    except ValueError:
+        raise ConfigError(
+            f'method {name.label}: expected size=HEIGHTxWIDTH, mean=A,B,C and std=A,B,C'
+        ) from None
+    model = OnnxModel(path, shape, mean, std)
+    facts = [content_digest(path), dict(name.options)]
+    return _by_cosine(*_descriptors(material, model.describe, facts))
+
+
+def _given_scores(material: Material, name: MethodName, _: Config) -> PairScores:
+    lower = name.options.get('lower_is_better', 'false')
+    if lower not in ('true', 'false'):
+        raise ConfigError(f'method {name.label}: lower_is_better is true or false, not {lower!r}')
+    queries, references = material.truth.right.shape
+    path = Path(name.argument)
+    return PairScores(read_scores(path, queries, references, lower == 'true'))
+
+
+def _given_descriptors(material: Material, name: MethodName, _: Config) -> PairScores:
+    paths = name.argument.split(',')
+    shape = material.truth.right.shape
+    if len(paths) != (1 if material.data_set.online else 2):
+        raise ConfigError(
+            f'method {name.label}: expected descriptors:QUERY.npy,REFERENCE.npy '
+            '(one file for a drive against its own past)'
+        )
+    query, *rest = (
+        read_descriptors(Path(path), count) for path, count in zip(paths, shape, strict=False)
+    )
+    reference = rest[0] if rest else query
+    if query.shape[1] != reference.shape[1]:
+        raise ConfigError(
+            f'method {name.label}: descriptors of {query.shape[1]} and {reference.shape[1]} '
+            'numbers cannot be compared; compute both with one model'
+        )
+    return PairScores(cosine_scores(query, reference))
+
+
+def _descriptors(
+    material: Material, describe: Callable[[Gray], npt.NDArray[np.float32]], facts: object
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], float]:
+    """Return query and reference descriptors and the median time of one; kept by content."""
+    found = []
+    for images in (material.query, material.reference):
+        kept = material.cache.get('descriptors', [images.content, facts])
+        if kept is None:
+            kept = _described(images, describe)
+            material.cache.put('descriptors', [images.content, facts], kept)
+        found.append(kept)
+    query, reference = found
+    return query['rows'], reference['rows'], float(query['encode_ms'])
+
+
+def _described(
+    images: Images, describe: Callable[[Gray], npt.NDArray[np.float32]]
+) -> dict[str, npt.NDArray[np.float32]]:
+    rows: list[npt.NDArray[np.float32] | None] = []
+    durations = []
+    for frame in images:
+        started = time.perf_counter()
+        rows.append(None if frame.gray is None else describe(frame.gray))
+        durations.append((time.perf_counter() - started) * 1e3)
+    nothing = np.zeros_like(next(row for row in rows if row is not None))
+    return {
+        'rows': np.stack([nothing if row is None else row for row in rows]),
+        'encode_ms': np.array(np.median(durations), np.float32),
+    }
+
+
+def _by_cosine(
+    query: npt.NDArray[np.float32], reference: npt.NDArray[np.float32], encode_ms: float
+) -> PairScores:
+    started = time.perf_counter()
+    scores = cosine_scores(query, reference)
+    return PairScores(scores, encode_ms, (time.perf_counter() - started) * 1e3 / len(query))
+
+
+_other = partial(Kind, settings=_ANSWERS_ALWAYS)
+
+KINDS: Mapping[str, Kind] = {
+    'convseq': Kind(_core, None, recognizer=True),
+    'convseq-forward': Kind(_core, None, {**_PUBLISHED, **_ANSWERS_ALWAYS}, direction=FORWARD),
+    'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
+    'seqslam': _other(_seqslam, seqslam.LENGTH),
+    'hog': _other(_hog),
+    'scores': _other(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
+    'descriptors': _other(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
+    'onnx': _other(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'std')),
+}

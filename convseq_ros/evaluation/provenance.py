@@ -1,0 +1,44 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What made a result: versions, machine and date."""
+
+from datetime import datetime, UTC
+from importlib import metadata
+import os
+from pathlib import Path
+import platform
+from typing import Any
+
+from convseq_ros import __version__
+
+_LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'scikit-image', 'onnxruntime',
+              'numba')  # fmt: skip
+
+
+def provenance() -> dict[str, Any]:
+    """Return versions, machine and date, ready for JSON."""
+    return {
+        'versions': {
+            'convseq_ros': __version__,
+            'python': platform.python_version(),
+            **{name: version for name in _LIBRARIES if (version := _version(name))},
+        },
+        'machine': {'cpu': _cpu(), 'cores': os.cpu_count(), 'system': platform.platform()},
+        'date': datetime.now(UTC).isoformat(timespec='seconds'),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _cpu() -> str:
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return names[0] if names else platform.processor() or platform.machine()

@@ -1,0 +1,168 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recogniser itself over a data set, as `convseq replay` runs it, and its pair scores."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+import json
+import time
+from typing import Any
+
+from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, SequenceConfig
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Candidate, Match, Reason, Status
+from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.rerun import part_of, rerun
+from convseq_ros.parameter import parameters, Value
+import numpy as np
+import numpy.typing as npt
+
+Scores = npt.NDArray[np.float32]
+_SEQUENCE_ONLY = {
+    item.name for group in (SequenceConfig, AcceptanceConfig) for item in parameters(group)
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """
+    What the recogniser said.
+
+    Parameters
+    ----------
+    matches : list of Q Match
+        Its answers.
+    durations_ms : list of Q floats
+        Time of each `process`.
+    rows : ndarray of float32, shape (Q, R)
+        Pair scores; NaN where a pair was not scored.
+
+    """
+
+    matches: list[Match]
+    durations_ms: list[float]
+    rows: npt.NDArray[np.float32]
+
+
+def with_known(config: Config, values: Mapping[str, Value]) -> Config:
+    """Return a configuration with other values; names that this version lacks are passed over."""
+    flat = flatten(config)
+    return make_config(flat | {name: value for name, value in values.items() if name in flat})
+
+
+def recognize(material: Material, config: Config) -> Recognition:
+    """Feed every query frame to a recogniser, or recall what it said in an earlier run."""
+    facts = [material.content, flatten(config)]
+    kept = material.cache.get('recognitions', facts)
+    if kept is None:
+        kept = _recognized(material, config)
+        material.cache.put('recognitions', facts, kept)
+        pairs = {'rows': kept['rows'], 'frame_ms': np.median(kept['durations_ms'])}
+        material.cache.put('rows', _pair_facts(material, config), pairs)
+    matches = [_match(one) for one in json.loads(bytes(kept['matches']))]
+    return Recognition(matches, kept['durations_ms'].tolist(), kept['rows'])
+
+
+def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.float32], float]:
+    """
+    Return the pair scores of all images, and the median time to score a row.
+
+    Returns
+    -------
+    scores : ndarray of float32, shape (Q, R)
+        NaN in the rows of frames that were not scored.
+    frame_ms : float
+        Median time of a whole frame, in milliseconds.
+
+    Notes
+    -----
+    They do not depend on how sequences are formed, so one pass serves all sequence settings.
+
+    """
+    query = material.query
+    if query.order is not None and query.change is None:
+        rows, frame_ms = pair_scores(replace(material, query=query.whole, _drives={}), config)
+        return rows[np.array(query.order)], frame_ms
+    config = with_known(config, {'search': 'exhaustive'})
+    kept = material.cache.get('rows', _pair_facts(material, config))
+    if kept is None:
+        found = recognize(material, config)
+        return found.rows, float(np.median(found.durations_ms))
+    return kept['rows'], float(kept['frame_ms'])
+
+
+def answer_again(
+    material: Material, config: Config, first: int, last: int, past: int = 0
+) -> list[Match]:
+    """
+    Return what the recogniser says of a part of the map, from pair scores that are known.
+
+    Parameters
+    ----------
+    material : Material
+        The data set.
+    config : Config
+        The parameters.
+    first, last : int
+        The references from `first` to before `last` are the map; answers count from its start.
+    past : int
+        If not 0, each frame knows only the references that are so many frames past.
+
+    """
+    facts = [material.content, flatten(config), first, last, past]
+    kept = material.cache.get('answers', facts)
+    if kept is None:
+        rows, _ = pair_scores(material, config)
+        if past:
+            rows = past_only(rows, past)
+        query, reference = material.drives(config.encoding)
+        part = part_of(reference.reference_map, first, last)
+        matches = [asdict(one) for one in rerun(query, part, rows[:, first:last], config)]
+        kept = {'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8)}
+        material.cache.put('answers', facts, kept)
+    return [_match(one) for one in json.loads(bytes(kept['matches']))]
+
+
+def past_only(scores: Scores, past: int) -> Scores:
+    """Return scores (Q, Q) of a drive with itself, NaN where a frame is not long past."""
+    index = np.arange(len(scores))
+    return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)
+
+
+def _pair_facts(material: Material, config: Config) -> list[object]:
+    settings = flatten(config).items()
+    return [
+        material.content,
+        {name: value for name, value in settings if name not in _SEQUENCE_ONLY},
+    ]
+
+
+def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any]]:
+    _, reference = material.drives(config.encoding)
+    recognizer = PlaceRecognizer(reference.reference_map, config)
+    matches, durations, rows = [], [], []
+    for frame in material.query:
+        started = time.perf_counter()
+        match = recognizer.process(frame)
+        durations.append((time.perf_counter() - started) * 1e3)
+        matches.append(asdict(match))
+        row = None if match.reason is Reason.OUT_OF_ORDER else recognizer.row
+        rows.append(np.full(len(reference), np.nan, np.float32) if row is None else row)
+    return {
+        'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8),
+        'durations_ms': np.array(durations),
+        'rows': np.stack(rows),
+    }
+
+
+def _match(stored: dict[str, Any]) -> Match:
+    candidates = tuple(
+        Candidate(**{**one, 'shift': one['shift'] and tuple(one['shift'])})
+        for one in stored['candidates']
+    )
+    return Match(**{
+        **stored,
+        'status': Status(stored['status']),
+        'reason': Reason(stored['reason']),
+        'candidates': candidates,
+    })

@@ -1,0 +1,61 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One self-contained HTML page of what `convseq evaluate` measured."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+import os
+from pathlib import Path
+from zipfile import BadZipFile
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.evaluation.report.curves import accuracy
+from convseq_ros.evaluation.report.page import report_page
+from convseq_ros.evaluation.run_folder import read_run, Run
+
+MOST_MEGABYTES = 20.0
+
+
+def read_runs(folders: Iterable[Path]) -> list[Run]:
+    """
+    Return the runs of some result folders, set by set, the most accurate of each set first.
+
+    A run of a name that was already seen is told apart by its folder.
+
+    Raises
+    ------
+    ConvseqError
+        If a folder holds no run, or a run is damaged.
+
+    """
+    runs: dict[tuple[str, str], Run] = {}
+    for folder in folders:
+        for run in read_run(folder):
+            _check(run)
+            if (run.set, run.method) in runs:
+                run = replace(run, method=f'{run.method} ({folder.name})')
+            runs[run.set, run.method] = run
+    sets = list(dict.fromkeys(run.set for run in runs.values()))
+    return sorted(
+        runs.values(), key=lambda run: (sets.index(run.set), -accuracy(run), run.method)
+    )
+
+
+def _check(run: Run) -> None:
+    try:
+        sound = bool(run.frames) and all(isinstance(one, Mapping)
+                                         for one in (run.summary, run.about_set()))
+        for matrix in (run.truth(), run.scores()) if sound else ():
+            sound &= matrix is None or matrix.ndim == 2
+    except (OSError, ValueError, LookupError, EOFError, BadZipFile):
+        sound = False
+    if not sound:
+        raise ConvseqError(f'{run.folder}: damaged results; run `convseq evaluate` again')
+
+
+def write_report(runs: list[Run], output: Path, most_megabytes: float = MOST_MEGABYTES) -> None:
+    """Write the page of some runs; it is complete or absent."""
+    page = report_page(runs, round(most_megabytes * 1e6))
+    part = output.with_name(output.name + '.part')
+    part.write_text(page, encoding='utf-8')
+    os.replace(part, output)

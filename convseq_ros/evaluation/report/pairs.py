@@ -1,0 +1,77 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the browser of matched pairs shows: one row for every frame, and the pictures once."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from convseq_ros.evaluation.report.matrix import data_uri
+from convseq_ros.evaluation.report.verdict import Seen
+from convseq_ros.evaluation.run_folder import Run
+
+FIELDS = (
+    'query', 'verdict', 'best', 'truth', 'correct', 'known', 'slip', 'length', 'score', 'margin',
+    'entropy', 'reason', 'half',
+)  # fmt: skip
+
+
+class Pictures:
+    """Thumbnails as data URIs, each one held once however many runs show it."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, int] = {}
+        self._numbers: dict[Path, int | None] = {}
+
+    @property
+    def uris(self) -> list[str]:
+        """What is held, in the order of the numbers."""
+        return list(self._places)
+
+    def number(self, path: Path | None) -> int | None:
+        """Return the place of a thumbnail in `uris`; None if there is none to show."""
+        if path is None:
+            return None
+        if path not in self._numbers:
+            self._numbers[path] = self._read(path)
+        return self._numbers[path]
+
+    def _read(self, path: Path) -> int | None:
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        whole = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
+        if not whole:
+            return None
+        return self._places.setdefault(data_uri(content, 'jpeg'), len(self._places))
+
+
+def browser_data(
+    runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], step: int
+) -> dict[str, object]:
+    """Return what the script needs; only every `step`-th frame is kept."""
+    pictures = Pictures()
+    told = [
+        {
+            'set': run.set,
+            'method': run.method,
+            'rows': [
+                [*(getattr(one, field) for field in FIELDS), *_numbers(pictures, run, one)]
+                for one in rows[run.set, run.method][::step]
+            ],
+        }
+        for run in runs
+    ]
+    return {
+        'fields': [*FIELDS, 'query_picture', 'best_picture', 'truth_picture'],
+        'pictures': pictures.uris,
+        'runs': told,
+    }
+
+
+def _numbers(pictures: Pictures, run: Run, one: Seen) -> list[int | None]:
+    shown = (('query', one.query), ('reference', one.best), ('reference', one.truth))
+    return [
+        pictures.number(None if index is None else run.thumbnail(drive, index))
+        for drive, index in shown
+    ]

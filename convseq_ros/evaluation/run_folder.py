@@ -1,0 +1,238 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The folder that `convseq evaluate --output DIR` writes, and how to read it again.
+
+::
+
+    DIR/summary.csv               one row for every set and method
+    DIR/<set>/set.json            name, title, protocol, tolerance, queries, references, query,
+                                  reference, source, base
+    DIR/<set>/truth.npz           `right`: bool (Q, R), query by reference
+    DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
+                                  160 px wide, quality 75; missing where a frame was unreadable; no
+                                  reference folder for a drive against its own past
+    DIR/<set>/<method>/frames.csv the result table's columns and those of `EXTRA_COLUMNS`
+    DIR/<set>/<method>/summary.json
+    DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
+                                  pair was not scored; absent with half of the map removed
+    DIR/<set>/<method>/curve.csv  threshold, precision, recall of the exact curve
+
+With half of the map removed the set is called `<set>-open`; it has three rows a query, one for
+every half that was kept, indices of the whole map, and its `base` names the set that holds its
+thumbnails and the truth of the whole map.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+import csv
+from dataclasses import dataclass
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.core.types import Match
+from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.metrics import Curve
+from convseq_ros.evaluation.protocols import Outcome
+from convseq_ros.evaluation.scorecard import margin, Verdicts
+from convseq_ros.evaluation.truth import Truth
+from convseq_ros.results import COLUMNS, row
+import numpy as np
+import numpy.typing as npt
+
+EXTRA_COLUMNS = ('correct', 'known', 'slip', 'margin', 'entropy', 'half')
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """
+    One method on one set, as read from a folder.
+
+    Parameters
+    ----------
+    set, method : str
+        Their names.
+    folder : Path
+        DIR/<set>/<method>.
+    summary : mapping
+        What summary.json holds.
+    frames : list of mapping
+        The rows of frames.csv; empty fields are empty strings.
+
+    """
+
+    set: str
+    method: str
+    folder: Path
+    summary: Mapping[str, Any]
+    frames: list[dict[str, str]]
+
+    def about_set(self) -> Mapping[str, Any]:
+        """Return what set.json holds."""
+        about: Mapping[str, Any] = json.loads(
+            (self.folder.parent / 'set.json').read_text(encoding='utf-8')
+        )
+        return about
+
+    def scores(self) -> npt.NDArray[np.float32] | None:
+        """Return the pair scores, query by reference, if the folder has them."""
+        path = self.folder / 'scores.npy'
+        return np.load(path, allow_pickle=False) if path.exists() else None
+
+    def truth(self) -> npt.NDArray[np.bool_] | None:
+        """Return which references are right, query by reference, with the whole map."""
+        path = self._base() / 'truth.npz'
+        if not path.exists():
+            return None
+        with np.load(path, allow_pickle=False) as stored:
+            right: npt.NDArray[np.bool_] = stored['right']
+            return right
+
+    def thumbnail(self, drive: str, index: int) -> Path | None:
+        """Return the small picture of a frame of `query` or `reference`, if there is one."""
+        folder = self._base() / 'thumbnails'
+        if drive == 'reference' and not (folder / 'reference').is_dir():
+            drive = 'query'
+        path = folder / drive / f'{index:06d}.jpg'
+        return path if path.exists() else None
+
+    def _base(self) -> Path:
+        base = self.about_set().get('base')
+        return self.folder.parents[1] / base if base else self.folder.parent
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file in one step."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + '.part')
+    part.write_text(text, encoding='utf-8')
+    os.replace(part, path)
+
+
+def write_table(path: Path, columns: Iterable[str], rows: Iterable[Mapping[str, object]]) -> None:
+    """Write a CSV table in one step."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + '.part')
+    with part.open('w', newline='', encoding='utf-8') as file:
+        table = csv.DictWriter(file, list(columns), lineterminator='\n', extrasaction='ignore')
+        table.writeheader()
+        table.writerows(rows)
+    os.replace(part, path)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file in one step."""
+    write_text(path, json.dumps(content, indent=1) + '\n')
+
+
+def write_truth(folder: Path, truth: Truth) -> None:
+    """Write truth.npz into a set's folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    part = folder / 'truth.npz.part'
+    with part.open('wb') as file:
+        np.savez_compressed(file, right=truth.right)
+    os.replace(part, folder / 'truth.npz')
+
+
+def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
+    """Write frames.csv."""
+    durations: Sequence[float | None] = outcome.durations_ms or [None] * len(outcome.matches)
+    write_table(
+        path,
+        COLUMNS + EXTRA_COLUMNS,
+        (
+            {
+                **row(match, duration_ms or 0.0),
+                'duration_ms': None if duration_ms is None else f'{duration_ms:.3f}',
+                'correct': int(verdicts.correct[index]),
+                'known': int(verdicts.known[index]),
+                'slip': int(verdicts.slip[index]),
+                'margin': _margin_text(match),
+                'entropy': _entropy_text(outcome, match.query_index),
+                'half': outcome.halves[index],
+            }
+            for index, (match, duration_ms) in enumerate(
+                zip(outcome.matches, durations, strict=True)
+            )
+        ),
+    )
+
+
+def write_scores(path: Path, outcome: Outcome) -> None:
+    """Write scores.npy."""
+    part = path.with_name(path.name + '.part')
+    with part.open('wb') as file:
+        np.save(file, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
+    os.replace(part, path)
+
+
+def write_curve(path: Path, curve: Curve) -> None:
+    """Write curve.csv."""
+    points = zip(curve.threshold, curve.precision, curve.recall, strict=True)
+    names = ('threshold', 'precision', 'recall')
+    write_table(path, names, (
+        {name: f'{value:.7g}' for name, value in zip(names, point, strict=True)}
+        for point in points
+    ))  # fmt: skip
+
+
+def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
+    """Write summary.csv: every figure that is one number or text."""
+    summaries = list(summaries)
+    columns = dict.fromkeys(
+        name
+        for summary in summaries
+        for name, value in summary.items()
+        if not isinstance(value, Mapping | list)
+    )
+    rows = []
+    for summary in summaries:
+        transferred = summary.get('transferred') or {}
+        rows.append({
+            **summary,
+            'transferred': None,
+            **{f'transferred_{name}': value for name, value in transferred.items()},
+        })
+    extra = dict.fromkeys(
+        name for one in rows for name in one
+        if name.startswith('transferred_') and name != 'transferred_others'
+    )  # fmt: skip
+    names = [name for name in columns if name != 'transferred'] + list(extra)
+    write_table(folder / 'summary.csv', names, rows)
+
+
+def read_run(folder: Path) -> list[Run]:
+    """
+    Return every method on every set in a folder, by name.
+
+    Raises
+    ------
+    SourceError
+        If the folder holds no results, or damaged ones.
+
+    """
+    runs = []
+    for path in sorted(folder.glob('*/*/summary.json')):
+        try:
+            summary = json.loads(path.read_text(encoding='utf-8'))
+            with (path.parent / 'frames.csv').open(newline='', encoding='utf-8') as file:
+                frames = list(csv.DictReader(file))
+        except (OSError, ValueError) as error:
+            raise SourceError(
+                f'{path.parent}: damaged results ({error}); evaluate again'
+            ) from None
+        runs.append(Run(path.parent.parent.name, path.parent.name, path.parent, summary, frames))
+    if not runs:
+        raise SourceError(f'{folder}: no results of `convseq evaluate` in this folder')
+    return runs
+
+
+def _margin_text(match: Match) -> str:
+    value = margin(match)
+    return '' if np.isnan(value) else f'{value:.7f}'
+
+
+def _entropy_text(outcome: Outcome, index: int) -> str:
+    query = outcome.query
+    return f'{query.descriptors[index].entropy:.6f}' if query.readable[index] else ''

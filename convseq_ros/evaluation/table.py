@@ -1,0 +1,62 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables for a terminal."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+_SHOWN = {
+    'set': 'set',
+    'method': 'method',
+    'accuracy_matched': 'acc. matched',
+    'interval': '95 %',
+    'matched_known': 'of',
+    'accuracy_all': 'acc. all',
+    'known': 'of',
+    'auc_pr': 'AUC-PR',
+    'recall_at_100_precision': 'R at 100 % P',
+    'false_closures': 'false',
+    'slips': 'slips',
+    'mean_k': 'mean k',
+    'encode_ms': 'encode ms',
+    'frame_ms': 'frame ms',
+    'pcu': 'PCU',
+}
+
+
+def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the main figures of every summary, in the order in which they are shown."""
+    rows = []
+    for summary in summaries:
+        low, high = summary.get('accuracy_matched_low'), summary.get('accuracy_matched_high')
+        interval = '' if low is None or high is None else f'{low:.2f}-{high:.2f}'
+        rows.append({name: summary.get(name, interval) for name in _SHOWN})
+    return rows
+
+
+def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows with aligned columns; the first row's keys are the columns."""
+    if not rows:
+        return ''
+    names = list(rows[0])
+    table = [[_SHOWN.get(name, name) for name in names]]
+    table += [[_text(row.get(name)) for name in names] for row in rows]
+    widths = [max(len(line[column]) for line in table) for column in range(len(names))]
+    numeric = [
+        all(isinstance(row.get(name), int | float | None) for row in rows) for name in names
+    ]
+    return '\n'.join(
+        '  '.join(
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(line, widths, numeric, strict=True)
+        ).rstrip()
+        for line in table
+    )
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return '-'
+    if isinstance(value, float):
+        return f'{value:.3f}' if abs(value) < 10 else f'{value:.1f}'
+    return str(value)

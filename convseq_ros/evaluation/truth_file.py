@@ -1,0 +1,210 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Truth as people keep it: tables, VPR-Bench's .npy files, positions."""
+
+from collections.abc import Callable, Mapping, Sequence
+import csv
+from pathlib import Path
+import pickle
+from typing import Any, BinaryIO
+
+from convseq_ros.errors import SourceError
+import numpy as np
+import numpy.typing as npt
+
+_HARMLESS = {
+    (module, name)
+    for module in ('numpy.core.multiarray', 'numpy._core.multiarray')
+    for name in ('_reconstruct', 'scalar')
+} | {('numpy', 'ndarray'), ('numpy', 'dtype')}
+
+
+def read_pairs(
+    path: Path, query_names: Sequence[str], reference_names: Sequence[str], first_index: int = 0
+) -> npt.NDArray[np.int64]:
+    """
+    Return the pairs of a table.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with a header; the first column is the query and the second the reference, each a frame
+        number or a file name; several references stand in several rows, or in one cell with spaces
+        between them. A column called `tolerance` holds for its row.
+    query_names, reference_names : sequence of str
+        File names, in the order of the frames.
+    first_index : int
+        The number that the table gives to the first frame.
+
+    Returns
+    -------
+    ndarray of int64, shape (P, 2) or (P, 3)
+        Query, reference and tolerance if the table has one, counted from 0.
+
+    Raises
+    ------
+    SourceError
+        If the table cannot be read.
+
+    """
+    with _explained(path, lambda: path.open(newline='', encoding='utf-8')) as file:
+        try:
+            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+        except (csv.Error, UnicodeDecodeError):
+            raise SourceError(f'{path}: not a CSV table; check the file') from None
+    header = [cell.strip().lower() for cell in rows[0]] if rows else []
+    if len(header) < 2:
+        raise SourceError(f'{path}: expected a header and the columns query, reference')
+    own = header.index('tolerance') if 'tolerance' in header else None
+    numbers = [_numbers(query_names, first_index), _numbers(reference_names, first_index)]
+    pairs = []
+    for line, row in enumerate(rows[1:], 2):
+        try:
+            query = numbers[0](row[0].strip())
+            reach = [] if own is None else [int(row[own])]
+            pairs += [[query, numbers[1](cell), *reach] for cell in row[1].split()]
+        except (IndexError, ValueError):
+            raise SourceError(
+                f'{path}: line {line} ({",".join(row)}) names no frames; expected numbers or '
+                'names of images'
+            ) from None
+    return np.array(pairs, np.int64).reshape(-1, 2 if own is None else 3)
+
+
+def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
+    """
+    Return the pairs of a NumPy file.
+
+    Parameters
+    ----------
+    path : Path
+        VPR-Bench's ground_truth_new.npy, an object array of (query, list of references); or a
+        plain array: bool of shape (Q, R), or integers of shape (P, 2).
+    shape : tuple of 2 ints
+        Queries and references that there are.
+
+    Returns
+    -------
+    ndarray of int64, shape (P, 2)
+        Query and reference.
+
+    Raises
+    ------
+    SourceError
+        If it is none of these.
+
+    Notes
+    -----
+    Object arrays are pickles, which can run any code when they are loaded the usual way. Here
+    nothing but arrays, numbers, strings and lists is let through.
+
+    """
+    with _explained(path, lambda: path.open('rb')) as file:
+        try:
+            stored = _load(file)
+        except Exception as error:
+            raise SourceError(
+                f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
+            ) from None
+    if stored.dtype == np.bool_ and stored.ndim == 2:
+        if stored.shape != shape:
+            raise SourceError(
+                f'{path}: a matrix of {stored.shape[0]} x {stored.shape[1]} for {shape[0]} '
+                f'queries and {shape[1]} references; give the truth of these images'
+            )
+        return np.argwhere(stored)
+    if stored.ndim != 2 or stored.shape[1] != 2:
+        raise SourceError(
+            f'{path}: an array of shape {stored.shape} is no truth; expected rows of query and '
+            'references, or a bool matrix'
+        )
+    try:
+        pairs = [
+            [int(query), int(reference)]
+            for query, references in stored.tolist()
+            for reference in np.ravel(np.asarray(references, np.int64))
+        ]
+    except (TypeError, ValueError):
+        raise SourceError(f'{path}: its rows are not query and list of references') from None
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64]:
+    """
+    Return where the frames of a drive were taken.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with the columns x, y and perhaps z, in metres, one row for every frame, in order. If
+        it has a column `drive`, only rows with `query` or `reference` in it count.
+    drive : str
+        Which of the two.
+    count : int
+        Frames of the drive.
+
+    Raises
+    ------
+    SourceError
+        If the table cannot be read, or its rows are not as many as the frames.
+
+    """
+    with _explained(path, lambda: path.open(newline='', encoding='utf-8')) as file:
+        try:
+            rows: list[Mapping[str, str]] = list(csv.DictReader(file))
+            own = [row for row in rows if row.get('drive', drive) == drive]
+            positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)]
+                         for row in own]  # fmt: skip
+        except (csv.Error, UnicodeDecodeError, KeyError, TypeError, ValueError):
+            raise SourceError(
+                f'{path}: expected a CSV table with the columns x, y, z in metres'
+            ) from None
+    if len(positions) != count:
+        raise SourceError(
+            f'{path}: {len(positions)} positions for {count} {drive} images; give one for each'
+        )
+    return np.array(positions).reshape(-1, 3)
+
+
+def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
+    by_name = {name: index for index, name in enumerate(names)}
+    by_name |= {Path(name).stem: index for index, name in enumerate(names)}
+
+    def number(cell: str) -> int:
+        try:
+            return int(cell) - first_index
+        except ValueError:
+            return by_name[cell] if cell in by_name else int(float(cell)) - first_index
+
+    return number
+
+
+def _explained(path: Path, opened: Callable[[], Any]) -> Any:
+    try:
+        return opened()
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
+
+
+class _HarmlessUnpickler(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in _HARMLESS:
+            return super().find_class(module, name)
+        if (module, name) == ('_codecs', 'encode'):
+            return lambda text, _: text.encode('latin1')
+        raise pickle.UnpicklingError(f'holds {module}.{name}, which is no array')
+
+
+def _load(file: BinaryIO) -> npt.NDArray[Any]:
+    version = np.lib.format.read_magic(file)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, fortran, dtype = read(file)
+    if not dtype.hasobject:
+        file.seek(0)
+        return np.load(file, allow_pickle=False)
+    stored: npt.NDArray[Any] = _HarmlessUnpickler(file, encoding='latin1').load()
+    return stored.reshape(shape, order='F' if fortran else 'C')

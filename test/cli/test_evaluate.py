@@ -1,0 +1,83 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `convseq evaluate`."""
+
+import json
+
+from convseq_ros.cli import main
+import cv2
+import numpy as np
+import pytest
+
+OPTIONS = ['--image-size-px', '128', '--saliency-threshold', '0.2', '--max-length', '15']
+
+
+@pytest.fixture
+def street(tmp_path):
+    """Return the file of a data set of eight noisy images that are their own references."""
+    (tmp_path / 'images').mkdir()
+    noise = np.random.default_rng(0)
+    for index in range(8):
+        image = cv2.GaussianBlur(noise.integers(0, 256, (96, 96), np.uint8), (0, 0), 1.5)
+        cv2.imwrite(str(tmp_path / 'images' / f'{index}.png'), image)
+    path = tmp_path / 'street.yaml'
+    path.write_text(
+        'query: {path: images}\nreference: {path: images}\ntruth: {kind: identity}\n'
+    )
+    return path
+
+
+def evaluate(street, *arguments):
+    folder = street.parent
+    return main([
+        'evaluate', *map(str, arguments), '--output', str(folder / 'out'),
+        '--cache', str(folder / 'cache'), *OPTIONS,
+    ])  # fmt: skip
+
+
+def test_a_table_is_printed_and_the_folder_written(street, capsys):
+    assert evaluate(street, street, '--method', 'cohog', '--method', 'hog') == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:3] == ['set', 'method', 'acc.']
+    assert [line.split()[:3] for line in lines[1:]] == [
+        ['street', 'cohog', '1.000'], ['street', 'hog', '1.000'],
+    ]  # fmt: skip
+    assert (street.parent / 'out' / 'summary.csv').exists()
+
+
+def test_json_holds_the_summaries(street, capsys):
+    assert evaluate(street, street, '--method', 'cohog', '--json') == 0
+    (summary,) = json.loads(capsys.readouterr().out)
+    assert summary['accuracy_all'] == 1
+    assert summary['configuration']['image_size_px'] == 128
+
+
+def test_a_study_prints_its_table(street, capsys):
+    study = street.parent / 'study.yaml'
+    study.write_text('sets: [street.yaml]\nvary: {fixed_length: [1, 3]}\n')
+    assert evaluate(street, '--study', study) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:3] == ['set', 'method', 'fixed_length']
+    assert [line.split()[2] for line in lines[1:]] == ['1', '3']
+    assert (street.parent / 'out' / 'study.csv').exists()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        ([], 'no data set; give a YAML file or one of alderley'),
+        (['elsewhere'], 'elsewhere: no data set'),
+        (['corridor', '--data-root', '/nowhere'], 'corridor: /nowhere/corridor/query is missing'),
+        (['SET', '--method', 'magic'], "method 'magic' is not one of"),
+        (['SET', '--exclude-recent', '-1'], '--exclude-recent: -1 is below 0'),
+        (['SET', '--study', 'k_ablation'], 'a study names its own sets'),
+        (['--study', 'k_oblation'], 'k_oblation: no study; give a YAML file or one of'),
+        (['SET', '--min-margin', '2'], 'min_margin: 2.0 is outside'),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(street, capsys, arguments, problem):
+    assert evaluate(street, *(street if one == 'SET' else one for one in arguments)) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith('convseq evaluate: ')
+    assert problem in lines[0]

@@ -1,0 +1,230 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Methods on small drawn sets: the figures, and the folder that they are written to."""
+
+import csv
+import json
+
+from convseq_ros.core.map_file import save_map
+from convseq_ros.errors import ConfigError, ConvseqError
+from convseq_ros.evaluation.bench import evaluate, Plan
+from convseq_ros.evaluation.cache import Cache
+from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
+from convseq_ros.results import COLUMNS
+import cv2
+import numpy as np
+import pytest
+
+KEYS = {
+    'accuracy_matched', 'accuracy_all', 'queries', 'matched', 'recall_at_100_precision', 'auc_pr',
+    'false_closures', 'slips', 'mean_k', 'encode_ms', 'frame_ms', 'configuration', 'versions',
+    'argv',
+}  # fmt: skip
+
+
+def run(street, quick, output, *methods, files=None, cache=None, **plan):
+    sets = [open_data_set(str(one)) for one in files or [street.file]]
+    plan = Plan(methods=methods, argv=('convseq', 'evaluate'), **plan)
+    return evaluate(sets, quick, plan, output, cache or street.cache)
+
+
+def rows(path):
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_method_recognises_an_easy_street(street, quick, tmp_path):
+    methods = ('convseq', 'convseq-k3', 'convseq-forward', 'cohog', 'seqslam', 'hog')
+    summaries = run(street, quick, tmp_path / 'out', *methods)
+    assert [one['method'] for one in summaries] == list(methods)
+    for one in summaries:
+        assert one['accuracy_matched'] >= 0.9, one['method']
+        assert KEYS <= one.keys()
+        assert one['recall_at_1'] <= one['recall_at_5'] <= one['recall_at_20']
+
+
+def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
+    output = tmp_path / 'out'
+    run(street, quick, output, 'convseq', 'hog')
+    method = output / 'street' / 'convseq'
+    frames = rows(method / 'frames.csv')
+    assert tuple(frames[0]) == COLUMNS + EXTRA_COLUMNS
+    assert [row['query_index'] for row in frames] == [str(index) for index in range(24)]
+    summary = json.loads((method / 'summary.json').read_text())
+    assert summary['argv'] == ['convseq', 'evaluate']
+    assert summary['configuration']['image_size_px'] == 128
+    right = sum(row['correct'] == '1' for row in frames)
+    assert summary['accuracy_all'] == right / 24
+    assert summary['accuracy_matched'] == right / sum(row['best_index'] != '' for row in frames)
+    assert sum(summary['k_distribution'].values()) == summary['matched']
+    scores = np.load(method / 'scores.npy', allow_pickle=False)
+    assert scores.shape == (24, 24)
+    assert scores.dtype == np.float32
+    curve = rows(method / 'curve.csv')
+    assert float(curve[-1]['precision']) == pytest.approx(summary['accuracy_matched'])
+    table = rows(output / 'summary.csv')
+    assert [(row['set'], row['method']) for row in table] == [('street', 'convseq'),
+                                                              ('street', 'hog')]  # fmt: skip
+    assert float(table[0]['accuracy_all']) == summary['accuracy_all']
+    assert not list(output.rglob('*.part'))
+
+
+def test_a_folder_is_read_back(street, quick, tmp_path):
+    run(street, quick, tmp_path / 'out', 'cohog')
+    (found,) = read_run(tmp_path / 'out')
+    assert (found.set, found.method) == ('street', 'cohog')
+    assert found.truth().sum(axis=1).max() == 3
+    assert cv2.imread(str(found.thumbnail('reference', 3))).shape[1] == 160
+    assert found.thumbnail('query', 99) is None
+    with pytest.raises(ConvseqError, match='no results of `convseq evaluate`'):
+        read_run(tmp_path)
+
+
+def test_the_recogniser_answers_as_replay_does(street, quick, tmp_path):
+    from convseq_ros.cli import main
+
+    run(street, quick, tmp_path / 'out', 'convseq')
+    _, reference = street.open().drives(quick.encoding)
+    save_map(reference.reference_map, tmp_path / 'map.db')
+    options = [
+        '--image-size-px', '128', '--saliency-threshold', '0.2', '--min-length', '2',
+        '--max-overlap-length', '3', '--max-length', '4', '--rival-distance', '3',
+    ]  # fmt: skip
+    assert not main([
+        'replay', str(street.folder / 'query'), '--map', str(tmp_path / 'map.db'),
+        '--output', str(tmp_path / 'replay.csv'), *options,
+    ])  # fmt: skip
+    replayed = rows(tmp_path / 'replay.csv')
+    evaluated = rows(tmp_path / 'out' / 'street' / 'convseq' / 'frames.csv')
+    for one, other in zip(replayed, evaluated, strict=True):
+        assert {name: one[name] for name in COLUMNS if name != 'duration_ms'} == {
+            name: other[name] for name in COLUMNS if name != 'duration_ms'
+        }
+
+
+def test_a_second_run_recalls_the_first(street, quick, tmp_path, monkeypatch):
+    cache = Cache(tmp_path / 'cache')
+    methods = ('convseq', 'seqslam', 'hog')
+    first = run(street, quick, tmp_path / 'one', *methods, cache=cache)
+
+    def refuse(*_):
+        raise AssertionError('computed again')
+
+    for name in ('recognition.PlaceRecognizer', 'drive.describe', 'methods.whole_image_hog'):
+        monkeypatch.setattr(f'convseq_ros.evaluation.{name}', refuse)
+    second = run(street, quick, tmp_path / 'two', *methods, cache=cache)
+    changing = {'date', 'frame_ms', 'pcu'}
+    for one, other in zip(first, second, strict=True):
+        assert {name: one[name] for name in one.keys() - changing} == {
+            name: other[name] for name in other.keys() - changing
+        }
+
+
+def test_other_images_or_settings_are_computed_anew(street, quick, tmp_path):
+    cache = Cache(tmp_path / 'cache')
+    run(street, quick, tmp_path / 'out', 'cohog', cache=cache)
+    kept = len(list((tmp_path / 'cache' / 'drives').iterdir()))
+    picture = street.folder / 'query' / '005.png'
+    picture.write_bytes((street.folder / 'query' / '006.png').read_bytes())
+    run(street, quick, tmp_path / 'out', 'cohog', cache=cache)
+    assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 1
+    run(street, quick, tmp_path / 'out', 'cohog+saliency_threshold=0.3', cache=cache)
+    assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 3
+
+
+def test_with_half_of_the_map_removed_unknown_places_are_counted_as_such(street, quick, tmp_path):
+    summaries = run(street, quick, tmp_path / 'out', 'convseq', 'hog', protocols=('open',))
+    assert [one['set'] for one in summaries] == ['street-open', 'street-open']
+    for one in summaries:
+        assert one['queries'] == 72
+        assert one['known'] == 3 * 12 + 4
+        assert one['accepted'] == one['accepted_right'] + one['false_closures'] + one['slips']
+    always = summaries[1]
+    assert always['accepted'] == always['matched']
+    assert always['false_closures'] > 20
+    assert summaries[0]['false_closures'] < always['false_closures']
+    frames = rows(tmp_path / 'out' / 'street-open' / 'hog' / 'frames.csv')
+    halves = {'first': range(12), 'last': range(12, 24), 'middle': range(6, 18)}
+    for row in frames:
+        assert row['best_index'] == '' or int(row['best_index']) in halves[row['half']]
+    (found, _) = read_run(tmp_path / 'out')
+    assert found.thumbnail('query', 0) is not None
+    assert found.truth() is not None
+
+
+def test_a_drive_finds_its_own_past(loop, quick, tmp_path):
+    (one,) = run(loop, quick, tmp_path / 'out', 'convseq-k3')
+    assert one['protocol'] == 'online'
+    assert one['known'] == 12
+    assert one['accuracy_matched'] >= 0.8
+    for row in rows(tmp_path / 'out' / 'loop' / 'convseq-k3' / 'frames.csv'):
+        assert row['best_index'] == '' or int(row['best_index']) <= int(row['query_index']) - 6
+    (found,) = read_run(tmp_path / 'out')
+    assert found.thumbnail('reference', 3) == found.thumbnail('query', 3)
+
+
+def test_a_drive_without_revisits_gives_nothing(loop, quick, tmp_path):
+    for index in range(12, 24):
+        (loop.folder / 'drive' / f'{index:03d}.png').unlink()
+    loop.write('name: loop\nquery: {path: drive}\ntruth: {kind: none}\nexclude_recent: 6')
+    (one,) = run(loop, quick, tmp_path / 'out', 'convseq-k3+min_margin=0.05')
+    assert (one['known'], one['accepted'], one['false_closures']) == (0, 0, 0)
+    assert one['accuracy_matched'] is None
+    assert one['auc_pr'] is None
+
+
+def test_a_threshold_can_come_from_the_other_places_only(street, quick, tmp_path):
+    street.write('name: near\nplace: street\nquery: {path: query}\nreference: {path: reference}\n'
+                 'truth: {kind: identity, tolerance: 1}', 'near.yaml')  # fmt: skip
+    street.write('name: far\nquery: {path: reference}\nreference: {path: query}\n'
+                 'truth: {kind: identity, tolerance: 1}', 'far.yaml')  # fmt: skip
+    files = [street.folder / name for name in ('street.yaml', 'near.yaml', 'far.yaml')]
+    files[0].write_text(files[1].read_text().replace('near', 'own'))
+    own, near, far = run(
+        street, quick, tmp_path / 'out', 'cohog', files=files, transfer=True
+    )
+    assert own['transferred']['others'] == ['far']
+    assert near['transferred']['others'] == ['far']
+    assert far['transferred']['others'] == ['own', 'near']
+    assert 0 <= own['transferred']['recall'] <= 1
+    (row, *_) = rows(tmp_path / 'out' / 'summary.csv')
+    assert row['transferred_false_closures'] == str(own['transferred']['false_closures'])
+
+
+def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
+    street, quick, tmp_path
+):
+    np.save(street.folder / 'net.npy', np.eye(24, dtype=np.float32))
+    street.write(street.file.read_text() + 'published: {net: net.npy}')
+    summaries = run(street, quick, tmp_path / 'out', 'published')
+    assert [one['method'] for one in summaries] == ['net', 'net-k10', 'net-dynamic']
+    assert [one['accuracy_matched'] for one in summaries] == [1, 1, 1]
+    assert summaries[0]['matched'] == 24
+    assert summaries[1]['matched'] == 15
+
+
+@pytest.mark.parametrize(
+    ('methods', 'problem'),
+    [
+        (('convseq', 'convseq'), 'convseq: two methods of this label'),
+        (('netvlad',), "method 'netvlad' is not one of convseq"),
+        (('hog:file.npy',), 'expected hog'),
+        (('scores',), 'expected scores:FILE.npy'),
+        (('convseq+max_lenth=3',), "unknown option 'max_lenth'"),
+        (('convseq+max_length=many',), 'max_length: expected int'),
+        (('scores:absent.npy',), r'absent.npy: No such file'),
+        (('!',), "method '!'"),
+    ],
+)
+def test_a_method_that_makes_no_sense_is_refused_in_one_line(
+    street, quick, tmp_path, methods, problem
+):
+    with pytest.raises(ConvseqError, match=problem) as caught:
+        run(street, quick, tmp_path / 'out', *methods)
+    assert '\n' not in str(caught.value)
+
+
+def test_two_sets_of_one_name_are_refused(street, quick, tmp_path):
+    with pytest.raises(ConfigError, match='street: two data sets of this name'):
+        run(street, quick, tmp_path / 'out', 'hog', files=[street.file] * 2)

@@ -1,0 +1,162 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of merit, by hand, as properties, and against scikit-learn."""
+
+import math
+
+from convseq_ros.evaluation.metrics import (
+    average_precision,
+    highest_wrong,
+    performance_per_compute_unit,
+    precision_recall,
+    recall_at,
+    recall_at_full_precision,
+)
+from hypothesis import given, settings, strategies
+import numpy as np
+import pytest
+
+
+def flags(*values):
+    return np.array(values, bool)
+
+
+def numbers(*values):
+    return np.array(values, float)
+
+
+def test_a_curve_is_what_one_computes_by_hand():
+    curve = precision_recall(flags(1, 1, 0, 1), numbers(0.9, 0.8, 0.7, 0.6))
+    assert curve.threshold.tolist() == [0.9, 0.8, 0.7, 0.6]
+    assert curve.precision.tolist() == pytest.approx([1, 1, 2 / 3, 3 / 4])
+    assert curve.recall.tolist() == pytest.approx([1 / 3, 2 / 3, 2 / 3, 1])
+    assert average_precision(curve) == pytest.approx(2 / 3 + 3 / 4 / 3)
+    assert recall_at_full_precision(curve) == pytest.approx(2 / 3)
+
+
+def test_equal_scores_are_one_step():
+    curve = precision_recall(flags(1, 0, 1), numbers(0.5, 0.5, 0.5))
+    assert curve.precision.tolist() == pytest.approx([2 / 3])
+    assert curve.recall.tolist() == [1]
+    assert recall_at_full_precision(curve) == 0
+
+
+def test_missed_places_count_when_their_number_is_given():
+    curve = precision_recall(flags(1, 0), numbers(0.9, 0.1), positives=4)
+    assert recall_at_full_precision(curve) == 1 / 4
+
+
+def test_without_positives_there_is_no_recall():
+    curve = precision_recall(flags(0, 0), numbers(0.2, 0.1))
+    assert curve.precision.tolist() == [0, 0]
+    assert average_precision(curve) is None
+    assert recall_at_full_precision(curve) is None
+
+
+def test_all_positives_are_found_with_full_precision():
+    curve = precision_recall(flags(1, 1, 1), numbers(3, 2, 1))
+    assert average_precision(curve) == pytest.approx(1)
+    assert recall_at_full_precision(curve) == 1
+
+
+def test_of_nothing_there_is_nothing():
+    curve = precision_recall(flags(), numbers())
+    assert len(curve.threshold) == 0
+    assert average_precision(curve) is None
+    assert recall_at_full_precision(curve) is None
+
+
+def test_one_high_outlier_costs_no_more_than_its_own_step():
+    values = numbers(100.0, *np.linspace(0.5, 0.4, 20), 0.1)
+    correct = flags(1, *[1] * 20, 0)
+    assert recall_at_full_precision(precision_recall(correct, values)) == 1
+
+
+@pytest.mark.parametrize('values', [numbers(math.nan, 1), numbers(1)])
+def test_values_that_cannot_be_ranked_are_refused(values):
+    with pytest.raises(ValueError, match='expected two of one shape'):
+        precision_recall(flags(1, 0), values)
+
+
+answers = strategies.lists(
+    strategies.tuples(strategies.booleans(), strategies.integers(0, 6)), min_size=1, max_size=40
+)
+
+
+@given(answers)
+def test_recall_never_falls_and_both_stay_within_bounds(given_answers):
+    correct, values = map(np.array, zip(*given_answers, strict=True))
+    curve = precision_recall(correct, values.astype(float))
+    assert (np.diff(curve.threshold) < 0).all()
+    assert ((curve.precision >= 0) & (curve.precision <= 1)).all()
+    if correct.any():
+        assert (np.diff(curve.recall) >= 0).all()
+        assert curve.recall[-1] == 1
+        assert curve.precision[-1] == pytest.approx(correct.mean())
+
+
+@given(answers, strategies.randoms())
+def test_the_order_of_the_answers_does_not_matter(given_answers, random):
+    shuffled = list(given_answers)
+    random.shuffle(shuffled)
+    areas = []
+    for rows in (given_answers, shuffled):
+        correct, values = map(np.array, zip(*rows, strict=True))
+        areas.append(average_precision(precision_recall(correct, values.astype(float))))
+    assert areas[0] == areas[1]
+
+
+@given(answers)
+def test_the_threshold_above_all_wrong_answers_gives_full_precision(given_answers):
+    correct, values = (np.array(column) for column in zip(*given_answers, strict=True))
+    values = values.astype(float)
+    taken = values > highest_wrong(correct, values)
+    assert correct[taken].all()
+    recall = recall_at_full_precision(precision_recall(correct, values))
+    if recall is not None:
+        assert recall == pytest.approx(taken.sum() / correct.sum())
+
+
+@pytest.fixture(scope='module')
+def metrics():
+    return pytest.importorskip('sklearn.metrics', reason='needs scikit-learn')
+
+
+@settings(deadline=None)
+@given(answers)
+def test_average_precision_and_curve_are_those_of_scikit_learn(metrics, given_answers):
+    correct, values = (np.array(column) for column in zip(*given_answers, strict=True))
+    values = values.astype(float)
+    if not correct.any():
+        return
+    curve = precision_recall(correct, values)
+    assert average_precision(curve) == pytest.approx(
+        metrics.average_precision_score(correct, values)
+    )
+    precision, recall, threshold = metrics.precision_recall_curve(correct, values)
+    assert curve.threshold.tolist() == threshold[::-1].tolist()
+    assert curve.precision.tolist() == pytest.approx(precision[:-1][::-1].tolist())
+    assert curve.recall.tolist() == pytest.approx(recall[:-1][::-1].tolist())
+
+
+def test_recall_at_n_counts_wrong_references_before_the_best_right_one():
+    scores = numbers(0.9, 0.8, 0.7, 0.1, 0.9, 0.5, -np.inf, -np.inf, 0.3).reshape(3, 3)
+    right = flags(0, 0, 1, 0, 1, 0, 1, 0, 0).reshape(3, 3)
+    assert recall_at(scores, right, (1, 2, 3)) == {1: 1 / 3, 2: 1 / 3, 3: 2 / 3}
+
+
+def test_in_recall_at_n_ties_count_against_the_method():
+    assert recall_at(numbers(0.5, 0.5).reshape(1, 2), flags(1, 0).reshape(1, 2), (1, 2)) == {
+        1: 0, 2: 1,
+    }  # fmt: skip
+
+
+def test_queries_without_a_right_reference_do_not_count_in_recall_at_n():
+    scores = numbers(1, 0, 1, 0).reshape(2, 2)
+    assert recall_at(scores, flags(1, 0, 0, 0).reshape(2, 2), (1,)) == {1: 1}
+    assert recall_at(scores, np.zeros((2, 2), bool), (1,)) == {1: None}
+
+
+def test_the_slowest_method_gets_its_precision_as_performance_per_compute_unit():
+    assert performance_per_compute_unit(0.9, 50.0, 50.0) == pytest.approx(0.9)
+    assert performance_per_compute_unit(0.9, 1.0, 91.0) == pytest.approx(1.8)

@@ -1,0 +1,68 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a run of five frames, worked out by hand."""
+
+from convseq_ros.evaluation.scorecard import figures, Verdicts
+from convseq_ros.evaluation.transfer import Measured, transferred
+import numpy as np
+import pytest
+
+
+def verdicts(**changes):
+    """Return five frames: skipped, right, right, slipped, wrong; the last is not in the map."""
+    usual = {
+        'matched': np.array([0, 1, 1, 1, 1], bool),
+        'known': np.array([1, 1, 1, 1, 0], bool),
+        'correct': np.array([0, 1, 1, 0, 0], bool),
+        'slip': np.array([0, 0, 0, 1, 0], bool),
+        'accepted': np.array([0, 1, 0, 1, 1], bool),
+        'lengths': np.array([0, 2, 2, 3, 3]),
+        'values': {'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
+                   'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1])},
+    }  # fmt: skip
+    return Verdicts(**(usual | changes))
+
+
+def test_each_accuracy_has_its_own_denominator():
+    found = figures(verdicts(), 'score')
+    assert found['accuracy_matched'] == pytest.approx(2 / 3)
+    assert found['accuracy_all'] == pytest.approx(2 / 4)
+
+
+def test_recall_at_full_precision_is_among_the_matched_queries_that_have_an_answer():
+    assert figures(verdicts(), 'score')['recall_at_100_precision'] == pytest.approx(1 / 3)
+    assert figures(verdicts(), 'margin')['recall_at_100_precision'] == pytest.approx(2 / 3)
+
+
+def test_the_area_counts_right_matches_or_all_answerable_ones():
+    found = figures(verdicts(), 'score')
+    assert found['auc_pr'] == pytest.approx(1 / 2 * 1 + 1 / 2 * 2 / 4)
+    assert found['auc_pr_known'] == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 4)
+
+
+def test_without_answers_there_are_no_figures():
+    none = np.zeros(5, bool)
+    found = figures(verdicts(known=none, correct=none, slip=none), 'score')
+    assert set(found.values()) == {None}
+
+
+def test_a_transferred_threshold_lets_through_what_beats_all_wrong_answers_elsewhere():
+    here = Measured('here', 'here', verdicts())
+    there = Measured('there', 'there', verdicts(values={'score': np.full(5, 0.75)}))
+    found = transferred(here, [here, there], 'score')
+    assert found == {
+        'threshold': 0.75, 'recall': pytest.approx(1 / 3), 'false_closures': 0, 'slips': 1,
+        'others': ['there'],
+    }  # fmt: skip
+
+
+def test_sets_of_the_same_place_give_no_threshold():
+    here = Measured('day', 'street', verdicts())
+    assert transferred(here, [here, Measured('night', 'street', verdicts())], 'score') == {}
+
+
+def test_where_no_other_answer_is_wrong_everything_is_taken():
+    sound = verdicts(correct=np.array([0, 1, 1, 1, 1], bool))
+    here = Measured('here', 'here', verdicts())
+    found = transferred(here, [here, Measured('there', 'there', sound)], 'score')
+    assert (found['threshold'], found['false_closures'], found['slips']) == (None, 1, 1)
