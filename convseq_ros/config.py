@@ -59,8 +59,11 @@ class MatchingConfig(Checked):
         choices=('exhaustive', 'shortlist'),
     )
     shortlist_length: int = parameter(
-        30, 'References at which the likely sequences may end.',
+        50, 'References at which the likely sequences may end.',
         unit='references', low=3, high=1000,
+    )
+    speed_search: bool = parameter(
+        True, 'Follow a drive at half to twice the speed of the map; with coherent matching only.',
     )
 
 
@@ -109,8 +112,17 @@ class SequenceConfig(Checked):
 class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
+    acceptance_rule: str = parameter(
+        'auto', 'track sums up the last frames, margin looks at the newest sequence alone; auto: '
+        'track with coherent matching, margin with regional.',
+        choices=('auto', 'margin', 'track'),
+    )
+    min_evidence: float = parameter(
+        2.0, 'By the track rule, the last 25 frames must on average stand out by this many times '
+        'the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
+    )
     min_margin: float = parameter(
-        0.003, 'A match must score this much more than its best rival.',
+        0.003, 'By the margin rule, a match must score this much more than its best rival.',
         low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(

@@ -1,11 +1,104 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the best candidate is a match, and why or why not."""
+"""Whether the best candidate is a match, why or why not, and how sure that is."""
 
 from collections.abc import Sequence
+import math
 
 from convseq_ros.config import AcceptanceConfig
+from convseq_ros.core.sequence import Row
+from convseq_ros.core.track_evidence import SAME_TRACK, Sight, TrackEvidence, WINDOW
 from convseq_ros.core.types import Candidate, Reason
+
+Verdict = tuple[Reason, float | None]
+
+_CONFIDENCE = (-0.8, 3.0)
+
+
+class Acceptance:
+    """
+    Decides frame after frame, by one of two rules.
+
+    Parameters
+    ----------
+    matching : str
+        How pairs are scored. `acceptance_rule: auto` takes the track for coherent scores and the
+        margin for regional ones.
+    rule : str
+        auto, margin or track.
+
+    """
+
+    def __init__(self, matching: str, rule: str = 'auto') -> None:
+        by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
+        self._track = TrackEvidence() if by_track else None
+
+    @property
+    def window(self) -> int:
+        """The frames before and with the newest whose scores are wanted."""
+        return WINDOW if self._track else 1
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        if self._track:
+            self._track = TrackEvidence()
+
+    def judge(
+        self,
+        frame: int,
+        rows: Sequence[Row | None],
+        candidates: Sequence[Candidate],
+        config: AcceptanceConfig,
+        slope: float = 1.0,
+    ) -> Verdict:
+        """
+        Take note of a frame and decide on its best candidate.
+
+        Parameters
+        ----------
+        frame : int
+            Its number in the drive; frames that show nothing are passed over but counted.
+        rows : sequence of ndarrays of float32, or None
+            Pair scores as for `TrackEvidence.follow`.
+        candidates : sequence of Candidate
+            Best first, neighbours left out. There are none while the sequence is too short.
+        config : AcceptanceConfig
+            The least margin and evidence.
+        slope : float
+            References that pass while one frame does.
+
+        Returns
+        -------
+        reason : Reason
+            Accepted or why not.
+        confidence : float or None
+            Probability that the best candidate is right, if the rule tells.
+
+        """
+        sight = self._track.follow(frame, rows, slope) if self._track else None
+        if not candidates:
+            return Reason.WARMING_UP, None
+        if not self._track:
+            return decide(candidates, config), None
+        best = candidates[0].reference_index
+        evidence = self._track.evidence(frame, best, slope)
+        reason = _doubt(sight, best, self._track.scatter)
+        if evidence is None:
+            return reason, None
+        if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:
+            reason = Reason.ACCEPTED
+        return reason, confidence(evidence)
+
+
+def _doubt(sight: Sight | None, best: int, scatter: float | None) -> Reason:
+    """Return what speaks most against a candidate."""
+    if sight is None:
+        return Reason.WEAK
+    if abs(sight.reference - best) > SAME_TRACK:
+        return Reason.INCONSISTENT
+    if not sight.enough_rivals:
+        return Reason.TOO_FEW_RIVALS
+    return Reason.AMBIGUOUS if sight.margin < (scatter or 0.0) else Reason.WEAK
 
 
 def decide(candidates: Sequence[Candidate], config: AcceptanceConfig) -> Reason:
@@ -29,3 +122,13 @@ def decide(candidates: Sequence[Candidate], config: AcceptanceConfig) -> Reason:
         return Reason.TOO_FEW_RIVALS
     margin = candidates[0].score - candidates[1].score
     return Reason.ACCEPTED if margin >= config.min_margin else Reason.AMBIGUOUS
+
+
+def confidence(evidence: float) -> float:
+    """
+    Return the probability that a candidate is right, in [0, 1], given its track evidence.
+
+    A logistic function of the logarithm, fitted on coherent scores.
+    """
+    offset, slope = _CONFIDENCE
+    return 1.0 / (1.0 + math.exp(-(offset + slope * math.log(max(evidence, 0.0) + 0.02))))

@@ -9,14 +9,15 @@ from functools import partial
 from typing import Any
 
 from convseq_ros.config import Config
-from convseq_ros.core.acceptance import decide
+from convseq_ros.core.acceptance import Acceptance
 from convseq_ros.core.candidates import best_candidates
 from convseq_ros.core.descriptor import describe, nothing_seen
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.retrieval import Shortlist
-from convseq_ros.core.sequence import choose_length, Row, sequence_scores
+from convseq_ros.core.sequence import choose_length, diagonal, Row, sequence_scores
+from convseq_ros.core.slope import SlopeSearch
 from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Reason, Status
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +46,8 @@ class PlaceRecognizer:
         The places to recognise; made with the same encoding.
     config : Config
         Its `sequence` and `acceptance` may be replaced between two frames.
+    matcher : Matcher, optional
+        What scores pairs, if not as `config.matching` says.
 
     Attributes
     ----------
@@ -53,22 +56,33 @@ class PlaceRecognizer:
 
     """
 
-    def __init__(self, reference_map: ReferenceMap, config: Config = Config()) -> None:
+    def __init__(
+        self,
+        reference_map: ReferenceMap,
+        config: Config = Config(),
+        matcher: Matcher | None = None,
+    ) -> None:
+        chosen = config.matching
         self.reference_map = reference_map
         self.config = config
         self.resets = 0
         self._buffer: deque[_Seen] = deque()
         self._frames = 0
+        self._kept = 0
         self._last_stamp_ns: int | None = None
         self._everywhere = np.arange(len(reference_map))
+        self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
         self._shortlist: Shortlist | None = None
-        if config.matching.search == 'shortlist' and len(reference_map):
+        if chosen.search == 'shortlist' and len(reference_map):
             self._shortlist = Shortlist(
-                reference_map, config.matching.shortlist_length, config.acceptance.rival_distance
+                reference_map, chosen.shortlist_length, config.acceptance.rival_distance
             )
-        self._matcher = Matcher(
+        self._slopes: SlopeSearch | None = None
+        if chosen.speed_search and chosen.matching == 'coherent':
+            self._slopes = SlopeSearch()
+        self._matcher = matcher or Matcher(
             reference_map,
-            config.matching.matching,
+            chosen.matching,
             config.encoding.saliency_threshold,
             _KEPT_REFERENCES if self._shortlist else None,
         )
@@ -81,7 +95,10 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames seen so far; counting goes on."""
         self._buffer.clear()
+        self._acceptance.reset()
         self._last_stamp_ns = None
+        if self._slopes:
+            self._slopes.reset()
 
     def process(self, frame: Frame) -> Match:
         """
@@ -95,15 +112,20 @@ class PlaceRecognizer:
             recording that starts again) and empties the query buffer.
 
         """
-        answer = partial(Match, self._frames, frame.stamp_ns)
+        if frame.gray is not None:
+            return self.recognize(frame.stamp_ns, describe(frame.gray, self.config.encoding))
+        match = self.recognize(frame.stamp_ns, nothing_seen(self.config.encoding))
+        return replace(match, reason=Reason.UNREADABLE)
+
+    def recognize(self, stamp_ns: int, descriptor: Descriptor) -> Match:
+        """Do what `process` does, for a frame that is described already."""
+        answer = partial(Match, self._frames, stamp_ns)
         skipped = partial(answer, Status.SKIPPED)
         self._frames += 1
-        if not self._in_order(frame.stamp_ns):
+        if not self._in_order(stamp_ns):
             return skipped(Reason.OUT_OF_ORDER)
-        seen = self._look(frame)
+        seen = self._look(descriptor)
         self._keep(seen)
-        if frame.gray is None:
-            return skipped(Reason.UNREADABLE)
         if seen.query is None:
             return skipped(Reason.UNINFORMATIVE)
         if not len(self.reference_map):
@@ -114,20 +136,46 @@ class PlaceRecognizer:
         length = choose_length(
             [one.descriptor for one in outward], similarity, self.config.sequence
         )
+        judge = partial(self._acceptance.judge, self._kept, [one.row for one in outward])
         if length is None:
-            return skipped(Reason.WARMING_UP, pairs_scored=pairs)
+            reason, _ = judge((), self.config.acceptance)
+            return skipped(reason, pairs_scored=pairs)
+
         window = outward[:length]
+        first_sights = [one.first_sight if self._shortlist else one.row for one in window]
+        slope = self._slopes.follow(first_sights) if self._slopes else 1.0
         ends = self._everywhere
         if self._shortlist:
-            ends = self._shortlist.ends([one.first_sight for one in window])
-            pairs = self._score(window, ends)
-        scores = _only(ends, sequence_scores([one.row for one in window]))
+            ends = self._shortlist.ends(first_sights, slope)
+            pairs = self._score(outward[: max(length, self._acceptance.window)], ends, slope)
+        scores = _only(ends, sequence_scores([one.row for one in window], slope=slope))
         candidates = best_candidates(scores, self.reference_map.places, self.config.acceptance)
+        reason, confidence = judge(candidates, self.config.acceptance, slope)
         if not candidates:
             return skipped(Reason.MAP_TOO_SHORT, (), length, pairs)
-        reason = decide(candidates, self.config.acceptance)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
-        return answer(status, reason, self._with_shift(candidates, seen), length, pairs)
+        candidates = self._with_shift(candidates, seen)
+        return answer(status, reason, candidates, length, pairs, confidence)
+
+    def agreement(self, match: Match) -> npt.NDArray[np.float64]:
+        """
+        Return which regions moved together from the newest frame to its best candidate.
+
+        Parameters
+        ----------
+        match : Match
+            The answer to the newest frame.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 4)
+            As `PairScore.agree` says; none if the way of matching does not tell.
+
+        """
+        best = match.best
+        if not best or not best.shift:
+            return np.zeros((0, 4))
+        return self._matcher.agreeing(self._buffer[-1].query, best.reference_index, best.shift)
 
     def _in_order(self, stamp_ns: int) -> bool:
         late_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - stamp_ns
@@ -139,10 +187,7 @@ class PlaceRecognizer:
         self._last_stamp_ns = stamp_ns
         return True
 
-    def _look(self, frame: Frame) -> _Seen:
-        if frame.gray is None:
-            return _Seen(nothing_seen(self.config.encoding))
-        descriptor = describe(frame.gray, self.config.encoding)
+    def _look(self, descriptor: Descriptor) -> _Seen:
         query = self._matcher.see(descriptor) if descriptor.informative else None
         if query is None:
             return _Seen(descriptor)
@@ -152,16 +197,19 @@ class PlaceRecognizer:
 
     def _keep(self, seen: _Seen) -> None:
         self._buffer.append(seen)
-        while len(self._buffer) > self.config.sequence.window:
+        self._kept += 1
+        while len(self._buffer) > max(self.config.sequence.window, self._acceptance.window):
             self._buffer.popleft()
 
-    def _score(self, window: Sequence[_Seen], ends: npt.NDArray[np.int64]) -> int:
+    def _score(
+        self, window: Sequence[_Seen], ends: npt.NDArray[np.int64], slope: float = 1.0
+    ) -> int:
         """Score the pairs on the diagonals that end at some references; return how many."""
         count = 0
-        for offset, one in enumerate(window):
+        for step, one in zip(diagonal(len(window), slope), window, strict=True):
             if one.row is None:
                 continue
-            indices = ends[ends >= offset] - offset
+            indices = ends[ends >= step] - step
             missing = indices[np.isnan(one.row[indices])]
             one.row[missing] = self._matcher.scores(one.query, missing)
             count += len(missing)

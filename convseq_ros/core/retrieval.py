@@ -18,7 +18,7 @@ _PRIOR_FRAMES = 5
 
 def pooled(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """
-    Return the mean of an image's projected regions over an 8 x 8 grid.
+    Return the mean of an image's projected regions over a grid of at most 8 x 8.
 
     Parameters
     ----------
@@ -27,14 +27,15 @@ def pooled(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
     Returns
     -------
-    ndarray of float32, shape (2048,)
+    ndarray of float32, shape (2048,), fewer for images below 160 px
         Not normalised.
 
     """
     regions = projected_regions(cells)
     side = int(len(regions) ** 0.5)
     image = regions.reshape(side, side, -1)
-    starts = np.arange(_GRID) * side // _GRID
+    grid = min(_GRID, side)
+    starts = np.arange(grid) * side // grid
     counts = np.diff(np.append(starts, side))
     sums = np.add.reduceat(np.add.reduceat(image, starts, axis=0), starts, axis=1)
     return (sums / (counts[:, None, None] * counts[None, :, None])).ravel().astype(np.float32)
@@ -76,9 +77,9 @@ class Shortlist:
         self._frames += 1
         return self._references @ unit(query - self._sum / self._frames)
 
-    def ends(self, rows: Sequence[Row | None]) -> npt.NDArray[np.int64]:
+    def ends(self, rows: Sequence[Row | None], slope: float = 1.0) -> npt.NDArray[np.int64]:
         """Return the references, ascending, where the diagonals of the best sequences end."""
-        scores = sequence_scores(rows)
+        scores = sequence_scores(rows, slope=slope)
         best = np.argsort(-scores, kind='stable')[: self._length - self._length // 3]
         listed = [int(index) for index in best if np.isfinite(scores[index])]
         for _ in range(self._length // 3):

@@ -76,10 +76,10 @@ def mean_entropy(frames: Sequence[Descriptor]) -> float:
 
 
 def sequence_scores(
-    rows: Sequence[Row | None], direction: int = BACKWARD
+    rows: Sequence[Row | None], direction: int = BACKWARD, slope: float = 1.0
 ) -> npt.NDArray[np.float64]:
     """
-    Return how well a sequence of frames matches each reference, one to one and in order.
+    Return how well a sequence of frames matches each reference, in order.
 
     Parameters
     ----------
@@ -88,6 +88,8 @@ def sequence_scores(
         for an uninformative frame. The anchor has a row.
     direction : BACKWARD or FORWARD
         Whether the frames lie before or after the anchor.
+    slope : float
+        References that pass while one frame does; 1, one to one, in the paper.
 
     Returns
     -------
@@ -102,14 +104,20 @@ def sequence_scores(
         raise ValueError('the anchor of a sequence must be informative')
     count, length = len(anchor_row), len(rows)
     total, pairs = np.zeros(count), np.zeros(count)
-    for offset, row in enumerate(rows):
-        if row is None or offset >= count:
+    steps = diagonal(length, slope)
+    for step, row in zip(steps, rows, strict=True):
+        if row is None or step >= count:
             continue
-        near, far = slice(offset, None), slice(None, count - offset)
+        near, far = slice(step, None), slice(None, count - step)
         anchor, other = (near, far) if direction == BACKWARD else (far, near)
         known = np.isfinite(row[other])
         total[anchor] += np.where(known, row[other], 0)
         pairs[anchor] += known
     index = np.arange(count) if direction == BACKWARD else np.arange(count)[::-1]
-    scored = np.isfinite(anchor_row) & (index >= length - 1) & (2 * pairs >= length)
+    scored = np.isfinite(anchor_row) & (index >= steps[-1]) & (2 * pairs >= length)
     return np.divide(total, pairs, out=np.full(count, -np.inf), where=scored)
+
+
+def diagonal(length: int, slope: float = 1.0) -> list[int]:
+    """Return how many references before its end a diagonal meets each frame, newest first."""
+    return [int(offset * slope + 0.5) for offset in range(length)]

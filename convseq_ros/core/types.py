@@ -96,6 +96,8 @@ class Reason(StrEnum):
 
     ACCEPTED = 'accepted'
     AMBIGUOUS = 'ambiguous'
+    WEAK = 'weak'
+    INCONSISTENT = 'inconsistent'
     TOO_FEW_RIVALS = 'too_few_rivals'
     WARMING_UP = 'warming_up'
     UNINFORMATIVE = 'uninformative'

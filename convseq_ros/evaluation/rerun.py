@@ -3,16 +3,17 @@
 """The recogniser once more over a drive, with what an earlier pass computed of its images."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from convseq_ros.config import Config
-from convseq_ros.core.recognizer import _Seen, PlaceRecognizer
+from convseq_ros.core.descriptor import nothing_seen
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.types import Frame, Match
+from convseq_ros.core.types import Descriptor, Match, Reason
 from convseq_ros.evaluation.drive import Drive
 import numpy as np
 import numpy.typing as npt
-
-_SOMETHING: npt.NDArray[np.uint8] = np.zeros((1, 1), np.uint8)
 
 
 def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
@@ -41,41 +42,31 @@ def rerun(
         Sequence, search and acceptance may differ from those of the earlier pass.
 
     """
-    recognizer = _Rerun(drive, reference_map, rows, config)
-    for stamp_ns, readable in zip(drive.stamps_ns, drive.readable, strict=True):
-        yield recognizer.process(Frame(stamp_ns, _SOMETHING if readable else None))
+    matcher = _Remembered(drive, rows)
+    recognizer = PlaceRecognizer(reference_map, config, matcher)
+    unreadable = nothing_seen(config.encoding)
+    for stamp_ns, readable, descriptor in zip(
+        drive.stamps_ns, drive.readable, drive.descriptors, strict=True
+    ):
+        if readable:
+            yield recognizer.recognize(stamp_ns, descriptor)
+        else:
+            match = recognizer.recognize(stamp_ns, unreadable)
+            yield replace(match, reason=Reason.UNREADABLE)
 
 
-class _Remembered:
-    """A matcher that looks scores up; a query is the index of its frame."""
+class _Remembered(Matcher):
+    """Looks scores up; a query is the index of its frame."""
 
-    def __init__(self, rows: npt.NDArray[np.float32]) -> None:
+    def __init__(self, drive: Drive, rows: npt.NDArray[np.float32]) -> None:
+        self._index = {id(one): index for index, one in enumerate(drive.descriptors)}
         self._rows = rows
+
+    def see(self, descriptor: Descriptor) -> int | None:
+        return self._index[id(descriptor)]
 
     def scores(self, query: int, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         return self._rows[query, indices]
 
     def shift(self, _query: int, _index: int) -> None:
         return None
-
-
-class _Rerun(PlaceRecognizer):
-    def __init__(
-        self,
-        drive: Drive,
-        reference_map: ReferenceMap,
-        rows: npt.NDArray[np.float32],
-        config: Config,
-    ) -> None:
-        super().__init__(reference_map, config)
-        self._matcher = _Remembered(rows)  # type: ignore[assignment]
-        self._drive = drive
-
-    def _look(self, frame: Frame) -> _Seen:
-        index = self._frames - 1
-        descriptor = self._drive.descriptors[index]
-        if frame.gray is None or not descriptor.informative:
-            return _Seen(descriptor)
-        row = np.full(len(self.reference_map), np.nan, np.float32)
-        first_sight = self._shortlist.row(descriptor) if self._shortlist else None
-        return _Seen(descriptor, index, row, first_sight)

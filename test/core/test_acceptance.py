@@ -2,15 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Candidates and the decision between them."""
 
-from convseq_ros.config import AcceptanceConfig
-from convseq_ros.core.acceptance import decide
+from dataclasses import replace
+
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    MatchingConfig,
+    SequenceConfig,
+)
+from convseq_ros.core.acceptance import Acceptance, confidence, decide
 from convseq_ros.core.candidates import best_candidates
-from convseq_ros.core.reference_map import Place
-from convseq_ros.core.types import Candidate, Reason
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.sequence import choose_length, sequence_scores
+from convseq_ros.core.types import Candidate, Frame, Reason, Status
+import cv2
 import numpy as np
 import pytest
 
 RULE = AcceptanceConfig(min_margin=0.01, rival_distance=2, num_candidates=3)
+TRACK = AcceptanceConfig(acceptance_rule='track')
+SMALL = EncodingConfig(image_size_px=256)
+PLACES = 60
 
 
 def candidates(scores, config=RULE):
@@ -43,4 +60,231 @@ def test_places_without_score_are_no_candidates():
     ],
 )
 def test_the_margin_to_the_best_rival_decides(scores, reason):
-    assert decide(candidates(scores), RULE) is reason
+    found = candidates(scores)
+    assert decide(found, RULE) is reason
+    rows = [np.array(scores, np.float32)]
+    assert Acceptance('regional').judge(0, rows, found, RULE) == (reason, None)
+
+
+@pytest.mark.parametrize(
+    ('matching', 'rule', 'by_track'),
+    [
+        ('coherent', 'auto', True),
+        ('regional', 'auto', False),
+        ('coherent', 'margin', False),
+        ('regional', 'track', True),
+    ],
+)
+def test_the_rule_follows_the_matching_unless_it_is_chosen(matching, rule, by_track):
+    assert (Acceptance(matching, rule).window > 1) is by_track
+
+
+def drawn_scores(frames, seed=0, contrast=0.3, places=PLACES):
+    """Return pair scores like coherent ones; frame t shows reference t + 5."""
+    scores = np.random.default_rng(seed).uniform(0.08, 0.2, (frames, places)).astype(np.float32)
+    for frame in range(frames):
+        scores[frame, frame + 5] += contrast
+    return scores
+
+
+def verdicts(scores, config=TRACK, acceptance=None, said=None):
+    """Judge a drive whose best candidate is the true one, or the reference that is `said`."""
+    acceptance = acceptance or Acceptance('coherent')
+    found = []
+    for frame in range(len(scores)):
+        rows = [scores[frame - back] for back in range(min(frame + 1, 12))]
+        best = Candidate(frame + 5 if said is None else said, 0, 0.3)
+        found.append(acceptance.judge(frame, rows, (best,), config))
+    return found
+
+
+def test_a_true_track_is_accepted_once_it_stands_out_long_enough():
+    found = verdicts(drawn_scores(30))
+    assert {reason for reason, _ in found[:9]} == {Reason.WEAK}
+    assert {reason for reason, _ in found[9:]} == {Reason.ACCEPTED}
+    assert [sure for _, sure in found[:9]] == [None] * 9
+    assert all(sure > 0.7 for _, sure in found[9:])
+
+
+def test_a_candidate_off_the_track_is_inconsistent_and_unlikely():
+    found = verdicts(drawn_scores(30), said=50)
+    assert {reason for reason, _ in found[10:]} == {Reason.INCONSISTENT}
+    assert all(sure < 0.05 for _, sure in found[10:])
+
+
+def test_a_candidate_next_to_the_track_is_on_it():
+    found = verdicts(drawn_scores(25), said=25)
+    assert [reason is Reason.ACCEPTED for reason, _ in found[17:24]] == [
+        False, True, True, True, True, True, False
+    ]  # fmt: skip
+
+
+def test_more_evidence_may_be_asked_for():
+    strict = replace(TRACK, min_evidence=1000.0)
+    assert {reason for reason, _ in verdicts(drawn_scores(30), strict)[9:]} == {Reason.WEAK}
+
+
+def test_a_frame_that_stands_out_less_than_other_places_scatter_is_ambiguous():
+    scores = drawn_scores(30, contrast=0.0)
+    acceptance = Acceptance('coherent')
+    reasons = set()
+    for frame in range(30):
+        rows = [scores[frame - back] for back in range(min(frame + 1, 12))]
+        ahead = sequence_scores(rows[:10])
+        best = Candidate(int(ahead.argmax()), 0, 0.2)
+        reasons.add(acceptance.judge(frame, rows, (best,), TRACK)[0])
+    assert Reason.AMBIGUOUS in reasons and Reason.ACCEPTED not in reasons
+
+
+def test_a_map_too_small_to_compare_in_says_so():
+    found = verdicts(drawn_scores(10, places=15))
+    assert {reason for reason, _ in found[3:]} == {Reason.TOO_FEW_RIVALS}
+
+
+def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
+    scores = drawn_scores(15)
+    acceptance = Acceptance('coherent')
+    for frame in range(14):
+        rows = [scores[frame - back] for back in range(frame + 1)]
+        assert acceptance.judge(frame, rows, (), TRACK) == (Reason.WARMING_UP, None)
+    rows = [scores[14 - back] for back in range(15)]
+    assert acceptance.judge(14, rows, (Candidate(19, 0, 0.3),), TRACK)[0] is Reason.ACCEPTED
+
+
+def test_after_a_reset_evidence_is_gathered_anew():
+    scores = drawn_scores(20)
+    acceptance = Acceptance('coherent')
+    first = verdicts(scores, acceptance=acceptance)
+    acceptance.reset()
+    assert verdicts(scores, acceptance=acceptance) == first
+
+
+def test_confidence_rises_with_evidence_and_is_a_probability():
+    said = [confidence(evidence) for evidence in (-0.5, 0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 1000.0)]
+    assert said == sorted(said) and 0 <= said[0] and said[-1] <= 1
+    assert confidence(0.1) < 0.01 and 0.7 < confidence(2.0) < 0.8 and confidence(5.0) > 0.97
+
+
+def image(place, seed=0):
+    rng = np.random.default_rng(place)
+    coarse = cv2.resize(rng.random((20, 20)).astype(np.float32), (160, 120))
+    return ((coarse + np.random.default_rng([place, seed]).random((120, 160)) / 2) * 150).astype(
+        np.uint8
+    )
+
+
+@pytest.fixture(scope='module')
+def reference_map():
+    made = ReferenceMap(SMALL)
+    for place in range(PLACES):
+        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+    return made
+
+
+@pytest.fixture(params=['exhaustive', 'shortlist'])
+def coherent(request):
+    return Config(
+        encoding=SMALL,
+        matching=MatchingConfig(matching='coherent', search=request.param),
+        sequence=SequenceConfig(fixed_length=4),
+    )
+
+
+def drive(recognizer, places, start=0):
+    return [
+        recognizer.process(
+            Frame(start + index, None if place is None else image(place, seed=1))
+        )
+        for index, place in enumerate(places)
+    ]
+
+
+def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(reference_map, coherent):
+    recognizer = PlaceRecognizer(reference_map, coherent)
+    matches = drive(recognizer, [*range(1000, 1015), *range(15, 40), *range(2000, 2020)])
+    for match in matches[21:40]:
+        assert match.accepted.reference_index == match.query_index
+        assert match.confidence > 0.7
+    assert not any(match.accepted for match in matches[:15] + matches[50:])
+    decided = {match.reason for match in matches[12:15] + matches[50:]}
+    assert decided <= {Reason.AMBIGUOUS, Reason.WEAK, Reason.INCONSISTENT, Reason.TOO_FEW_RIVALS}
+
+
+def test_lost_frames_do_not_break_a_track(reference_map, coherent):
+    places = list(range(10, 40))
+    places[18] = places[19] = None
+    matches = drive(PlaceRecognizer(reference_map, coherent), places)
+    assert [match.status for match in matches[18:20]] == [Status.SKIPPED] * 2
+    for match in matches[22:]:
+        assert match.accepted.reference_index == 10 + match.query_index
+
+
+def test_a_recogniser_that_starts_anew_forgets_the_track(reference_map, coherent):
+    recognizer = PlaceRecognizer(reference_map, coherent)
+    first = drive(recognizer, range(10, 30))
+    recognizer.reset()
+    again = drive(recognizer, range(10, 30), start=100)
+    assert [match.reason for match in again][:9] == [match.reason for match in first][:9]
+    assert not any(match.accepted for match in again[:9]) and again[-1].accepted
+
+
+def accepted_of(scores, lengths, truth):
+    """Return how many matches are accepted right, wrong, and could be, of a drive's scores."""
+    acceptance = Acceptance('coherent')
+    right = wrong = answerable = 0
+    for frame, length in enumerate(lengths):
+        row = scores[frame]
+        if not np.isfinite(row).any():
+            continue
+        rows = [
+            each if np.isfinite(each).any() else None
+            for each in (scores[frame - back][: len(row)] for back in range(min(frame, 24) + 1))
+        ]
+        found = ()
+        if length:
+            places = [Place(index) for index in range(len(row))]
+            found = best_candidates(sequence_scores(rows[:length]), places, TRACK)
+            answerable += any(length - 1 <= place < len(row) for place in truth[frame])
+        if acceptance.judge(frame, rows, found, TRACK)[0] is Reason.ACCEPTED:
+            near = min((abs(found[0].reference_index - place) for place in truth[frame]),
+                       default=99)  # fmt: skip
+            right += near <= 2
+            wrong += near > 5
+    return right, wrong, answerable
+
+
+def test_half_of_the_corridor_is_told_from_the_other_half(shared_data):
+    scores = np.load(shared_data / 'coherent' / 'corridor_scores.npy', allow_pickle=False)
+    lengths = [0] * 9 + [10] * 102
+    total = np.zeros(3)
+    for first in (0, 28, 56):
+        truth = [[frame - first] for frame in range(111)]
+        total += accepted_of(scores[:, first : first + 55], lengths, truth)
+    right, wrong, answerable = total
+    assert wrong == 0 and right > 0.80 * answerable
+
+
+def test_revisits_of_a_loop_are_accepted_online(shared_data):
+    folder = shared_data / 'rtabmap84'
+    grays = (cv2.imread(str(folder / f'{number}.jpg')) for number in range(1, 85))
+    drive = [describe(cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)) for gray in grays]
+    seen = [see(one, 4.0) if one.informative else None for one in drive]
+    regions = [projected_regions(one.cells) if one.cells.any() else None for one in drive]
+    scores = [
+        np.array([
+            coherent_score(query, regions[past])[0]
+            if query and regions[past] is not None else np.nan
+            for past in range(max(0, now - 20))
+        ], np.float32)
+        for now, query in enumerate(seen)
+    ]  # fmt: skip
+    lengths = [
+        choose_length(drive[now::-1][:25], similarity, SequenceConfig()) if query else None
+        for now, query in enumerate(seen)
+    ]
+    truth = [[] for _ in drive]
+    for line in (folder / 'loops_gt.csv').read_text().splitlines()[1:]:
+        now, past, _ = map(int, line.split(','))
+        truth[now - 1].append(past - 1)
+    right, wrong, _ = accepted_of(scores, lengths, truth)
+    assert wrong == 0 and right >= 29

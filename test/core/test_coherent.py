@@ -9,6 +9,7 @@ from convseq_ros.core.descriptor import describe
 from convseq_ros.core.entropy import MAX_BITS
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.coherent import (
+    agreeing_regions,
     coherent_score,
     joined_regions,
     projected_regions,
@@ -98,6 +99,18 @@ def test_a_shifted_copy_scores_high_with_exactly_that_shift(rows, columns):
     top, left = 94 - 16 * rows, 94 - 16 * columns
     found, shift = score(query, wide[top : top + 512, left : left + 512])
     assert found > 0.6 and shift == (rows, columns)
+
+
+def test_the_regions_that_agree_lie_apart_by_the_shift():
+    wide = texture(2, (700, 700))
+    query = see(describe(wide[94:606, 94:606]), LEAST_BITS)
+    reference = projected_regions(describe(wide[94:606, 158:670]).cells)
+    agreeing = agreeing_regions(query, reference, (0.0, -4.0))
+    moved = (agreeing[:, 2:] - agreeing[:, :2]) * 32
+    assert len(agreeing) > 400
+    assert np.median(moved, axis=0) == pytest.approx([0, -4])
+    assert agreeing.min() > 0 and agreeing.max() < 1
+    assert not len(agreeing_regions(query, reference, (20.0, 20.0)))
 
 
 def test_unrelated_images_score_near_chance():

@@ -74,6 +74,13 @@ class Matcher:
         reference = self._reference(index)
         return None if reference is None else self._pair.compare(query, reference)[1]
 
+    def agreeing(self, query: Any, index: int, shift: Shift) -> npt.NDArray[np.float64]:
+        """Return where the regions are that moved by a shift, (n, 4); see `PairScore.agree`."""
+        reference = self._reference(index)
+        if self._pair.agree is None or reference is None:
+            return np.zeros((0, 4))
+        return self._pair.agree(query, reference, shift)
+
     def _score(self, query: Any, index: int) -> float:
         reference = self._reference(index)
         return np.nan if reference is None else self._pair.compare(query, reference)[0]

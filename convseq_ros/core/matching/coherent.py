@@ -141,6 +141,36 @@ def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shi
     return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
 
 
+def agreeing_regions(
+    query: CoherentQuery, reference: Regions, shift: Shift
+) -> npt.NDArray[np.float64]:
+    """
+    Return which regions moved by a shift: what a person may look at.
+
+    Parameters
+    ----------
+    query : CoherentQuery
+        With at least one region.
+    reference : ndarray of float32, shape (N, 32)
+        From `projected_regions`.
+    shift : (float, float)
+        Rows and columns, in cells.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 4)
+        Middle of each region in the query (row, column) and of its counterpart in the reference,
+        as shares of the image's height and width.
+
+    """
+    counterpart = (query.regions @ reference.T).argmax(axis=1)
+    start = np.column_stack(np.divmod(query.index, query.side))
+    end = np.column_stack(np.divmod(counterpart, query.side))
+    agreeing = np.hypot(*(end - start - shift).T) <= SIGMA_CELLS
+    middles = np.hstack((start, end))[agreeing] + _SPAN / 2
+    return middles / (query.side + _SPAN - 1)
+
+
 _WINDOW = np.exp(-(np.arange(-_REACH, _REACH + 1) ** 2) / (2 * SIGMA_CELLS**2))
 
 
@@ -155,4 +185,4 @@ def _votes(
     return counts.reshape(span, span).astype(np.float64)
 
 
-COHERENT = PairScore(see, projected_regions, coherent_score)
+COHERENT = PairScore(see, projected_regions, coherent_score, agreeing_regions)

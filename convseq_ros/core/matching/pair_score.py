@@ -27,9 +27,13 @@ class PairScore:
         From a reference's cells to its regions.
     compare : callable
         From both to a score in [0, 1] and, if it tells, the shift in cells.
+    agree : callable, optional
+        From both and a shift to the regions that moved by it, (n, 4): where they are in the query
+        and in the reference, row and column as shares of the image.
 
     """
 
     see: Callable[[Descriptor, float], Any]
     prepare: Callable[[npt.NDArray[np.float32]], Regions]
     compare: Callable[[Any, Regions], tuple[float, Shift | None]]
+    agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None

@@ -1,0 +1,66 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives at another speed than the map's."""
+
+from convseq_ros.core.sequence import diagonal, sequence_scores
+from convseq_ros.core.slope import SLOPES, SlopeSearch
+import numpy as np
+import pytest
+
+FRAMES, REFERENCES, K = 60, 140, 10
+
+
+def rows_at(slope, seed=0):
+    """Return a row a frame of noise in which the true place stands out."""
+    rng = np.random.default_rng(seed)
+    scores = rng.normal(0.1, 0.02, (FRAMES, REFERENCES)).astype(np.float32)
+    for frame in range(FRAMES):
+        true = 5 + round(frame * slope)
+        if true < REFERENCES:
+            scores[frame, true] += 0.2
+    return list(scores)
+
+
+def follow(rows):
+    search = SlopeSearch()
+    return [search.follow(rows[index - K + 1 : index + 1][::-1]) for index in range(K, FRAMES)]
+
+
+@pytest.mark.parametrize('slope', sorted(SLOPES))
+def test_the_slope_of_the_drive_is_found(slope):
+    found = follow(rows_at(slope))
+    assert found[-1] == pytest.approx(slope, abs=0.08)
+
+
+def test_equal_speed_is_kept_where_other_slopes_stand_out_hardly_more():
+    rows = rows_at(1.0)
+    for frame, row in enumerate(rows):
+        row[min(REFERENCES - 1, 60 + round(frame * 0.8))] += 0.2
+    assert set(follow(rows)) == {1.0}
+
+
+def test_short_sequences_tell_no_slope():
+    search, rows = SlopeSearch(), rows_at(2.0)
+    assert {search.follow(rows[index - 4 : index][::-1]) for index in range(10, 50)} == {1.0}
+
+
+def test_a_new_drive_starts_anew():
+    search, rows = SlopeSearch(), rows_at(2.0)
+    for index in range(K, 40):
+        search.follow(rows[index - K + 1 : index + 1][::-1])
+    search.reset()
+    rows = rows_at(1.0)
+    assert search.follow(rows[:K][::-1]) == 1.0
+
+
+def test_a_diagonal_of_slope_two_meets_every_second_reference():
+    assert diagonal(4, 2.0) == [0, 2, 4, 6]
+    assert diagonal(5, 0.5) == [0, 1, 1, 2, 2]
+
+
+def test_hand_worked_score_at_slope_two():
+    newest = np.array([0, 0, 0.9, 0.1], np.float32)
+    older = np.array([0.7, 0.3, 0, 0], np.float32)
+    scores = sequence_scores([newest, older], slope=2.0)
+    assert scores[:2].tolist() == [-np.inf, -np.inf]
+    assert scores[2:] == pytest.approx([(0.9 + 0.7) / 2, (0.1 + 0.3) / 2])
