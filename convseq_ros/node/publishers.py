@@ -3,6 +3,7 @@
 """What the node says about every frame."""
 
 from convseq_ros.config import NodeConfig
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match
 from convseq_ros.node.conversions import (
@@ -48,10 +49,10 @@ class MatchPublishers:
         self._pose = node.create_publisher(PoseWithCovarianceStamped, '~/pose', _DEPTH)
         self._debug_image = node.create_publisher(Image, '~/debug_image', _DEPTH)
 
-    def publish(self, frame: Frame, match: Match, reference_map: ReferenceMap) -> None:
+    def publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
         """Publish the answer to one frame; -1 and 0 stand for no match and no score."""
         best, accepted = match.best, match.accepted
-        places = reference_map.places
+        places = recognizer.reference_map.places
         poses = {item.reference_index: places[item.reference_index].pose
                  for item in match.candidates}
         self._index.publish(Int32(data=accepted.reference_index if accepted else -1))
@@ -59,9 +60,10 @@ class MatchPublishers:
         self._length.publish(UInt32(data=match.sequence_length))
         self._candidates.publish(candidates_message(match, poses, self.config.map_frame))
         if accepted:
-            self._publish_accepted(match, accepted, reference_map)
+            self._publish_accepted(match, accepted, recognizer.reference_map)
         if self._debug_image.get_subscription_count():
-            picture = debug_image(frame, match, places[best.reference_index] if best else None)
+            place = places[best.reference_index] if best else None
+            picture = debug_image(frame, match, place, recognizer.agreement(match))
             header = match_header(match, '')
             self._debug_image.publish(image_message(picture, header))
 

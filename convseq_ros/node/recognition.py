@@ -10,7 +10,6 @@ from typing import Any
 
 from convseq_ros.config import Config
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, ImageError
 from convseq_ros.node.result_log import ResultLog
@@ -20,7 +19,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 _LOG_PERIOD_S = 5.0
 
-Publish = Callable[[Frame, Match, ReferenceMap], None]
+Publish = Callable[[Frame, Match, PlaceRecognizer], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class Recognition:
     results : ResultLog
         Gets a row for every answer.
     publish : callable
-        Receives every answer, with its frame and map.
+        Receives every answer, with its frame and who gave it.
     statistics : Statistics
         Where answers and failures are counted.
     logger : rclpy logger
@@ -124,7 +123,7 @@ class Recognition:
         match = replace(match, query_index=self._frames)
         self._frames += 1
         self._results.write(match, duration_ms)
-        self._publish(frame, match, self._recognizer.reference_map)
+        self._publish(frame, match, self._recognizer)
         self._statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _decode(self, arrival: Arrival) -> Frame:

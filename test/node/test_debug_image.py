@@ -14,6 +14,7 @@ import numpy as np
 
 ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
 SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
+NONE = np.zeros((0, 4))
 
 
 def flat(value):
@@ -22,7 +23,7 @@ def flat(value):
 
 def test_query_is_left_and_reference_right():
     place = Place(8, thumbnail=thumbnail(flat(200), 64))
-    picture = debug_image(Frame(9, flat(50)), ACCEPTED, place)
+    picture = debug_image(Frame(9, flat(50)), ACCEPTED, place, NONE)
     assert picture.shape == (264, 640, 3)
     assert picture.dtype == np.uint8
     assert (picture[24:, :320] == 50).all()
@@ -30,8 +31,8 @@ def test_query_is_left_and_reference_right():
 
 
 def test_the_caption_is_green_only_if_accepted():
-    green = debug_image(Frame(9, flat(50)), ACCEPTED, None)[:24].reshape(-1, 3)
-    grey = debug_image(Frame(9, flat(50)), SKIPPED, None)[:24].reshape(-1, 3)
+    green = debug_image(Frame(9, flat(50)), ACCEPTED, None, NONE)[:24].reshape(-1, 3)
+    grey = debug_image(Frame(9, flat(50)), SKIPPED, None, NONE)[:24].reshape(-1, 3)
     assert green[:, 1].max() > green[:, 2].max()
     assert (grey == grey[:, :1]).all()
     assert grey.any()
@@ -39,6 +40,16 @@ def test_the_caption_is_green_only_if_accepted():
 
 @pytest.mark.parametrize('place', [None, Place(8), Place(8, thumbnail=b'not a jpeg')])
 def test_what_cannot_be_shown_is_a_grey_field(place):
-    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, place)
+    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, place, NONE)
     assert picture.shape == (264, 480, 3)
     assert (picture[24:] == 64).all()
+
+
+def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
+    place = Place(8, thumbnail=thumbnail(flat(0), 64))
+    agreement = np.array([[0.5, 0.25, 0.75, 0.5]])
+    picture = debug_image(Frame(9, flat(0)), ACCEPTED, place, agreement)[24:]
+    one, other = picture[120, 80], picture[180, 480]
+    assert (one == other).all() and np.ptp(one.astype(int)) > 100
+    coloured = np.ptp(picture.astype(int), axis=2) > 100
+    assert 10 < coloured.sum() < 100

@@ -35,8 +35,8 @@ class Setup:
             recognizer, self.results, self.publish, self.statistics, self.logger, self.ros_is_up
         )
 
-    def publish(self, frame, match, reference_map):
-        self.published.append((frame, match, len(reference_map)))
+    def publish(self, frame, match, recognizer):
+        self.published.append((frame, match, len(recognizer.reference_map)))
 
     def handle(self, message, number):
         self.recognition.handle(Arrival(message, (number + 1) * STEP_NS, 0, '/image'))
