@@ -56,8 +56,8 @@ setup(
         'plot': ['matplotlib>=3.6'],
         'onnx': ['onnxruntime'],
         'test': [
-            'hypothesis>=6.98', 'onnx', 'onnxruntime', 'pytest>=7.4', 'pytest-timeout>=2.2',
-            'scikit-learn',
+            'hypothesis>=6.98', 'onnx', 'onnxruntime', 'pytest>=7.4', 'pytest-rerunfailures',
+            'pytest-timeout>=2.2', 'scikit-learn',
         ],
         'dev': [
             'catkin_pkg',

@@ -36,3 +36,10 @@ def shared_data() -> Path:
     if not data.is_dir():
         pytest.skip('needs the data sets in ../shared/data')
     return data
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Try again what two processes say over DDS: on a busy machine discovery may come late."""
+    for item in items:
+        if item.path.parent.name == 'node' or item.path.stem in ('test_parity', 'test_demo'):
+            item.add_marker(pytest.mark.flaky(reruns=2))
