@@ -1,6 +1,8 @@
 # make demo [DATA=path]   from a fresh clone to a picture
 # make test               all that CI runs
+# make demo-slam          loop closures into a pose graph, and what false ones cost
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
+# make bench              measure speed, write docs/PERFORMANCE.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3
@@ -19,14 +21,20 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo results test lint types contract test-newest test-noble clean
+.PHONY: demo demo-slam results bench test lint types contract test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
 
+demo-slam: .venv/slam.stamp
+	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
+
 results: .venv/demo.stamp
 	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \
 		$(foreach set,$(SETS),--set '$(set)')
+
+bench: .venv/bench.stamp
+	.venv/bin/python -m bench --page
 
 test: lint types contract test-newest test-noble
 
@@ -55,6 +63,16 @@ test-noble: .venv-noble/test.stamp
 	$(CLEAN_BUILD)
 	.venv/$(INSTALL) '.[ros,plot]'
 	touch $@
+
+.venv/slam.stamp: $(SOURCES) | .venv/bin/python
+	$(CLEAN_BUILD)
+	.venv/$(INSTALL) '.[ros,plot,slam]'
+	touch $@ .venv/demo.stamp
+
+.venv/bench.stamp: $(SOURCES) | .venv/bin/python
+	$(CLEAN_BUILD)
+	.venv/$(INSTALL) '.[ros,plot,fast]'
+	touch $@ .venv/demo.stamp
 
 .venv/test.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)

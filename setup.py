@@ -54,10 +54,12 @@ setup(
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plot': ['matplotlib>=3.6'],
+        'fast': ['numba>=0.61'],  # LLVM before 15 does not vectorise the loops
         'onnx': ['onnxruntime'],
+        'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
-            'hypothesis>=6.98', 'onnx', 'onnxruntime', 'pytest>=7.4', 'pytest-rerunfailures',
-            'pytest-timeout>=2.2', 'scikit-learn',
+            'gtsam>=4.3', 'hypothesis>=6.98', 'numba>=0.61', 'onnx', 'onnxruntime',
+            'pytest>=7.4', 'pytest-rerunfailures', 'pytest-timeout>=2.2', 'scikit-learn',
         ],
         'dev': [
             'catkin_pkg',

@@ -51,11 +51,11 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are."""
 
     matching: str = parameter(
-        'regional', 'coherent asks where salient regions went, regional (the paper) how similar '
+        'coherent', 'coherent asks where salient regions went, regional (the paper) how similar '
         'their best counterparts are.', choices=('coherent', 'regional'),
     )
     search: str = parameter(
-        'exhaustive', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
+        'shortlist', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
         choices=('exhaustive', 'shortlist'),
     )
     shortlist_length: int = parameter(
@@ -63,7 +63,17 @@ class MatchingConfig(Checked):
         unit='references', low=3, high=1000,
     )
     speed_search: bool = parameter(
-        True, 'Follow a drive at half to twice the speed of the map; with coherent matching only.',
+        True, 'Follow a drive at half to twice the speed of the map, and over frames that went '
+        'missing by their stamps; with coherent matching only.',
+    )
+    kernel: str = parameter(
+        'auto', 'What computes pair scores: int8 and float32 are compiled (numba), numpy is not; '
+        'auto takes the fastest that the machine has.',
+        choices=('auto', 'int8', 'float32', 'numpy'),
+    )
+    threads: int = parameter(
+        0, 'Threads that score pairs; 0 takes as many cores as the process may use, at most 2.',
+        low=0, high=256,
     )
 
 
@@ -118,7 +128,7 @@ class AcceptanceConfig(Checked):
         choices=('auto', 'margin', 'track'),
     )
     min_evidence: float = parameter(
-        2.0, 'By the track rule, the last 25 frames must on average stand out by this many times '
+        1.7, 'By the track rule, the last 30 frames must on average stand out by this many times '
         'the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
     )
     min_margin: float = parameter(
@@ -133,21 +143,50 @@ class AcceptanceConfig(Checked):
         5, 'Candidates listed with every result, no two nearer than rival_distance.',
         low=1, high=100,
     )
+    closure_interval_s: float = parameter(
+        0.0, 'Least time between two accepted matches; what would be one in between is in '
+        'cool_down. 0 accepts every frame that is sure.',
+        unit='s', low=0.0, high=3600.0, dynamic=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class Config:
-    """Everything that decides a match: the same online and offline."""
+class MotionConfig(Checked):
+    """When a robot stands still: such frames say nothing new and are passed over."""
 
-    encoding: EncodingConfig = EncodingConfig()
-    matching: MatchingConfig = MatchingConfig()
-    sequence: SequenceConfig = SequenceConfig()
-    acceptance: AcceptanceConfig = AcceptanceConfig()
+    stationary_overlap: float = parameter(
+        0.985, 'A frame more similar than this to the last that moved shows a robot that stands '
+        'still; 1 asks no image. With coherent matching only, and without odometry.',
+        low=0.0, high=1.0,
+    )
+    stationary_m: float = parameter(
+        0.05, 'By odometry, a robot that is less far than this from the last frame that moved, '
+        'and turned by less than a twentieth of a turn, stands still; 0 asks no odometry.',
+        unit='m', low=0.0, high=100.0,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineConfig(Checked):
+    """Whether the map grows from the robot's own past, and how much of that is too fresh."""
+
+    mode: str = parameter(
+        'preloaded', 'preloaded recognises the places of a map, online also adds to it what the '
+        'camera sees.', choices=('preloaded', 'online'),
+    )
+    exclusion_s: float = parameter(
+        30.0, 'In online mode, places of this session younger than this are recent and not '
+        'matched.', unit='s', low=0.0, high=86400.0,
+    )
+    exclusion_m: float = parameter(
+        0.0, 'In online mode with odometry, places of this session that were passed less than '
+        'this distance ago are recent and not matched.', unit='m', low=0.0, high=100000.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class KeyframeConfig(Checked):
-    """Which frames of a recording become references of a map."""
+    """Which frames become references, of a map that is built or that grows."""
 
     keyframe_interval_s: float = parameter(
         0.0, 'Least time between two references; 0 keeps every frame.',
@@ -164,12 +203,29 @@ class KeyframeConfig(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class Config:
+    """Everything that decides a match: the same online and offline."""
+
+    encoding: EncodingConfig = EncodingConfig()
+    matching: MatchingConfig = MatchingConfig()
+    sequence: SequenceConfig = SequenceConfig()
+    acceptance: AcceptanceConfig = AcceptanceConfig()
+    motion: MotionConfig = MotionConfig()
+    online: OnlineConfig = OnlineConfig()
+    keyframes: KeyframeConfig = KeyframeConfig()
+
+
+@dataclass(frozen=True, slots=True)
 class NodeConfig(Checked):
     """What concerns the ROS node alone: topics, queues and files."""
 
-    map_path: str = parameter('', 'Reference map to open at start.')
+    map_path: str = parameter(
+        '', 'Reference map to open at start; in online mode it is made if there is none, and '
+        'grows.',
+    )
     save_map_path: str = parameter(
-        '', 'Where ~/save_map writes the map that is loaded.', dynamic=True
+        '', 'Where ~/save_map writes a copy of the map; empty in online mode: map_path itself.',
+        dynamic=True,
     )
     result_file: str = parameter('', 'CSV file to write one row per frame to; empty for none.')
     image_transport: str = parameter(
@@ -186,11 +242,13 @@ class NodeConfig(Checked):
     )
     map_frame: str = parameter('map', 'Frame in which the poses of the map are given.')
     position_sigma_m: float = parameter(
-        1.0, 'Standard deviation published with the position of a match.',
+        0.5, 'Standard deviation of the positions in the map; ~/pose adds to it how far places '
+        'are apart and how well neighbours score.',
         unit='m', low=0.0, high=1000.0, dynamic=True,
     )
     heading_sigma_rad: float = parameter(
-        0.3, 'Standard deviation published with the heading of a match.',
+        0.1, 'Standard deviation of the headings in the map; ~/pose adds 0.3 rad where the '
+        'relative yaw is unknown.',
         unit='rad', low=0.0, high=math.pi, dynamic=True,
     )
     diagnostics_period_s: float = parameter(

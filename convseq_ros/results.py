@@ -14,7 +14,8 @@ from convseq_ros.core.types import Match
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
     'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
-    'shift_cols', 'pairs_scored', 'duration_ms',
+    'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
+    'relative_yaw_rad',
 )  # fmt: skip
 
 
@@ -22,6 +23,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
     """Return the row of a match; None, an empty field, where there is nothing to say."""
     accepted, best = match.accepted, match.best
     shift = best.shift if best and best.shift else (None, None)
+    rows_px, cols_px = match.shift_px or (None, None)
     return {
         'query_index': match.query_index,
         'query_stamp_ns': match.query_stamp_ns,
@@ -30,7 +32,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'reference_index': accepted.reference_index if accepted else None,
         'reference_stamp_ns': accepted.reference_stamp_ns if accepted else None,
         'score': f'{accepted.score:.7f}' if accepted else None,
-        'confidence': None if match.confidence is None else f'{match.confidence:.4f}',
+        'confidence': _decimals(match.confidence, 4),
         'sequence_length': match.sequence_length,
         'best_index': best.reference_index if best else None,
         'best_score': f'{best.score:.7f}' if best else None,
@@ -38,7 +40,14 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'shift_cols': shift[1],
         'pairs_scored': match.pairs_scored,
         'duration_ms': f'{duration_ms:.3f}',
+        'shift_rows_px': _decimals(rows_px, 1),
+        'shift_cols_px': _decimals(cols_px, 1),
+        'relative_yaw_rad': _decimals(match.relative_yaw_rad, 5),
     }
+
+
+def _decimals(value: float | None, count: int) -> str | None:
+    return None if value is None else f'{value:.{count}f}'
 
 
 class ResultWriter:

@@ -16,13 +16,18 @@ from typing import Any
 
 from convseq_ros.cli import main as convseq
 from convseq_ros.errors import ConvseqError
+from convseq_ros.evaluation.agreement import agreement
+from convseq_ros.evaluation.calibration import pooled
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, ready_made
-from convseq_ros.evaluation.run_folder import read_run, write_text
+from convseq_ros.evaluation.run_folder import read_run, Run, write_text
+from results_texts import AGREEMENT, DECISIONS, ONE_LINE, READING, RELIABILITY, UNKNOWN
 
 METHODS = {
-    'coherent': 'coherent=convseq+matching=coherent+search=exhaustive',
-    'coherent-k10': 'coherent-k10=convseq-k10+matching=coherent+search=exhaustive',
-    'coherent-k1': 'coherent-k1=convseq-k1+matching=coherent+search=exhaustive',
+    'coherent': 'coherent=convseq',
+    'coherent-exhaustive': 'coherent-exhaustive=convseq+search=exhaustive',
+    'coherent-k10': 'coherent-k10=convseq-k10',
+    'coherent-k10-exhaustive': 'coherent-k10-exhaustive=convseq-k10+search=exhaustive',
+    'coherent-k1-exhaustive': 'coherent-k1-exhaustive=convseq-k1+search=exhaustive',
     'regional': 'regional=convseq+matching=regional+search=exhaustive',
     'regional-k10': 'regional-k10=convseq-k10+matching=regional+search=exhaustive',
     'convseq-forward': 'convseq-forward',
@@ -30,20 +35,16 @@ METHODS = {
     'seqslam': 'seqslam',
     'hog': 'hog',
 }
-ONE_LINE = {
-    'coherent': 'ours: where the salient regions went, dynamic k, backward window',
-    'coherent-k10, -k1': 'the same with fixed k',
-    'regional': "the paper's pair score, dynamic k, backward window",
-    'regional-k10': 'the same with fixed k',
-    'convseq-forward': 'ConvSequential-SLAM as published: dynamic k, window into the future',
-    'cohog': 'CoHOG: the same pair score on single frames',
-    'seqslam': 'SeqSLAM, ds = 10, lines that end at the newest frame, signed arithmetic',
-    'hog': 'HOG of the whole image, cosine',
-    'vprbench-*': "score matrices that VPR-Bench published; -k10 and -dynamic add our sequences",
+DECIDING = {
+    'coherent': 'coherent=convseq',
+    'whole rows': 'whole_rows=convseq+search=exhaustive',
+    '30 references': 'listed_30=convseq+shortlist_length=30',
+    '80 references': 'listed_80=convseq+shortlist_length=80',
 }
 STUDIES = ('k_ablation', 'thresholds', 'speed', 'dropped_frames', 'stops', 'image_size',
            'appearance')  # fmt: skip
 QUICK_STUDIES = STUDIES[:5]
+LONG = 'street_hour'
 FIGURES = {
     'method': 'method',
     'accuracy_matched': 'right, of matched',
@@ -68,43 +69,48 @@ OPEN_FIGURES = {
     'transferred_false_closures': 'false ',
     'transferred_slips': 'slips ',
 }
+DECISION_FIGURES = {
+    'known': 'known',
+    'in_reach': 'in reach',
+    'accepted_right': 'right',
+    'accepted_recall_in_reach': 'recall',
+    'accepted_recall': 'of all known',
+    'slips': 'slips',
+    'false_closures': 'false',
+    'pairs_per_frame': 'pairs a frame',
+}
 STUDY_FIGURES = ('accuracy_matched', 'accuracy_all', 'matched', 'mean_k', 'k_distribution')
-READING = """\
-**How to read it.** *Right, of matched*: right answers among the queries that were matched (the
-first frames wait for their sequence, or the last in a forward window) and have an answer; the
-interval is a block bootstrap over contiguous blocks of the sequence. *Right, of all*: among all
-queries that have an answer. *AUC-PR*: exact, recall over the right matches, as scikit-learn and
-VPR-Bench count it. *R at 100 % P*: share of the matched queries that score above every wrong one.
-*t_e*: time to encode an image; *frame*: to encode it, score it against all references and decide.
-*PCU* = P_R100 x log10(t_e_max / t_e + 9). A right answer lies within the tolerance of the set; a
-*slip* is off by up to three frames more, everything else that is wrong is *false*.
-"""
-UNKNOWN = """\
-## What the paper reports
-
-Its tables are pictures and its curves are drawn; their numbers are not known here and none is
-restated. Known are: 90 % for CoHOG on Gardens Point day-day within two frames (its authors' list
-of retrieved images), VPR-Bench's score matrices for corridor, and the output of the released
-script on corridor.
-"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write; 0 when done, 1 if a part could not be measured."""
     chosen = _parser().parse_args(arguments)
-    there, absent = _sort_out([*ready_made(), *chosen.set], chosen.data_root)
-    common = ['--data-root', str(chosen.data_root), '--output', str(chosen.results)]
-    methods = [part for text in (*METHODS.values(), 'published') for part in ('--method', text)]
-    if there and convseq([
-        'evaluate', *there, *methods, *common, '--protocol', 'closed', '--protocol', 'open',
-        '--threshold-from-others',
-    ]):  # fmt: skip
+    there, drawn, absent = _sort_out([*ready_made(), *chosen.set], chosen.data_root)
+    long = [name for name in drawn if name == LONG]
+    short = [name for name in drawn if name != LONG]
+
+    def evaluate(folder: str, *arguments: str) -> int:
+        output = str(chosen.results / folder)
+        return convseq([
+            'evaluate', *arguments, '--data-root', str(chosen.data_root), '--output', output,
+        ])  # fmt: skip
+
+    steps = [
+        ('.', *there, *_methods(*METHODS.values(), 'published'), '--protocol', 'closed',
+         '--protocol', 'open', '--threshold-from-others'),
+        ('decisions', *there, *short, *_methods(*DECIDING.values()), '--protocol', 'open',
+         '--protocol', 'past'),
+        ('long', *long, *_methods(DECIDING['coherent'])),
+        *(('.', '--study', study) for study in chosen.study),
+    ]  # fmt: skip
+    if any(evaluate(*step) for step in steps):
         return 1
-    for study in chosen.study:
-        if convseq(['evaluate', '--study', study, '--matching', 'regional', *common]):
-            return 1
     write_text(chosen.output, page(chosen.results, chosen.study, absent))
     return 0
+
+
+def _methods(*texts: str) -> list[str]:
+    return [part for text in texts for part in ('--method', text)]
 
 
 def page(results: Path, studies: Iterable[str], absent: Mapping[str, str]) -> str:
@@ -119,6 +125,7 @@ def page(results: Path, studies: Iterable[str], absent: Mapping[str, str]) -> st
         f'{first["date"][:10]}, {machine["cpu"]} ({machine["cores"]} cores), {versions}.\n',
         READING,
         _table(['method', 'what it is'], ONE_LINE.items()),
+        *_decisions(results),
     ]
     for name in dict.fromkeys(run['set'] for run in runs):
         own = _ordered([run for run in runs if run['set'] == name])
@@ -156,19 +163,67 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _sort_out(names: Iterable[str], data_root: Path) -> tuple[list[str], dict[str, str]]:
-    """Return the sets whose images are there, and what the others lack."""
-    there, absent = [], {}
+def _sort_out(
+    names: Iterable[str], data_root: Path
+) -> tuple[list[str], list[str], dict[str, str]]:
+    """Return the sets whose images are there, those that are drawn, and what others lack."""
+    there, drawn, absent = [], [], {}
     for name in names:
         data_set = open_data_set(name, data_root)
         missing = _missing(data_set)
-        if missing:
+        if data_set.query.simulated:
+            drawn.append(name)
+        elif missing:
             absent[data_set.name] = f'{missing}; {data_set.source}'
         else:
             there.append(name)
     if not there:
         raise ConvseqError(f'{data_root}: holds none of the data sets')
-    return there, absent
+    return there, drawn, absent
+
+
+def _decisions(results: Path) -> Iterable[str]:
+    runs = read_run(results / 'decisions')
+    names = list(dict.fromkeys(run.set for run in runs))
+    of = {(run.set, run.method): run for run in runs}
+    shipped = [of[name, 'coherent'] for name in names] + read_run(results / 'long')
+    yield DECISIONS
+    yield _table(['set', *DECISION_FIGURES.values()], (
+        [run.set, *(_cell(run.summary, key) for key in DECISION_FIGURES)] for run in shipped
+    ))  # fmt: skip
+    yield AGREEMENT
+    others = ('listed_30', 'coherent', 'listed_80')
+    yield _table(['set', '30 references', '50, as shipped', '80 references'], (
+        [name, *(f'{agreement(of[name, "whole_rows"], of[name, other]):.3f}' for other in others)]
+        for name in names
+    ))  # fmt: skip
+    yield _table(['references', 'recall', 'slips', 'false', 'pairs a frame'], (
+        [label, *_sum([of[name, other] for name in names])]
+        for label, other in zip(('30', '50', '80', 'all'), (*others, 'whole_rows'), strict=True)
+    ))  # fmt: skip
+    yield RELIABILITY
+    told = [run.summary['calibration'] or {} for run in shipped]
+    for heading, key in (('As shipped:\n', 'as_shipped'),
+                         ('From other places:\n', 'from_others')):  # fmt: skip
+        yield heading
+        rows = pooled([one[key] for one in told if one.get(key)])
+        yield _table(['confidence', 'frames', 'mean confidence', 'right'], (
+            [f'{row["low"]:g} to {row["high"]:g}', str(row['count']), f'{row["said"]:.3f}',
+             f'{row["right"]:.3f}'] for row in rows
+        ))  # fmt: skip
+
+
+def _sum(runs: Iterable[Run]) -> list[str]:
+    """Return figures over all sets: recall in reach, slips, false ones, pairs."""
+    all_of = [run.summary for run in runs]
+    reach = sum(one['in_reach'] for one in all_of)
+    found = sum((one['accepted_recall_in_reach'] or 0.0) * one['in_reach'] for one in all_of)
+    frames = sum(one['queries'] for one in all_of)
+    pairs = sum(one['pairs_per_frame'] * one['queries'] for one in all_of)
+    return [
+        f'{found / reach:.3f}', str(sum(one['slips'] for one in all_of)),
+        str(sum(one['false_closures'] for one in all_of)), f'{pairs / frames:.0f}',
+    ]  # fmt: skip
 
 
 def _missing(data_set: DataSet) -> str:

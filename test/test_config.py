@@ -25,7 +25,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 def test_names_are_unique_across_groups():
-    names = [item.name for item in [*all_parameters(), *parameters(KeyframeConfig)]]
+    names = [item.name for item in all_parameters()]
     assert len(names) == len(set(names))
 
 

@@ -7,7 +7,9 @@ from convseq_ros.results import COLUMNS, read_results, ResultWriter
 import pytest
 
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0))
-ACCEPTED = Match(3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8)
+ACCEPTED = Match(
+    3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08
+)  # fmt: skip
 REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
 
@@ -16,7 +18,7 @@ def test_columns_are_those_that_other_programs_read():
     assert ','.join(COLUMNS) == (
         'query_index,query_stamp_ns,status,reason,reference_index,reference_stamp_ns,score,'
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
-        'duration_ms'
+        'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad'
     )
 
 
@@ -28,10 +30,10 @@ def test_rows_round_trip(tmp_path):
     accepted, rejected, skipped = read_results(path)
     assert accepted == dict(zip(COLUMNS, (
         '3', '3000', 'accepted', 'accepted', '4', '4000', '0.9123457', '0.8000', '7', '4',
-        '0.9123457', '0.5', '-2.0', '100', '1.500',
+        '0.9123457', '0.5', '-2.0', '100', '1.500', '7.5', '-40.0', '0.08000',
     ), strict=True))  # fmt: skip
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
-    assert rejected['best_index'] == '4'
+    assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''
     assert skipped['best_index'] == '' and skipped['reason'] == 'uninformative'
 
 

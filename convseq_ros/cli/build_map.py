@@ -15,7 +15,7 @@ from convseq_ros.cli.progress import progress
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_group
 from convseq_ros.core.descriptor import describe as describe_image
 from convseq_ros.core.keyframes import KeyframeSelector
-from convseq_ros.core.map_file import MapWriter
+from convseq_ros.core.map_writer import MapWriter
 from convseq_ros.core.reference_map import pack_cells, Place
 from convseq_ros.core.thumbnail import thumbnail
 from convseq_ros.core.types import Frame
@@ -142,8 +142,8 @@ def _add_places(
             print(f'warning: {frame.problem}', file=sys.stderr)
         elif selector.wants(frame.stamp_ns, found := describe_image(frame.gray, writer.encoding)):
             small = thumbnail(frame.gray, keyframes.thumbnail_width_px)
-            place = Place(frame.stamp_ns, frame.source, track.at(frame.stamp_ns), small)
-            writer.add(place, pack_cells(found.cells))
+            place = Place(frame.stamp_ns, frame.source, track.at(frame.stamp_ns))
+            writer.add(place, pack_cells(found.cells), small)
         yield frame, place
         if time.monotonic() - committed > _COMMIT_EVERY_S:
             writer.commit()

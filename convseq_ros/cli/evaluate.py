@@ -12,7 +12,7 @@ from typing import Any
 from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, Plan, PUBLISHED
+from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
 from convseq_ros.evaluation.cache import Cache, default_folder
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS
@@ -36,9 +36,10 @@ def describe(parser: argparse.ArgumentParser) -> None:
         f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})',
     )  # fmt: skip
     parser.add_argument(
-        '--protocol', action='append', choices=(CLOSED, OPEN),
-        help='the whole map, or half of it removed; may be given twice (default closed); a set '
-        'without reference is always matched against its own past',
+        '--protocol', action='append', choices=(CLOSED, OPEN, PAST),
+        help='the whole map, half of it removed, or each drive against its own past; may be given '
+        'more than once (default closed); a set without reference is always matched against its '
+        'own past',
     )  # fmt: skip
     parser.add_argument(
         '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'

@@ -9,7 +9,8 @@ import json
 import math
 from pathlib import Path
 
-from convseq_ros.core.map_file import describe_file, FORMAT_VERSION, open_map
+from convseq_ros.core.map_file import describe_file, open_map
+from convseq_ros.core.map_format import FORMAT_VERSION
 from convseq_ros.core.reference_map import ReferenceMap
 
 
@@ -39,7 +40,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
     """Return counts, time span and the length of the path through the poses."""
-    places = reference_map.places
+    places = list(reference_map.places)
     poses = [place.pose for place in places if place.pose]
     return {
         'references': len(places),
@@ -48,7 +49,6 @@ def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
         'sources': sorted({place.source for place in places})[:5],
         'with_pose': len(poses),
         'path_m': sum(math.dist(one.position, other.position) for one, other in pairwise(poses)),
-        'thumbnails': sum(bool(place.thumbnail) for place in places),
     }
 
 

@@ -14,42 +14,58 @@ from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.progress import progress
-from convseq_ros.core.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.session import Session
 from convseq_ros.core.types import Match, Reason
+from convseq_ros.errors import MapError
 from convseq_ros.results import ResultWriter
-from convseq_ros.sources import open_source, Source
+from convseq_ros.sources import open_annotated, Source
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
-    parser.add_argument('--map', type=Path, required=True, help='reference map')
+    parser.add_argument(
+        '--map', type=Path, required=True,
+        help='reference map; with --mode online it is made if there is none, and grows',
+    )  # fmt: skip
     parser.add_argument(
         '--output', type=Path, default=Path('result.csv'), help='table to write (result.csv)'
     )
     parser.add_argument('--topic', default='', help='image topic, if there are several')
+    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
+    parser.add_argument(
+        '--camera-info', default='', metavar='TOPIC', help='topic that describes the camera'
+    )
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     add_config(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
-    config = chosen_config(chosen)
-    recognizer = PlaceRecognizer(open_map(chosen.map, config.encoding), config)
-    source = open_source(chosen.recording, chosen.topic)
+    session = Session(chosen.map, chosen_config(chosen))
     matches, durations = [], []
-    with ResultWriter(chosen.output) as table:
-        for match, duration_ms in replay(source, recognizer):
-            table.write(match, duration_ms)
-            matches.append(match)
-            durations.append(duration_ms)
+    try:
+        source = open_annotated(
+            chosen.recording, chosen.topic, chosen.odom, chosen.camera_info
+        )
+        session.warm_up()
+        with ResultWriter(chosen.output) as table:
+            for match, duration_ms in replay(source, session.recognizer):
+                table.write(match, duration_ms)
+                matches.append(match)
+                durations.append(duration_ms)
+                _keep(session)
+    finally:
+        session.close()
     for warning in source.warnings:
         print(f'warning: {warning}', file=sys.stderr)
     summary = summarize(matches, durations)
     if chosen.json:
-        print(json.dumps({'output': str(chosen.output), **summary}))
+        print(json.dumps({'output': str(chosen.output), 'added': session.added, **summary}))
     else:
+        if session.is_growing:
+            print(f'{chosen.map}: {session.added} references added, {session.kept} in all')
         reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
         print(
             f'{chosen.output}: {summary["frames"]} frames ({reasons}); '
@@ -57,6 +73,14 @@ def run(chosen: argparse.Namespace) -> int:
             f'median {summary["median_ms"]:.1f} ms a frame'
         )
     return 0
+
+
+def _keep(session: Session) -> None:
+    """Write what the map gained; a full disk ends that, not the replay."""
+    try:
+        session.keep()
+    except MapError as error:
+        print(f'warning: {error}', file=sys.stderr)
 
 
 def replay(source: Source, recognizer: PlaceRecognizer) -> Iterator[tuple[Match, float]]:

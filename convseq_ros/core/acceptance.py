@@ -7,7 +7,7 @@ import math
 
 from convseq_ros.config import AcceptanceConfig
 from convseq_ros.core.sequence import Row
-from convseq_ros.core.track_evidence import SAME_TRACK, Sight, TrackEvidence, WINDOW
+from convseq_ros.core.track_evidence import Indices, SAME_TRACK, Sight, TrackEvidence, WINDOW
 from convseq_ros.core.types import Candidate, Reason
 
 Verdict = tuple[Reason, float | None]
@@ -32,6 +32,8 @@ class Acceptance:
     def __init__(self, matching: str, rule: str = 'auto') -> None:
         by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
         self._track = TrackEvidence() if by_track else None
+        self._accepted_ns: int | None = None
+        self._sight: Sight | None = None
 
     @property
     def window(self) -> int:
@@ -40,30 +42,37 @@ class Acceptance:
 
     def reset(self) -> None:
         """Forget the drive."""
+        self._accepted_ns = None
         if self._track:
             self._track = TrackEvidence()
+
+    def follow(
+        self, frame: int, rows: Sequence[Row | None], ends: Indices, slope: float = 1.0
+    ) -> None:
+        """Take note of a frame; as `TrackEvidence.follow`."""
+        self._sight = self._track.follow(frame, rows, ends, slope) if self._track else None
 
     def judge(
         self,
         frame: int,
-        rows: Sequence[Row | None],
+        stamp_ns: int,
         candidates: Sequence[Candidate],
         config: AcceptanceConfig,
         slope: float = 1.0,
     ) -> Verdict:
         """
-        Take note of a frame and decide on its best candidate.
+        Decide on the best candidate of the frame that was followed last.
 
         Parameters
         ----------
         frame : int
             Its number in the drive; frames that show nothing are passed over but counted.
-        rows : sequence of ndarrays of float32, or None
-            Pair scores as for `TrackEvidence.follow`.
+        stamp_ns : int
+            When it was taken, nanoseconds.
         candidates : sequence of Candidate
-            Best first, neighbours left out. There are none while the sequence is too short.
+            At least one, best first, neighbours left out.
         config : AcceptanceConfig
-            The least margin and evidence.
+            The least margin and evidence, and the time between two matches.
         slope : float
             References that pass while one frame does.
 
@@ -75,14 +84,28 @@ class Acceptance:
             Probability that the best candidate is right, if the rule tells.
 
         """
-        sight = self._track.follow(frame, rows, slope) if self._track else None
-        if not candidates:
-            return Reason.WARMING_UP, None
-        if not self._track:
-            return decide(candidates, config), None
-        best = candidates[0].reference_index
-        evidence = self._track.evidence(frame, best, slope)
-        reason = _doubt(sight, best, self._track.scatter)
+        if self._track:
+            reason, sure = self._by_track(self._track, frame, candidates[0], config, slope)
+        else:
+            reason, sure = decide(candidates, config), None
+        if reason is Reason.ACCEPTED:
+            interval_ns = round(config.closure_interval_s * 1e9)
+            if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
+                return Reason.COOL_DOWN, sure
+            self._accepted_ns = stamp_ns
+        return reason, sure
+
+    def _by_track(
+        self,
+        track: TrackEvidence,
+        frame: int,
+        candidate: Candidate,
+        config: AcceptanceConfig,
+        slope: float,
+    ) -> Verdict:
+        best = candidate.reference_index
+        evidence = track.evidence(frame, best, slope)
+        reason = _doubt(self._sight, best, track.scatter)
         if evidence is None:
             return reason, None
         if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:

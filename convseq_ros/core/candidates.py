@@ -12,17 +12,22 @@ import numpy.typing as npt
 
 
 def best_candidates(
-    scores: npt.NDArray[np.float64], places: Sequence[Place], config: AcceptanceConfig
+    ends: npt.NDArray[np.int64],
+    scores: npt.NDArray[np.float64],
+    places: Sequence[Place],
+    config: AcceptanceConfig,
 ) -> tuple[Candidate, ...]:
     """
     Return the best places, best first, no two of them neighbours.
 
     Parameters
     ----------
-    scores : ndarray of float64, shape (R,)
-        Sequence scores; -inf where there is none.
+    ends : ndarray of int64, shape (n,)
+        The references that were scored, ascending.
+    scores : ndarray of float64, shape (n,)
+        Their sequence scores; -inf where there is none.
     places : sequence of Place
-        The R references.
+        All references.
     config : AcceptanceConfig
         How many, and how far apart.
 
@@ -30,8 +35,8 @@ def best_candidates(
     remaining = scores.copy()
     found: list[Candidate] = []
     while len(found) < config.num_candidates and np.isfinite(remaining).any():
-        index = int(remaining.argmax())
-        found.append(Candidate(index, places[index].stamp_ns, float(scores[index])))
-        near = max(0, index - config.rival_distance)
-        remaining[near : index + config.rival_distance + 1] = -np.inf
+        top = int(remaining.argmax())
+        index = int(ends[top])
+        found.append(Candidate(index, places[index].stamp_ns, float(scores[top])))
+        remaining[abs(ends - index) <= config.rival_distance] = -np.inf
     return tuple(found)

@@ -3,7 +3,7 @@
 """From an image to its descriptor: cells, salient regions and entropy (paper III-B, III-C)."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.entropy import entropy_map, image_entropy, MAX_BITS
+from convseq_ros.core.entropy import cell_entropies, image_entropy, MAX_BITS
 from convseq_ros.core.hog import BINS, cell_histograms, CELL_PX
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -34,20 +34,13 @@ def describe(
         raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')
     side = config.image_size_px
     resized = cv2.resize(gray, (side, side), interpolation=cv2.INTER_LINEAR)
-    bits = entropy_map(resized)
-    by_cell = cell_means(bits)
+    by_cell = cell_entropies(resized, side // CELL_PX)
     return Descriptor(
         cells=cell_histograms(resized),
         salient=salient_regions(by_cell, config.saliency_threshold),
         cell_entropy=by_cell,
-        entropy=image_entropy(bits),
+        entropy=image_entropy(by_cell),
     )
-
-
-def cell_means(bits: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the mean of an entropy map (S, S) over each cell, shape (S / 16, S / 16)."""
-    side = bits.shape[0] // CELL_PX
-    return bits.reshape(side, CELL_PX, side, CELL_PX).mean(axis=(1, 3))
 
 
 def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:

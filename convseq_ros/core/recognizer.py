@@ -2,38 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pipeline: one object, one verb."""
 
-from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from convseq_ros.config import Config
 from convseq_ros.core.acceptance import Acceptance
 from convseq_ros.core.candidates import best_candidates
 from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.growth import Growth
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.pace import Pace
+from convseq_ros.core.query_buffer import QueryBuffer, Seen
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.retrieval import Shortlist
-from convseq_ros.core.sequence import choose_length, diagonal, Row, sequence_scores
+from convseq_ros.core.sequence import choose_length, diagonal, Row
+from convseq_ros.core.shift import relative_yaw, shift_px
 from convseq_ros.core.slope import SlopeSearch
-from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Reason, Status
+from convseq_ros.core.standstill import Standstill
+from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Pose, Reason, Status
 import numpy as np
 import numpy.typing as npt
 
 _CLOCK_JUMP_NS = 1_000_000_000
-_KEPT_REFERENCES = 2000
+_LONGEST_GAP = 5
+_CLOSER_ENDS = 20
+_KEPT_REFERENCES = 1000
 
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """A frame of the query buffer: what is compared of it, and its scores as far as known."""
-
-    descriptor: Descriptor
-    query: Any = None
-    row: Row | None = None
-    first_sight: Row | None = None
+Indices = npt.NDArray[np.int64]
 
 
 class PlaceRecognizer:
@@ -43,7 +40,7 @@ class PlaceRecognizer:
     Parameters
     ----------
     reference_map : ReferenceMap
-        The places to recognise; made with the same encoding.
+        The places to recognise; made with the same encoding. In online mode it grows.
     config : Config
         Its `sequence` and `acceptance` may be replaced between two frames.
     matcher : Matcher, optional
@@ -63,42 +60,51 @@ class PlaceRecognizer:
         matcher: Matcher | None = None,
     ) -> None:
         chosen = config.matching
+        own_way = chosen.matching == 'coherent'
         self.reference_map = reference_map
         self.config = config
         self.resets = 0
-        self._buffer: deque[_Seen] = deque()
         self._frames = 0
-        self._kept = 0
         self._last_stamp_ns: int | None = None
-        self._everywhere = np.arange(len(reference_map))
+        self._answer: Match | None = None
+        self._nothing = nothing_seen(config.encoding)
+        self._standstill = Standstill(config.motion, own_way)
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
+        self._pace = Pace() if own_way and chosen.speed_search else None
+        self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
+        self._growth: Growth | None = None
+        if config.online.mode == 'online':
+            self._growth = Growth(reference_map, config.online, config.keyframes)
         self._shortlist: Shortlist | None = None
-        if chosen.search == 'shortlist' and len(reference_map):
+        if chosen.search == 'shortlist':
             self._shortlist = Shortlist(
                 reference_map, chosen.shortlist_length, config.acceptance.rival_distance
             )
-        self._slopes: SlopeSearch | None = None
-        if chosen.speed_search and chosen.matching == 'coherent':
-            self._slopes = SlopeSearch()
-        self._matcher = matcher or Matcher(
+        self.matcher = matcher or Matcher(
             reference_map,
-            chosen.matching,
+            chosen,
             config.encoding.saliency_threshold,
             _KEPT_REFERENCES if self._shortlist else None,
         )
+        self._buffer = QueryBuffer(self.matcher, partial=own_way)
 
     @property
     def row(self) -> Row | None:
         """Pair scores of the newest frame, (R,), NaN where there is none; None if unseen."""
-        return self._buffer[-1].row if self._buffer else None
+        return self._buffer.newest.row if self._buffer else None
+
+    @property
+    def session_start(self) -> int:
+        """The first reference that this recogniser added, or would add."""
+        return self._growth.session_start if self._growth else len(self.reference_map)
 
     def reset(self) -> None:
-        """Forget the frames seen so far; counting goes on."""
+        """Forget the frames seen so far; counting goes on, and so does the map."""
         self._buffer.clear()
-        self._acceptance.reset()
-        self._last_stamp_ns = None
-        if self._slopes:
-            self._slopes.reset()
+        self._last_stamp_ns = self._answer = None
+        for stage in (self._acceptance, self._standstill, self._pace, self._slopes):
+            if stage:
+                stage.reset()
 
     def process(self, frame: Frame) -> Match:
         """
@@ -109,53 +115,42 @@ class PlaceRecognizer:
         frame : Frame
             Frames come in order of their stamps. One that is up to a second older than its
             predecessor is skipped; one that is older still is taken as a jump of the clock (a
-            recording that starts again) and empties the query buffer.
+            recording that starts again), empties the query buffer and starts another session.
+
+        Notes
+        -----
+        With the following departures from the paper, the last three with coherent matching only:
+        (1) in online mode the frame is added to the map afterwards; (2) a robot that stands still
+        is told the same again; (3) frames that a steady stream lacks, by its stamps, hold their
+        places in the sequence; (4) a drive at another speed than the map's is followed.
 
         """
-        if frame.gray is not None:
-            return self.recognize(frame.stamp_ns, describe(frame.gray, self.config.encoding))
-        match = self.recognize(frame.stamp_ns, nothing_seen(self.config.encoding))
-        return replace(match, reason=Reason.UNREADABLE)
+        if frame.gray is None:
+            match = self.recognize(frame.stamp_ns, self._nothing, frame.pose)
+            return replace(match, reason=Reason.UNREADABLE)
+        descriptor = describe(frame.gray, self.config.encoding)
+        match = self.recognize(frame.stamp_ns, descriptor, frame.pose)
+        if self._growth and match.reason not in (Reason.STATIONARY, Reason.OUT_OF_ORDER):
+            self._growth.add(frame, descriptor)
+        return _measured(match, frame, descriptor)
 
-    def recognize(self, stamp_ns: int, descriptor: Descriptor) -> Match:
-        """Do what `process` does, for a frame that is described already."""
+    def recognize(
+        self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None
+    ) -> Match:
+        """Do what `process` does, but for the map, for a frame that is described already."""
         answer = partial(Match, self._frames, stamp_ns)
-        skipped = partial(answer, Status.SKIPPED)
         self._frames += 1
         if not self._in_order(stamp_ns):
-            return skipped(Reason.OUT_OF_ORDER)
-        seen = self._look(descriptor)
-        self._keep(seen)
-        if seen.query is None:
-            return skipped(Reason.UNINFORMATIVE)
-        if not len(self.reference_map):
-            return skipped(Reason.NO_MAP)
-
-        pairs = 0 if self._shortlist else self._score([seen], self._everywhere)
-        outward = list(reversed(self._buffer))
-        length = choose_length(
-            [one.descriptor for one in outward], similarity, self.config.sequence
-        )
-        judge = partial(self._acceptance.judge, self._kept, [one.row for one in outward])
-        if length is None:
-            reason, _ = judge((), self.config.acceptance)
-            return skipped(reason, pairs_scored=pairs)
-
-        window = outward[:length]
-        first_sights = [one.first_sight if self._shortlist else one.row for one in window]
-        slope = self._slopes.follow(first_sights) if self._slopes else 1.0
-        ends = self._everywhere
-        if self._shortlist:
-            ends = self._shortlist.ends(first_sights, slope)
-            pairs = self._score(outward[: max(length, self._acceptance.window)], ends, slope)
-        scores = _only(ends, sequence_scores([one.row for one in window], slope=slope))
-        candidates = best_candidates(scores, self.reference_map.places, self.config.acceptance)
-        reason, confidence = judge(candidates, self.config.acceptance, slope)
-        if not candidates:
-            return skipped(Reason.MAP_TOO_SHORT, (), length, pairs)
-        status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
-        candidates = self._with_shift(candidates, seen)
-        return answer(status, reason, candidates, length, pairs, confidence)
+            return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
+        missing = self._pace.missing(stamp_ns) if self._pace else 0
+        if self._standstill.holds(descriptor, pose):
+            return self._the_same(answer)
+        self._hold_places(missing)
+        usable = len(self.reference_map)
+        if self._growth:
+            usable = self._growth.usable(stamp_ns, pose)
+        self._answer = self._recognize(answer, stamp_ns, descriptor, usable)
+        return self._answer
 
     def agreement(self, match: Match) -> npt.NDArray[np.float64]:
         """
@@ -175,58 +170,125 @@ class PlaceRecognizer:
         best = match.best
         if not best or not best.shift:
             return np.zeros((0, 4))
-        return self._matcher.agreeing(self._buffer[-1].query, best.reference_index, best.shift)
+        return self.matcher.agreeing(self._buffer.newest.query, best.reference_index, best.shift)
+
+    def _recognize(
+        self, answer: Callable[..., Match], stamp_ns: int, descriptor: Descriptor, usable: int
+    ) -> Match:
+        skipped = partial(answer, Status.SKIPPED)
+        seen = self._look(descriptor, usable)
+        self._keep(seen)
+        if seen.query is None:
+            return skipped(Reason.UNINFORMATIVE)
+        if not usable:
+            return skipped(Reason.RECENT if self._growth else Reason.NO_MAP)
+
+        ends = np.arange(usable)
+        if not self._shortlist:
+            self._buffer.score(1, ends)
+        outward = self._buffer.outward
+        length = choose_length(
+            [one.descriptor for one in outward], similarity, self.config.sequence
+        )
+        slope = 1.0
+        if length is not None:
+            slope = self._slope(outward[:length])
+        if self._shortlist:
+            ends = self._likely(outward[: length or 0], slope)
+            self._buffer.score(max(length or 0, self._acceptance.window), ends, slope)
+        frame, pairs = self._buffer.frame, self._buffer.pairs_scored
+        self._acceptance.follow(frame, [one.row for one in outward], ends, slope)
+        if length is None:
+            return skipped(Reason.WARMING_UP, pairs_scored=pairs)
+
+        scores = self._buffer.sequence_scores(length, ends, slope)
+        settings = self.config.acceptance
+        candidates = best_candidates(ends, scores, self.reference_map.places, settings)
+        if not candidates:
+            short = usable <= diagonal(length, slope)[-1]
+            return skipped(
+                Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP, (), length, pairs
+            )
+        reason, sure = self._acceptance.judge(frame, stamp_ns, candidates, settings, slope)
+        status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
+        candidates = self._with_shift(candidates, seen)
+        return answer(status, reason, candidates, length, pairs, sure)
+
+    def _slope(self, window: Sequence[Seen]) -> float:
+        if self._slopes is None:
+            return 1.0
+        if self._shortlist is None:
+            return self._slopes.follow([one.row for one in window])
+
+        def closer(slope: float) -> npt.NDArray[np.float64]:
+            ends = self._likely(window, slope, _CLOSER_ENDS)
+            self._buffer.score(len(window), ends, slope)
+            return self._buffer.rough_scores(len(window), ends, slope)
+
+        return self._slopes.follow([one.first_sight for one in window], closer)
+
+    def _likely(self, window: Sequence[Seen], slope: float, length: int = 0) -> Indices:
+        """Return the ends of the likeliest diagonals at first sight."""
+        if not self._shortlist or not window:
+            return np.zeros(0, np.int64)
+        return self._shortlist.ends([one.first_sight for one in window], slope, length)
+
+    def _the_same(self, answer: Callable[..., Match]) -> Match:
+        """Answer once more as for the last frame that moved; it is no news, so no match."""
+        last = self._answer
+        if last is None or not last.candidates:
+            return answer(Status.SKIPPED, Reason.STATIONARY)
+        return answer(
+            Status.REJECTED, Reason.STATIONARY, last.candidates, last.sequence_length,
+            confidence=last.confidence,
+        )  # fmt: skip
 
     def _in_order(self, stamp_ns: int) -> bool:
         late_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - stamp_ns
         if late_ns > _CLOCK_JUMP_NS:
             self.reset()
             self.resets += 1
+            if self._growth:
+                self._growth.reset()
         elif late_ns > 0:
             return False
         self._last_stamp_ns = stamp_ns
         return True
 
-    def _look(self, descriptor: Descriptor) -> _Seen:
-        query = self._matcher.see(descriptor) if descriptor.informative else None
+    def _hold_places(self, missing: int) -> None:
+        """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
+        if missing > _LONGEST_GAP:
+            self._buffer.clear(missing)
+            return
+        for _ in range(missing):
+            self._keep(Seen(self._nothing))
+
+    def _look(self, descriptor: Descriptor, usable: int) -> Seen:
+        query = self.matcher.see(descriptor) if descriptor.informative else None
         if query is None:
-            return _Seen(descriptor)
-        row = np.full(len(self.reference_map), np.nan, np.float32)
-        first_sight = self._shortlist.row(descriptor) if self._shortlist else None
-        return _Seen(descriptor, query, row, first_sight)
+            return Seen(descriptor)
+        row = np.full(usable, np.nan, np.float32)
+        first_sight = self._shortlist.row(descriptor, usable) if self._shortlist else None
+        return Seen(descriptor, query, row, first_sight)
 
-    def _keep(self, seen: _Seen) -> None:
-        self._buffer.append(seen)
-        self._kept += 1
-        while len(self._buffer) > max(self.config.sequence.window, self._acceptance.window):
-            self._buffer.popleft()
-
-    def _score(
-        self, window: Sequence[_Seen], ends: npt.NDArray[np.int64], slope: float = 1.0
-    ) -> int:
-        """Score the pairs on the diagonals that end at some references; return how many."""
-        count = 0
-        for step, one in zip(diagonal(len(window), slope), window, strict=True):
-            if one.row is None:
-                continue
-            indices = ends[ends >= step] - step
-            missing = indices[np.isnan(one.row[indices])]
-            one.row[missing] = self._matcher.scores(one.query, missing)
-            count += len(missing)
-        return count
+    def _keep(self, seen: Seen) -> None:
+        most = max(self.config.sequence.window, self._acceptance.window)
+        self._buffer.append(seen, most)
 
     def _with_shift(
-        self, candidates: Sequence[Candidate], seen: _Seen
+        self, candidates: Sequence[Candidate], seen: Seen
     ) -> tuple[Candidate, ...]:
         best = candidates[0]
-        shift = self._matcher.shift(seen.query, best.reference_index)
+        shift = self.matcher.shift(seen.query, best.reference_index)
         return replace(best, shift=shift), *candidates[1:]
 
 
-def _only(
-    ends: npt.NDArray[np.int64], scores: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Return the scores at some references, -inf elsewhere."""
-    listed = np.full(len(scores), -np.inf)
-    listed[ends] = scores[ends]
-    return listed
+def _measured(match: Match, frame: Frame, descriptor: Descriptor) -> Match:
+    """Add what a shift means in the frame's own pixels, and to its camera."""
+    best = match.best
+    if best is None or best.shift is None or frame.gray is None:
+        return match
+    height, width = frame.gray.shape
+    moved_px = shift_px(best.shift, height, width, descriptor.cells.shape[1])
+    yaw_rad = relative_yaw(moved_px, frame.camera) if frame.camera else None
+    return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

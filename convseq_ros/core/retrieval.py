@@ -4,41 +4,20 @@
 
 from collections.abc import Sequence
 
-from convseq_ros.core.matching.coherent import projected_regions
+from convseq_ros.core.growing_array import GrowingArray
 from convseq_ros.core.matching.unit import unit
+from convseq_ros.core.pooled import pooled
 from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.sequence import Row, sequence_scores
+from convseq_ros.core.sequence import diagonal, Row, sequence_scores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
-_GRID = 8
 _PRIOR_FRAMES = 5
-
-
-def pooled(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """
-    Return the mean of an image's projected regions over a grid of at most 8 x 8.
-
-    Parameters
-    ----------
-    cells : ndarray of float32, shape (S, S, 8)
-        Cell histograms.
-
-    Returns
-    -------
-    ndarray of float32, shape (2048,), fewer for images below 160 px
-        Not normalised.
-
-    """
-    regions = projected_regions(cells)
-    side = int(len(regions) ** 0.5)
-    image = regions.reshape(side, side, -1)
-    grid = min(_GRID, side)
-    starts = np.arange(grid) * side // grid
-    counts = np.diff(np.append(starts, side))
-    sums = np.add.reduceat(np.add.reduceat(image, starts, axis=0), starts, axis=1)
-    return (sums / (counts[:, None, None] * counts[None, :, None])).ravel().astype(np.float32)
+_AVERAGED_ANEW = 1.02
+_SMALLEST_SHARE = 1e-5
+_LOYALTY = 0.5
+_NEWCOMERS = 5
 
 
 class Shortlist:
@@ -46,7 +25,8 @@ class Shortlist:
     Finds the references where a sequence may end, at the cost of one product a reference.
 
     The map's mean is taken from its references, and the mean of the query's own past from the
-    query, so that what night or season does to every image counts for nothing.
+    query, so that what night or season does to every image counts for nothing. The map may grow;
+    its mean is taken anew whenever it has grown by a fiftieth.
 
     Parameters
     ----------
@@ -57,37 +37,137 @@ class Shortlist:
     rival_distance : int
         A third of them lie no nearer to each other than this, so that rivals are among them.
 
+    Notes
+    -----
+    A row takes time and memory in proportion to the map: about 3 ms and 100 MB at 100,000
+    references. Above about a million, an index over `ReferenceMap.pooled` should answer instead,
+    in rows that are NaN but for the references that it names; only this class would change.
+
     """
 
     def __init__(self, reference_map: ReferenceMap, length: int, rival_distance: int) -> None:
-        references = np.array(
-            [pooled(reference_map.cells(index)) for index in range(len(reference_map))]
-        )
-        self._mean = references.mean(axis=0)
-        self._references = unit(references - self._mean)
+        self._map = reference_map
         self._length = length
         self._rival_distance = rival_distance
-        self._sum = _PRIOR_FRAMES * self._mean
-        self._frames = _PRIOR_FRAMES
+        numbers = reference_map.pooled.shape[1]
+        self._total = np.zeros(numbers)
+        self._counted = self._averaged = 0
+        self._mean = np.zeros(numbers, np.float32)
+        self._nearness = GrowingArray(np.zeros(0, np.float32))
+        self._sum = np.zeros(numbers)
+        self._frames = 0
+        self._newest: Row | None = None
+        self._listed = np.zeros(0, np.int64)
 
-    def row(self, descriptor: Descriptor) -> Row:
-        """Return how alike a query and every reference are at first sight, shape (R,)."""
-        query = pooled(descriptor.cells)
+    def row(self, descriptor: Descriptor, usable: int | None = None) -> Row:
+        """
+        Return how alike a query and the references are at first sight.
+
+        Parameters
+        ----------
+        descriptor : Descriptor
+            Of the query; each frame comes once.
+        usable : int, optional
+            How many references, from the first, may be matched; all by default.
+
+        Returns
+        -------
+        ndarray of float32, shape (usable,)
+            Cosines, in [-1, 1].
+
+        """
+        references = self._map.pooled[:usable]
+        self._take_in(references)
+        query = pooled(descriptor.cells).astype(np.float32)
         self._sum += query
         self._frames += 1
-        return self._references @ unit(query - self._sum / self._frames)
+        past = (self._sum + _PRIOR_FRAMES * self._mean) / (self._frames + _PRIOR_FRAMES)
+        direction = unit(query - past.astype(np.float32))
+        row = references @ direction
+        row -= self._mean @ direction
+        row *= self._nearness.view[: len(references)]
+        return row
 
-    def ends(self, rows: Sequence[Row | None], slope: float = 1.0) -> npt.NDArray[np.int64]:
-        """Return the references, ascending, where the diagonals of the best sequences end."""
-        scores = sequence_scores(rows, slope=slope)
-        best = np.argsort(-scores, kind='stable')[: self._length - self._length // 3]
-        listed = [int(index) for index in best if np.isfinite(scores[index])]
-        for _ in range(self._length // 3):
-            for index in listed:
-                near = max(0, index - self._rival_distance)
-                scores[near : index + self._rival_distance + 1] = -np.inf
+    def ends(
+        self, rows: Sequence[Row | None], slope: float = 1.0, length: int = 0
+    ) -> npt.NDArray[np.int64]:
+        """
+        Return the references, ascending, where the diagonals of the best sequences end.
+
+        Of the usual number, those that were listed before are preferred by half a standard
+        deviation, and no more than a fifth are new: a new one costs a whole sequence of pairs.
+
+        Parameters
+        ----------
+        rows : sequence of k ndarrays of float32, shape (R,), or None
+            From `row`, newest first.
+        slope : float
+            References that pass while one frame does.
+        length : int
+            How many are listed; 0 for the usual number.
+
+        """
+        scores = sequence_scores(rows, slope=slope, dtype=np.float32, partial=True)
+        if length:
+            return np.array(sorted(self._best(scores, length)), np.int64)
+        before = self._continued(rows, slope, len(scores))
+        if len(before):
+            scores[before] += _LOYALTY * scores.std(where=np.isfinite(scores))
+        listed = self._best(scores, self._length)
+        if len(before):
+            newcomers = [index for index in listed if index not in before]
+            late = set(newcomers[self._length // _NEWCOMERS :])
+            listed = [index for index in listed if index not in late]
+        self._newest, self._listed = rows[0], np.array(sorted(listed), np.int64)
+        return self._listed
+
+    def _continued(
+        self, rows: Sequence[Row | None], slope: float, count: int
+    ) -> npt.NDArray[np.int64]:
+        """Return where the diagonals that were listed for an earlier frame end now."""
+        for step, row in zip(diagonal(len(rows), slope), rows, strict=True):
+            if row is not None and row is self._newest:
+                return self._listed[self._listed < count - step] + step
+        return np.zeros(0, np.int64)
+
+    def _best(self, scores: npt.NDArray[np.float32], length: int) -> list[int]:
+        """Return the best two thirds, best first, and then the best elsewhere; uses scores up."""
+        most = length - length // 3
+        best = np.argpartition(-scores, min(most, len(scores) - 1))[:most]
+        best = best[np.argsort(-scores[best], kind='stable')]
+        listed = best[np.isfinite(scores[best])].tolist()
+        for index in listed:
+            self._pass_over(scores, index)
+        for _ in range(length // 3):
             index = int(scores.argmax())
             if not np.isfinite(scores[index]):
                 break
             listed.append(index)
-        return np.array(sorted(set(listed)), np.int64)
+            self._pass_over(scores, index)
+        return listed
+
+    def _pass_over(self, scores: npt.NDArray[np.floating], index: int) -> None:
+        near = max(0, index - self._rival_distance)
+        scores[near : index + self._rival_distance + 1] = -np.inf
+
+    def _take_in(self, references: npt.NDArray[np.float32]) -> None:
+        """Learn the mean, and how far each reference is from it; `_nearness` is the inverse."""
+        count = len(references)
+        if count > _AVERAGED_ANEW * self._averaged:
+            self._total += references[self._counted :].sum(axis=0, dtype=np.float64)
+            self._counted = self._averaged = count
+            self._mean = (self._total / count).astype(np.float32)
+            self._nearness = GrowingArray(self._inverse_distances(references))
+        known = len(self._nearness)
+        for inverse in self._inverse_distances(references[known:]):
+            self._nearness.append(inverse)
+
+    def _inverse_distances(
+        self, references: npt.NDArray[np.float32]
+    ) -> npt.NDArray[np.float32]:
+        squares = np.einsum('ij,ij->i', references, references)
+        of_mean = self._mean @ self._mean
+        distances = squares - 2 * (references @ self._mean) + of_mean
+        apart = distances > _SMALLEST_SHARE * (squares + of_mean)
+        none = np.zeros(len(references), np.float32)
+        return np.divide(1, np.sqrt(np.maximum(distances, 0)), out=none, where=apart)

@@ -3,6 +3,7 @@
 """How many frames are matched together, and how well they match (paper III-A, E, F, G)."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from convseq_ros.config import SequenceConfig
 from convseq_ros.core.types import Descriptor
@@ -76,8 +77,13 @@ def mean_entropy(frames: Sequence[Descriptor]) -> float:
 
 
 def sequence_scores(
-    rows: Sequence[Row | None], direction: int = BACKWARD, slope: float = 1.0
-) -> npt.NDArray[np.float64]:
+    rows: Sequence[Row | None],
+    direction: int = BACKWARD,
+    slope: float = 1.0,
+    ends: npt.NDArray[np.int64] | None = None,
+    dtype: type[np.floating] = np.float64,
+    partial: bool = False,
+) -> npt.NDArray[Any]:
     """
     Return how well a sequence of frames matches each reference, in order.
 
@@ -85,37 +91,98 @@ def sequence_scores(
     ----------
     rows : sequence of k ndarrays of float32, shape (R,), or None
         Pair scores of the frames in order outward from the anchor, NaN where there is none; None
-        for an uninformative frame. The anchor has a row.
+        for an uninformative frame. The anchor has a row. Others may be shorter, where the map has
+        grown since: what they lack counts as NaN.
     direction : BACKWARD or FORWARD
         Whether the frames lie before or after the anchor.
     slope : float
         References that pass while one frame does; 1, one to one, in the paper.
+    ends : ndarray of int64, shape (n,), optional
+        The references to score, ascending; all R by default.
+    dtype : type
+        What is summed up in; float32 is faster where scores are only compared.
+    partial : bool
+        Whether a window may leave the map, or lack scores, for up to half of its pairs, which then
+        count as the mean of their row's known scores; so a place is found sooner after the map is
+        entered.
 
     Returns
     -------
-    ndarray of float64, shape (R,)
+    ndarray of `dtype`, shape (R,) or (n,)
         At each reference, the mean of the pair scores along the diagonal that ends (BACKWARD) or
-        starts (FORWARD) there. -inf where the window leaves the map, the reference itself has no
-        score, or less than half of the window's pairs have one.
+        starts (FORWARD) there. -inf where the window leaves the map (unless `partial`), the
+        reference itself has no score, or less than half of the window's pairs have one.
 
     """
     anchor_row = rows[0]
     if anchor_row is None:
         raise ValueError('the anchor of a sequence must be informative')
-    count, length = len(anchor_row), len(rows)
-    total, pairs = np.zeros(count), np.zeros(count)
-    steps = diagonal(length, slope)
+    steps = diagonal(len(rows), slope)
+    if ends is not None and len(ends) < len(anchor_row):
+        return _scores_at(ends, rows, steps, direction, dtype, partial)
+    count, reach = len(anchor_row), steps[-1]
+    scores = np.full(count, -np.inf, dtype)
+    first, last = (reach, count) if direction == BACKWARD else (0, count - reach)
+    informative = sum(row is not None for row in rows)
+    if 2 * informative < len(rows):
+        return scores
+    if first >= last:
+        return _scores_at(np.arange(count), rows, steps, direction, dtype, partial)
+    total = np.zeros(last - first, dtype)
     for step, row in zip(steps, rows, strict=True):
-        if row is None or step >= count:
-            continue
-        near, far = slice(step, None), slice(None, count - step)
-        anchor, other = (near, far) if direction == BACKWARD else (far, near)
-        known = np.isfinite(row[other])
-        total[anchor] += np.where(known, row[other], 0)
-        pairs[anchor] += known
-    index = np.arange(count) if direction == BACKWARD else np.arange(count)[::-1]
-    scored = np.isfinite(anchor_row) & (index >= steps[-1]) & (2 * pairs >= length)
-    return np.divide(total, pairs, out=np.full(count, -np.inf), where=scored)
+        if row is not None:
+            met = row[first + direction * step : last + direction * step]
+            total[: len(met)] += met
+            total[len(met) :] = np.nan
+    scores[first:last] = total / informative
+    # A sum is not a number where a pair has no score. Those are few, or else `ends` are given.
+    unknown = first + np.flatnonzero(~np.isfinite(total))
+    if partial:
+        unknown = np.concatenate((np.arange(first), unknown, np.arange(last, count)))
+    scores[unknown] = _scores_at(unknown, rows, steps, direction, dtype, partial, whole=True)
+    return scores
+
+
+def _scores_at(
+    ends: npt.NDArray[np.int64],
+    rows: Sequence[Row | None],
+    steps: Sequence[int],
+    direction: int,
+    dtype: type[np.floating],
+    partial: bool,
+    whole: bool = False,
+) -> npt.NDArray[Any]:
+    """
+    Return the scores of some references, for each of which every pair is looked up.
+
+    The usual score of a row, for a partial window, is taken from the pairs that are looked up, or
+    from the whole row.
+    """
+    met = ends + direction * np.array(steps)[:, None]
+    pairs = np.full(met.shape, np.nan, dtype)
+    for row, indices, scores in zip(rows, met, pairs, strict=True):
+        if row is not None and len(row):
+            scores[:] = row.take(indices, mode='clip')
+    lengths = np.array([0 if row is None else len(row) for row in rows])[:, None]
+    known = np.isfinite(pairs) & (met >= 0) & (met < lengths)
+    number = known.sum(axis=0)
+    scored = known[0] & (2 * number >= len(rows))
+    usual: npt.NDArray[Any] = np.zeros(len(rows), dtype)
+    if partial:
+        seen = pairs.sum(axis=1, where=known)
+        usual = seen / np.maximum(known.sum(axis=1), 1)
+        if whole:
+            usual = np.array([_mean(row) for row in rows], dtype)
+        number = np.full(len(ends), sum(row is not None for row in rows))
+    else:
+        scored &= (met[-1] >= 0) & (met[-1] < lengths[0])
+    total = np.where(known, pairs, usual[:, None]).sum(axis=0)
+    return np.divide(total, number, out=np.full(len(ends), -np.inf, dtype), where=scored)
+
+
+def _mean(row: Row | None) -> float:
+    known = row[np.isfinite(row)] if row is not None else ()
+    return float(np.mean(known)) if len(known) else 0.0
 
 
 def diagonal(length: int, slope: float = 1.0) -> list[int]:

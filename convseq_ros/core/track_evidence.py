@@ -17,8 +17,8 @@ from convseq_ros.core.sequence import diagonal, Row
 import numpy as np
 import numpy.typing as npt
 
-WINDOW = 10
-MEMORY = 25
+WINDOW = 8
+MEMORY = 30
 SAME_TRACK = 2
 _OWN_PEAK = 5
 _NEIGHBOURHOOD = 10
@@ -26,8 +26,13 @@ _FEWEST_RIVALS = 5
 _RIM = 2
 _PRIOR_FRAMES = 5
 _SMALLEST_SCATTER = 0.002
+_USUAL_SCATTER = 0.01
+_PRIOR_WINDOWS = 10
+_SHORTEST_DRIVE = 10
+_DOUBT_OF_OTHER_SLOPES = 4 / 3
 
 Values = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,34 +71,36 @@ class TrackEvidence:
 
     Notes
     -----
-    The scores of a row are taken relative to what each reference usually scores on this drive and
-    to the row's mean, so that a pair that was not scored (shortlist) counts as average. A window
-    of 10 frames, whatever the sequence length k, keeps the scatter comparable from frame to frame.
+    The scores of a row are taken relative to what each reference usually scores on this drive, and
+    to the row's mean, so that a pair that was not scored (shortlist) counts as average. Usually is
+    when the reference is not near the place to which at least half of the last frames lead. A
+    window of 8 frames, whatever the sequence length k, keeps the scatter comparable.
 
     """
 
     def __init__(self) -> None:
         self._sums: Values = np.zeros(0)
         self._counts: Values = np.zeros(0)
+        self._total = 0.0
+        self._pairs = 0
         self._variance = 0.0
         self._windows = 0
+        self._start: int | None = None
         self._sights: deque[Sight] = deque()
+        self._ends: Indices = np.zeros(0, np.int64)
         self._now: Values = np.zeros(0)
-
-    @property
-    def newest(self) -> Sight | None:
-        """What the newest frame says; None if it says nothing."""
-        return self._sights[-1] if self._sights else None
 
     @property
     def scatter(self) -> float | None:
         """How much other places scatter on this drive; None before that is known."""
         if not self._windows:
             return None
-        return float(np.sqrt(self._variance / self._windows)) + _SMALLEST_SCATTER
+        variance = self._variance + _PRIOR_WINDOWS * _USUAL_SCATTER**2
+        windows = self._windows + _PRIOR_WINDOWS
+        return float(np.sqrt(variance / windows)) + _SMALLEST_SCATTER
 
     def follow(
-        self, frame: int, rows: Sequence[Row | None], slope: float = 1.0
+        self, frame: int, rows: Sequence[Row | None], ends: Indices, slope: float = 1.0
     ) -> Sight | None:
         """
         Take note of a frame and return what it says.
@@ -105,7 +112,9 @@ class TrackEvidence:
         rows : sequence of ndarrays of float32, or None
             Pair scores of it and the frames before it, newest first, NaN where there is none;
             None for an uninformative frame, which the newest is not. At least 10 as soon as there
-            are so many. The newest has an entry for every reference that may be matched.
+            are so many. An older one may end sooner, where the map has grown since.
+        ends : ndarray of int64, shape (n,)
+            The references, ascending, that the newest frame may show.
         slope : float
             References that pass while one frame does.
 
@@ -116,55 +125,72 @@ class TrackEvidence:
         while self._sights and self._sights[0].frame <= frame - MEMORY:
             self._sights.popleft()
         self._make_room(len(newest))
-        usual = self._usual()
-        self._now = _above(newest, usual)
-        window: list[Values | None] = [self._now]
-        window += [None if row is None else _above(row, usual) for row in rows[1:WINDOW]]
-        heights = _diagonals(window, len(newest), slope)
-        self._learn(newest)
-        ends = np.where(np.isfinite(newest + heights), heights, -np.inf)
-        if not np.isfinite(ends).any():
+        window = [
+            None if row is None else self._above(row, ends - step)
+            for step, row in zip(
+                diagonal(min(len(rows), WINDOW), slope), rows[:WINDOW], strict=True
+            )
+        ]
+        self._ends, self._now = ends, np.array(window[0])
+        heights = _means(window, len(ends))
+        known = np.flatnonzero(np.isfinite(heights + self._now))
+        if not len(known):
+            self._learn(newest, ends)
             return None
-        best = int(ends.argmax())
-        elsewhere = _beyond(heights, best, _NEIGHBOURHOOD)
+        top = known[heights[known].argmax()]
+        best = int(ends[top])
+        elsewhere = _beyond(heights, ends, best, _NEIGHBOURHOOD)
         margin = 0.0
         if len(elsewhere) >= _FEWEST_RIVALS:
+            self._start = frame if self._start is None else self._start
             if len(window) == WINDOW:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
             if best < len(newest) - _RIM:
-                margin = float(heights[best] - _beyond(heights, best, _OWN_PEAK).max())
+                rivals = _beyond(heights, ends, best, _OWN_PEAK)
+                margin = float(heights[top] - rivals.max())
         sight = Sight(frame, best, margin, len(elsewhere))
         self._sights.append(sight)
+        lately = [one for one in self._along(frame, best, slope) if one.frame > frame - WINDOW]
+        is_tracked = 2 * len(lately) >= WINDOW
+        self._learn(newest, ends[abs(ends - best) > _NEIGHBOURHOOD] if is_tracked else ends)
         return sight
 
     def evidence(self, frame: int, reference: int, slope: float = 1.0) -> float | None:
         """
-        Return how strongly the last 25 frames, and the newest, say that it shows a reference.
+        Return how strongly the last 30 frames, and the newest, say that it shows a reference.
 
         Returns
         -------
         float or None
             Mean margin of those frames whose own best diagonal is this one, in units of the
-            scatter; frames that are missing or point elsewhere count as 0. No more, however, than
-            the standard deviations by which the newest frame alone speaks for the place. None
-            while the scatter is unknown.
+            scatter; frames that are missing or point elsewhere count as 0. Early in a drive the
+            mean is over the frames since there were rivals, 10 at least. No more, however, than
+            the standard deviations by which the newest frame alone speaks for the place; and a
+            quarter less at another slope than 1, of which there are many. None while the scatter
+            is unknown.
 
         """
-        if self.scatter is None:
+        if self.scatter is None or self._start is None:
             return None
-        margins = [
-            sight.margin
+        margins = [sight.margin for sight in self._along(frame, reference, slope)]
+        frames = min(max(frame - self._start + 1, _SHORTEST_DRIVE), MEMORY)
+        along = sum(margins) / (frames * self.scatter)
+        along = min(along, self._newest_alone(reference))
+        return along if slope == 1.0 else along / _DOUBT_OF_OTHER_SLOPES
+
+    def _along(self, frame: int, reference: int, slope: float) -> list[Sight]:
+        """Return the sights on the diagonal that ends at a reference."""
+        return [
+            sight
             for sight in self._sights
             if abs(reference - sight.reference - slope * (frame - sight.frame)) <= SAME_TRACK
         ]
-        along = sum(margins) / (MEMORY * self.scatter)
-        return min(along, self._newest_alone(reference))
 
     def _newest_alone(self, reference: int) -> float:
         """Return by how many standard deviations the newest frame speaks for a reference."""
-        elsewhere = _beyond(self._now, reference, _NEIGHBOURHOOD)
-        near = self._now[max(0, reference - SAME_TRACK) : reference + SAME_TRACK + 1]
+        elsewhere = _beyond(self._now, self._ends, reference, _NEIGHBOURHOOD)
+        near = self._now[abs(self._ends - reference) <= SAME_TRACK]
         if len(elsewhere) < _FEWEST_RIVALS or not np.isfinite(near).any():
             return np.inf
         above = float(np.nanmax(near) - elsewhere.mean())
@@ -172,46 +198,47 @@ class TrackEvidence:
 
     def _make_room(self, count: int) -> None:
         more = max(0, count - len(self._sums))
-        self._sums = np.append(self._sums, np.zeros(more))
-        self._counts = np.append(self._counts, np.zeros(more))
+        if more:
+            self._sums = np.append(self._sums, np.zeros(more))
+            self._counts = np.append(self._counts, np.zeros(more))
 
-    def _usual(self) -> Values:
-        overall = self._sums.sum() / max(self._counts.sum(), 1.0)
-        usual: Values = (self._sums + _PRIOR_FRAMES * overall) / (self._counts + _PRIOR_FRAMES)
-        return usual
+    def _above(self, row: Row, indices: Indices) -> Values:
+        """Return scores relative to what their references usually score, and to their mean."""
+        met = (indices >= 0) & (indices < len(row))
+        there = indices[met]
+        overall = self._total / max(self._pairs, 1)
+        usual = (self._sums[there] + _PRIOR_FRAMES * overall) / (
+            self._counts[there] + _PRIOR_FRAMES
+        )
+        above = np.full(len(indices), np.nan)
+        above[met] = row[there] - usual
+        known = np.isfinite(above)
+        return above - above[known].mean() if known.any() else above
 
-    def _learn(self, row: Row) -> None:
-        known = np.isfinite(row)
-        self._sums[: len(row)] += np.where(known, row, 0.0)
-        self._counts[: len(row)] += known
+    def _learn(self, row: Row, ends: Indices) -> None:
+        known = ends[np.isfinite(row[ends])]
+        self._sums[known] += row[known]
+        self._counts[known] += 1
+        self._total += float(row[known].sum(dtype=np.float64))
+        self._pairs += len(known)
 
 
-def _above(row: Row, usual: Values) -> Values:
-    """Return a row relative to what its references usually score, and to its mean."""
-    above: Values = row - usual[: len(row)]
-    known = np.isfinite(above)
-    return above - above[known].mean() if known.any() else above
-
-
-def _diagonals(window: Sequence[Values | None], count: int, slope: float) -> Values:
+def _means(window: Sequence[Values | None], count: int) -> Values:
     """
-    Return a tenth of the sum over the diagonal that ends at each reference.
+    Return an eighth of the sum over each diagonal.
 
     A pair that was not scored counts as 0; where half of them are missing, there is NaN.
     """
     total, pairs = np.zeros(count), np.zeros(count)
-    for step, row in zip(diagonal(len(window), slope), window, strict=True):
-        if row is None:
-            continue
-        met = row[: max(0, count - step)]
-        total[step : step + len(met)] += np.where(np.isfinite(met), met, 0.0)
-        pairs[step : step + len(met)] += np.isfinite(met)
+    for values in window:
+        if values is not None:
+            known = np.isfinite(values)
+            total += np.where(known, values, 0.0)
+            pairs += known
     return np.where(2 * pairs >= len(window), total / WINDOW, np.nan)
 
 
-def _beyond(heights: Values, best: int, distance: int) -> Values:
+def _beyond(heights: Values, ends: Indices, best: int, distance: int) -> Values:
     """Return what is known further than a distance from the best."""
-    outside = heights.copy()
-    outside[max(0, best - distance) : best + distance + 1] = np.nan
-    known: Values = outside[np.isfinite(outside)]
+    known: Values = heights[(abs(ends - best) > distance) & np.isfinite(heights)]
     return known

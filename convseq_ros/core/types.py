@@ -30,6 +30,28 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
+class Camera:
+    """
+    A pinhole camera, as sensor_msgs/CameraInfo gives it.
+
+    Parameters
+    ----------
+    width_px, height_px : int
+        Of its images.
+    fx_px, fy_px, cx_px, cy_px : float
+        Focal lengths and principal point.
+
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+
+@dataclass(frozen=True, slots=True)
 class Frame:
     """
     One image of a stream.
@@ -44,6 +66,8 @@ class Frame:
         Where it came from: a file name or a topic.
     pose : Pose, optional
         Where the camera was, if known.
+    camera : Camera, optional
+        What took it, if known.
 
     """
 
@@ -52,6 +76,7 @@ class Frame:
     source: str = ''
     pose: Pose | None = None
     problem: str = ''
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +124,9 @@ class Reason(StrEnum):
     WEAK = 'weak'
     INCONSISTENT = 'inconsistent'
     TOO_FEW_RIVALS = 'too_few_rivals'
+    COOL_DOWN = 'cool_down'
+    RECENT = 'recent'
+    STATIONARY = 'stationary'
     WARMING_UP = 'warming_up'
     UNINFORMATIVE = 'uninformative'
     UNREADABLE = 'unreadable'
@@ -153,6 +181,13 @@ class Match:
         Image pairs compared for this frame.
     confidence : float, optional
         Probability in [0, 1] that the best candidate is right, if calibrated.
+    shift_px : tuple of 2 floats, optional
+        The best candidate's shift in pixels of the query image: rows, columns. Positive columns:
+        what the query shows is further right in the reference.
+    relative_yaw_rad : float, optional
+        By how much the query's camera is turned against the reference's, counter-clockwise seen
+        from above (REP-103), if the shift and the camera are known. Turned left, positive, it
+        sees things further right than the reference does: negative columns.
 
     """
 
@@ -164,6 +199,8 @@ class Match:
     sequence_length: int = 0
     pairs_scored: int = 0
     confidence: float | None = None
+    shift_px: Shift | None = None
+    relative_yaw_rad: float | None = None
 
     @property
     def best(self) -> Candidate | None:

@@ -11,11 +11,17 @@ from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import protocols
 from convseq_ros.evaluation.cache import Cache
+from convseq_ros.evaluation.comparison import (
+    calibrate,
+    compare_times,
+    Result,
+    Summary,
+    transfer,
+)
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import MethodName, parse_method
 from convseq_ros.evaluation.methods import make_method, Method
-from convseq_ros.evaluation.metrics import performance_per_compute_unit
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.run_folder import (
@@ -28,7 +34,7 @@ from convseq_ros.evaluation.run_folder import (
 )
 from convseq_ros.evaluation.scorecard import judge, summarize, Verdicts
 from convseq_ros.evaluation.thumbnails import write_thumbnails
-from convseq_ros.evaluation.transfer import Measured, transferred
+from convseq_ros.evaluation.transfer import Measured
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'convseq-forward', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
@@ -37,7 +43,7 @@ _PROTOCOLS: Mapping[str, Callable[[Material, Method], Outcome]] = {
     OPEN: protocols.open_set,
     ONLINE: protocols.online,
 }
-Summary = dict[str, Any]
+PAST = 'past'
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +56,8 @@ class Plan:
     methods : tuple of str
         As on the command line; `published` stands for a set's own score matrices.
     protocols : tuple of str
-        closed, open or both, for sets with a reference.
+        closed, open and past, for sets with a reference; past: each of its drives against its
+        own past, forwards and backwards, where nothing is revisited.
     criterion : str
         What the curves are drawn over: score, margin or confidence.
     transfer : bool
@@ -68,13 +75,6 @@ class Plan:
     transfer: bool = False
     exclude_recent: int | None = None
     argv: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Result:
-    folder: Path
-    summary: Summary
-    measured: Measured
 
 
 def evaluate(
@@ -118,12 +118,13 @@ def evaluate(
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets of this name; rename one')
-    results: list[_Result] = []
+    results: list[Result] = []
     for data_set in data_sets:
         results += _on_set(data_set, config, plan, output, cache, report)
-    if plan.transfer:
-        for result in results:
-            _transfer(result, results, plan.criterion)
+    for result in results:
+        calibrate(result, results)
+        if plan.transfer:
+            transfer(result, results, plan.criterion)
     for result in results:
         write_json(result.folder / 'summary.json', result.summary)
     summaries = [result.summary for result in results]
@@ -163,9 +164,16 @@ def _on_set(
     output: Path,
     cache: Cache,
     report: Callable[[str], None],
-) -> list[_Result]:
+) -> list[Result]:
     if plan.exclude_recent is not None:
         data_set = replace(data_set, exclude_recent=plan.exclude_recent)
+    results: list[Result] = []
+    if PAST in plan.protocols and not data_set.online:
+        for past in data_set.own_pasts:
+            results += _on_set(past, config, plan, output, cache, report)
+        plan = replace(plan, protocols=tuple(one for one in plan.protocols if one != PAST))
+        if not plan.protocols:
+            return results
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, cache, config.encoding)
@@ -174,7 +182,6 @@ def _on_set(
     write_thumbnails(base / 'thumbnails' / 'query', material.query)
     if not data_set.online:
         write_thumbnails(base / 'thumbnails' / 'reference', material.reference)
-    results = []
     for protocol in (ONLINE,) if data_set.online else plan.protocols:
         name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
         _describe_set(output / name, name, protocol, material)
@@ -184,14 +191,14 @@ def _on_set(
         for method in methods:
             report(f'{name}: {method.name.label}')
             found.append(_measure(material, method, protocol, output / name, plan))
-        _compare_times([result.summary for result in found])
+        compare_times([result.summary for result in found])
         results += found
     return results
 
 
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
-) -> _Result:
+) -> Result:
     outcome = _PROTOCOLS[protocol](material, method)
     verdicts = judge(outcome)
     own = folder / method.name.label
@@ -214,7 +221,7 @@ def _measure(
         'argv': list(plan.argv),
     }
     data_set = material.data_set
-    return _Result(own, summary, Measured(folder.name, data_set.place or data_set.name, verdicts))
+    return Result(own, summary, Measured(folder.name, data_set.place or data_set.name, verdicts))
 
 
 def _known_curve(verdicts: Verdicts, criterion: str) -> Any:
@@ -234,28 +241,8 @@ def _describe_set(folder: Path, name: str, protocol: str, material: Material) ->
         'exclude_recent': data_set.exclude_recent if data_set.online else None,
         'queries': queries,
         'references': references,
-        'query': str(data_set.query.path),
-        'reference': str(data_set.reference.path) if data_set.reference else None,
+        'query': str(data_set.query),
+        'reference': str(data_set.reference) if data_set.reference else None,
         'source': data_set.source,
         'base': data_set.name if protocol == OPEN else None,
     })
-
-
-def _compare_times(summaries: Sequence[Summary]) -> None:
-    times = [one['encode_ms'] for one in summaries if one['encode_ms']]
-    for one in summaries:
-        if one['encode_ms'] and one['accuracy_matched'] is not None:
-            one['pcu'] = performance_per_compute_unit(
-                one['accuracy_matched'], one['encode_ms'], max(times)
-            )
-
-
-def _transfer(result: _Result, results: Sequence[_Result], criterion: str) -> None:
-    own = result.summary
-    alike = [
-        other.measured
-        for other in results
-        if (other.summary['method'], other.summary['protocol']) == (own['method'], own['protocol'])
-    ]
-    found = transferred(result.measured, alike, criterion)
-    own['transferred'] = dict(found) or None

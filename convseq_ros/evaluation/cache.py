@@ -35,7 +35,7 @@ def digest(facts: Any) -> str:
 def program_digest() -> str:
     """Return a name for the program that computes what is kept: another version starts anew."""
     found = hashlib.sha256()
-    for folder in ('core', 'baselines'):
+    for folder in ('core', 'baselines', 'simulation'):
         for path in sorted((PACKAGE / folder).rglob('*')):
             if path.suffix in ('.py', '.npy', '.so'):
                 found.update(path.read_bytes())

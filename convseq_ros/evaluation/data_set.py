@@ -3,13 +3,14 @@
 """A data set: a query, a reference and a truth, named by a small YAML file."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import difflib
 from pathlib import Path
 import re
 from typing import Any
 
 from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation.simulated import read_simulated, SimulatedDrive
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
 TRUTH_KINDS = ('identity', 'table', 'npy', 'poses', 'none')
@@ -28,13 +29,22 @@ class Part:
         Topics of a recording: its images, and the poses that a truth of kind `poses` takes.
     count : int
         Images that must be there; 0 for any number.
+    simulated : SimulatedDrive, optional
+        Images that are drawn; there is no path then.
+    backwards : bool
+        Whether the last image comes first.
 
     """
 
-    path: Path
+    path: Path = Path()
     topic: str = ''
     odom: str = ''
     count: int = 0
+    simulated: SimulatedDrive | None = None
+    backwards: bool = False
+
+    def __str__(self) -> str:
+        return 'drawn' if self.simulated else str(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +113,27 @@ class DataSet:
     def online(self) -> bool:
         """Whether the query is matched against its own past."""
         return self.reference is None
+
+
+    @property
+    def own_pasts(self) -> 'list[DataSet]':
+        """Its drives, each against its own past, forwards and backwards: nothing is revisited."""
+        drives = {'query': self.query, 'reference': self.reference}
+        return [
+            DataSet(
+                f'{self.name}-{label}-{"backwards" if backwards else "forwards"}',
+                replace(part, backwards=part.backwards != backwards),
+                TruthSource('none'),
+                exclude_recent=self.exclude_recent,
+                place=self.place,
+                title=f'{self.title}: {label} against its own past{", backwards" * backwards}',
+                where=self.where,
+                source=self.source,
+            )
+            for label, part in drives.items()
+            if part is not None
+            for backwards in (False, True)
+        ]
 
 
 def ready_made() -> list[str]:
@@ -201,14 +232,20 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str], path: Path) -> No
 
 def _part(content: Any, path: Path, base: Path, name: str) -> Part:
     said = _mapping(content, path, name)
-    refuse_unknown(said, ('path', 'topic', 'odom', 'count'), path)
-    if 'path' not in said:
-        raise ConfigError(f'{path}: {name} has no path; add where its images are')
+    refuse_unknown(said, ('path', 'topic', 'odom', 'count', 'simulated', 'backwards'), path)
+    drawn = said.get('simulated')
+    if ('path' in said) == (drawn is not None):
+        raise ConfigError(f'{path}: {name} has no path; add where its images are, or simulated')
+    backwards = said.get('backwards', False)
+    if not isinstance(backwards, bool):
+        raise ConfigError(f'{path}: {name}: backwards: {backwards!r} is not true or false')
     return Part(
-        base / str(said['path']),
+        base / str(said['path']) if drawn is None else Path(),
         str(said.get('topic', '')),
         str(said.get('odom', '')),
         _number(said.get('count', 0), int, path, f'{name}: count'),
+        None if drawn is None else read_simulated(_mapping(drawn, path, name), path),
+        backwards,
     )
 
 

@@ -16,6 +16,7 @@ from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest
+from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,8 @@ class Images:
     ----------
     path, topic : Path, str
         Folder, recording or video, and image topic.
+    simulated : SimulatedDrive, optional
+        What is drawn instead.
     order : tuple of int, optional
         Which frames, in which order; all of them if left out.
     restamp : bool
@@ -45,6 +48,7 @@ class Images:
 
     path: Path
     topic: str = ''
+    simulated: SimulatedDrive | None = None
     order: tuple[int, ...] | None = None
     restamp: bool = True
     change: Changed | None = field(default=None, compare=False)
@@ -55,12 +59,13 @@ class Images:
         """What determines these images, for a cache."""
         order = list(self.order) if self.order is not None else None
         try:
-            return [content_digest(self.path), self.topic, order, self.restamp, self.changed_by]
+            images = self.simulated.content if self.simulated else content_digest(self.path)
         except OSError as error:
             raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
+        return [images, self.topic, order, self.restamp, self.changed_by]
 
     def __iter__(self) -> Iterator[Frame]:
-        source = open_source(self.path, self.topic)
+        source = self.simulated or open_source(self.path, self.topic)
         frames: Iterable[Frame] = source
         if self.order is not None:
             whole = list(source)
@@ -78,6 +83,10 @@ class Images:
             return [whole[index] for index in self.order or range(len(whole))]
         step_ns = whole[1] - whole[0] if len(whole) > 1 else 0
         return [whole[0] + place * step_ns for place in range(len(self.order))]
+
+    def reversed(self, count: int) -> 'Images':
+        """Return the same images, so many of them, the last one first."""
+        return replace(self, order=tuple(range(count - 1, -1, -1)))
 
     @property
     def whole(self) -> 'Images':

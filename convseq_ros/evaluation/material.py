@@ -73,15 +73,17 @@ def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> 
         If images are missing, counts disagree, or no query has a right reference.
 
     """
-    query = _images(data_set.query, data_set)
-    reference = query if data_set.reference is None else _images(data_set.reference, data_set)
+    query = _images(data_set.query, data_set, cache, encoding)
+    reference = query
+    if data_set.reference is not None:
+        reference = _images(data_set.reference, data_set, cache, encoding)
     nothing = Truth(np.zeros((0, 0), np.bool_))
     material = Material(data_set, query, reference, nothing, cache)
     drives = material.drives(encoding)
     for part, drive in zip((data_set.query, data_set.reference), drives, strict=True):
         if part and part.count and part.count != len(drive):
             raise SourceError(
-                f'{data_set.name}: {len(drive)} images in {part.path}, expected {part.count}; '
+                f'{data_set.name}: {len(drive)} images in {part}, expected {part.count}; '
                 f'{data_set.where or "complete them"}'
             )
     truth = _TRUTHS[data_set.truth.kind](data_set, *drives)
@@ -95,13 +97,16 @@ def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> 
     return replace(material, truth=truth, _drives={encoding: drives})
 
 
-def _images(part: Part, data_set: DataSet) -> Images:
+def _images(part: Part, data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> Images:
     if not part.path.exists():
         raise SourceError(
             f'{data_set.name}: {part.path} is missing; '
             f'{data_set.where or "correct the path in its file"}'
         )
-    return Images(part.path, part.topic)
+    images = Images(part.path, part.topic, part.simulated)
+    if part.backwards:
+        return images.reversed(len(describe_drive(images, encoding, cache)))
+    return images
 
 
 def _identity(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
@@ -138,6 +143,8 @@ def _poses(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
 def _positions(
     data_set: DataSet, part: Part, drive: Drive, name: str
 ) -> npt.NDArray[np.float64]:
+    if part.backwards:
+        raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')
     if data_set.truth.path is not None:
         return read_positions(data_set.truth.path, name, len(drive))
     track = PoseTrack(read_poses(part.path, part.odom))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures as PNG and SVG; matplotlib is imported only when one is drawn."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import os
 from pathlib import Path
 import re
@@ -122,7 +122,7 @@ def draw_curves(
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
 ) -> None:
     """Draw precision against recall, one curve (recall, precision) for each method."""
-    figure = new_figure(7, 5)
+    figure = _new_figure_for(curves, 5, 0.8)
     axes = figure.add_subplot(title=title, xlabel='recall', ylabel='precision')
     for index, (name, (recall, precision)) in enumerate(curves.items()):
         if len(recall):
@@ -144,7 +144,7 @@ def draw_accuracies(
     bars: Sequence[tuple[str, float, float | None, float | None]],
 ) -> None:
     """Draw a bar for each (method, accuracy, low, high); no whisker where an end is None."""
-    figure = new_figure(7, 1.2 + 0.3 * len(bars))
+    figure = _new_figure_for([bar[0] for bar in bars], 1.2 + 0.3 * len(bars), 0.0)
     axes = figure.add_subplot(title=title, xlabel='accuracy, matched queries')
     for place, (name, value, low, high) in enumerate(bars):
         axes.barh(place, value, color=f'C{place % 10}', height=0.65, label=name)
@@ -155,6 +155,33 @@ def draw_accuracies(
     axes.set(xlim=(0, 1))
     axes.invert_yaxis()
     axes.spines[['top', 'right']].set_visible(False)
+    figure.set_layout_engine('constrained')
+    save(figure, *paths)
+
+
+def _new_figure_for(labels: Iterable[str], height: float, heading: float) -> Any:
+    """Return a figure that leaves room for a column of labels beside its axes, inches."""
+    lengths = [len(label) for label in labels]
+    return new_figure(
+        5.5 + 0.09 * max(lengths, default=0), max(height, heading + 0.18 * len(lengths))
+    )
+
+
+def draw_reliability(
+    paths: Sequence[Path], title: str, curves: Mapping[str, Sequence[Mapping[str, float]]]
+) -> None:
+    """Draw how often a confidence was right, one table of `calibration` for each method."""
+    figure = _new_figure_for(curves, 5, 0.8)
+    axes = figure.add_subplot(title=title, xlabel='confidence', ylabel='share that is right')
+    axes.plot([0, 1], [0, 1], color='gray', linestyle='--', linewidth=1)
+    for name, table in curves.items():
+        said, right = [row['said'] for row in table], [row['right'] for row in table]
+        (drawn,) = axes.plot(said, right, linewidth=1.2, label=name)
+        sizes = [12 + 4 * row['count'] ** 0.5 for row in table]
+        axes.scatter(said, right, s=sizes, color=drawn.get_color(), zorder=3)
+    axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+    axes.grid(alpha=0.3)
+    axes.legend(loc='upper left', bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
     figure.set_layout_engine('constrained')
     save(figure, *paths)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, SequenceConfig
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Match, Reason, Status
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.rerun import part_of, rerun
@@ -51,7 +52,14 @@ def with_known(config: Config, values: Mapping[str, Value]) -> Config:
 
 
 def recognize(material: Material, config: Config) -> Recognition:
-    """Feed every query frame to a recogniser, or recall what it said in an earlier run."""
+    """
+    Feed every query frame to a recogniser, or recall what it said in an earlier run.
+
+    A drive against its own past is fed to one in online mode, whose map grows; references are then
+    frames of the drive, and rows are NaN where a frame was not yet past.
+    """
+    if material.data_set.online:
+        config = _online(material, config)
     facts = [material.content, flatten(config)]
     kept = material.cache.get('recognitions', facts)
     if kept is None:
@@ -80,10 +88,12 @@ def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.floa
 
     """
     query = material.query
-    if query.order is not None and query.change is None:
+    if query.order is not None and query.change is None and not material.data_set.online:
         rows, frame_ms = pair_scores(replace(material, query=query.whole, _drives={}), config)
         return rows[np.array(query.order)], frame_ms
     config = with_known(config, {'search': 'exhaustive'})
+    if material.data_set.online:
+        config = _online(material, config)
     kept = material.cache.get('rows', _pair_facts(material, config))
     if kept is None:
         found = recognize(material, config)
@@ -91,9 +101,7 @@ def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.floa
     return kept['rows'], float(kept['frame_ms'])
 
 
-def answer_again(
-    material: Material, config: Config, first: int, last: int, past: int = 0
-) -> list[Match]:
+def answer_again(material: Material, config: Config, first: int, last: int) -> list[Match]:
     """
     Return what the recogniser says of a part of the map, from pair scores that are known.
 
@@ -105,16 +113,12 @@ def answer_again(
         The parameters.
     first, last : int
         The references from `first` to before `last` are the map; answers count from its start.
-    past : int
-        If not 0, each frame knows only the references that are so many frames past.
 
     """
-    facts = [material.content, flatten(config), first, last, past]
+    facts = [material.content, flatten(config), first, last]
     kept = material.cache.get('answers', facts)
     if kept is None:
         rows, _ = pair_scores(material, config)
-        if past:
-            rows = past_only(rows, past)
         query, reference = material.drives(config.encoding)
         part = part_of(reference.reference_map, first, last)
         matches = [asdict(one) for one in rerun(query, part, rows[:, first:last], config)]
@@ -137,22 +141,45 @@ def _pair_facts(material: Material, config: Config) -> list[object]:
     ]
 
 
+def _online(material: Material, config: Config) -> Config:
+    """Return a configuration for online mode that excludes as many frames as the set says."""
+    stamps_ns = material.drives(config.encoding)[0].stamps_ns
+    step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
+    recent = max(1, material.data_set.exclude_recent)
+    return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
+
+
 def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any]]:
+    online = config.online.mode == 'online'
     _, reference = material.drives(config.encoding)
-    recognizer = PlaceRecognizer(reference.reference_map, config)
+    reference_map = ReferenceMap(config.encoding) if online else reference.reference_map
+    recognizer = PlaceRecognizer(reference_map, config)
+    recognizer.matcher.warm_up()
+    number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
     matches, durations, rows = [], [], []
     for frame in material.query:
         started = time.perf_counter()
         match = recognizer.process(frame)
         durations.append((time.perf_counter() - started) * 1e3)
-        matches.append(asdict(match))
-        row = None if match.reason is Reason.OUT_OF_ORDER else recognizer.row
-        rows.append(np.full(len(reference), np.nan, np.float32) if row is None else row)
+        matches.append(asdict(_numbered(match, number) if online else match))
+        row = np.full(len(reference), np.nan, np.float32)
+        known = None if match.reason is Reason.OUT_OF_ORDER else recognizer.row
+        if known is not None:
+            row[[number[place.stamp_ns] for place in reference_map.places[: len(known)]]] = known
+        rows.append(row)
     return {
         'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8),
         'durations_ms': np.array(durations),
         'rows': np.stack(rows),
     }
+
+
+def _numbered(match: Match, number: Mapping[int, int]) -> Match:
+    """Return an answer whose references are frames of the drive."""
+    candidates = tuple(
+        replace(one, reference_index=number[one.reference_stamp_ns]) for one in match.candidates
+    )
+    return replace(match, candidates=candidates)
 
 
 def _match(stored: dict[str, Any]) -> Match:
@@ -165,4 +192,5 @@ def _match(stored: dict[str, Any]) -> Match:
         'status': Status(stored['status']),
         'reason': Reason(stored['reason']),
         'candidates': candidates,
+        'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
     })

@@ -59,6 +59,8 @@ class _Remembered(Matcher):
     """Looks scores up; a query is the index of its frame."""
 
     def __init__(self, drive: Drive, rows: npt.NDArray[np.float32]) -> None:
+        self.kernel = 'remembered'
+        self.exact = True
         self._index = {id(one): index for index, one in enumerate(drive.descriptors)}
         self._rows = rows
 
@@ -68,5 +70,13 @@ class _Remembered(Matcher):
     def scores(self, query: int, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         return self._rows[query, indices]
 
+    def exact_scores(
+        self, query: int, indices: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.float32]:
+        return self._rows[query, indices]
+
     def shift(self, _query: int, _index: int) -> None:
         return None
+
+    def warm_up(self) -> None:
+        pass

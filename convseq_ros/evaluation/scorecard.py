@@ -41,6 +41,8 @@ class Verdicts:
         Whether the best one is right, or the right place but a little off.
     accepted : ndarray of bool
         Whether the method stands by it.
+    reach : ndarray of bool
+        Whether the whole sequence of a right answer lies in the map.
     lengths : ndarray of int64
         k; 0 where none could be chosen.
     values : mapping of str to ndarray of float64
@@ -53,6 +55,7 @@ class Verdicts:
     correct: Flags
     slip: Flags
     accepted: Flags
+    reach: Flags
     lengths: npt.NDArray[np.int64]
     values: Mapping[str, npt.NDArray[np.float64]]
 
@@ -70,7 +73,7 @@ class Verdicts:
         """Return the verdicts on some frames, repeated if asked for more than once."""
         return Verdicts(
             self.matched[chosen], self.known[chosen], self.correct[chosen], self.slip[chosen],
-            self.accepted[chosen], self.lengths[chosen],
+            self.accepted[chosen], self.reach[chosen], self.lengths[chosen],
             {name: values[chosen] for name, values in self.values.items()},
         )  # fmt: skip
 
@@ -99,6 +102,7 @@ def judge(outcome: Outcome) -> Verdicts:
         correct=matched & outcome.right[index, best],
         slip=matched & outcome.slip[index, best] & ~outcome.right[index, best],
         accepted=np.array([match.accepted is not None for match in matches], np.bool_),
+        reach=outcome.reach,
         lengths=np.array([match.sequence_length for match in matches], np.int64),
         values={
             'score': np.array([match.best.score if match.best else np.nan for match in matches]),
@@ -136,10 +140,34 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     }
 
 
+def decisions(verdicts: Verdicts) -> dict[str, float | None]:
+    """
+    Return what the method's own decisions are worth.
+
+    Returns
+    -------
+    dict of str to number or None
+        `accepted`, of which `accepted_right`, `slips` and `false_closures`; `accepted_recall`:
+        right ones among all queries that have an answer; `accepted_recall_in_reach`: among those
+        whose whole sequence lies in the map, the others left out above and below.
+
+    """
+    right = verdicts.accepted & verdicts.correct
+    slips = verdicts.accepted & verdicts.slip
+    reach = int(verdicts.reach.sum())
+    return {
+        'accepted': int(verdicts.accepted.sum()),
+        'accepted_right': int(right.sum()),
+        'false_closures': int((verdicts.accepted & ~right & ~slips).sum()),
+        'slips': int(slips.sum()),
+        'accepted_recall': share(int(right.sum()), int(verdicts.known.sum())),
+        'accepted_recall_in_reach': share(int((right & verdicts.reach).sum()), reach),
+    }
+
+
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str, Any]:
     """Return every figure of one method on one set, with 95 % intervals of the main ones."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
-    wrong = verdicts.accepted & ~verdicts.correct & ~verdicts.slip
     intervals = block_intervals(
         len(verdicts.matched), lambda chosen: figures(verdicts.of(chosen), criterion)
     )
@@ -164,13 +192,12 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str,
             for name, values in verdicts.values.items()
             if not np.isnan(values).all()
         },
-        'accepted': int(verdicts.accepted.sum()),
-        'accepted_right': int((verdicts.accepted & verdicts.correct).sum()),
-        'false_closures': int(wrong.sum()),
-        'slips': int((verdicts.accepted & verdicts.slip).sum()),
+        'in_reach': int(verdicts.reach.sum()),
+        **decisions(verdicts),
         'mean_k': float(lengths.mean()) if len(lengths) else None,
         'k_distribution': dict(sorted(Counter(map(str, lengths.tolist())).items(),
                                       key=lambda item: int(item[0]))),
+        'pairs_per_frame': float(np.mean([match.pairs_scored for match in outcome.matches])),
         'encode_ms': outcome.pairs.encode_ms,
         'frame_ms': outcome.frame_ms,
         'pcu': None,

@@ -55,6 +55,7 @@ def score_sequences(
     lengths: Sequence[int],
     direction: int = BACKWARD,
     scorer: SequenceScorer | None = None,
+    partial_windows: bool = False,
 ) -> npt.NDArray[np.float64]:
     """
     Return the sequence scores of every frame.
@@ -71,6 +72,8 @@ def score_sequences(
         Whether the k frames lie before or after the anchor.
     scorer : callable, optional
         Another way of scoring, such as SeqSLAM's trajectories.
+    partial_windows : bool
+        Whether a window may leave the map, as the recogniser's may with coherent matching.
 
     Returns
     -------
@@ -78,7 +81,9 @@ def score_sequences(
         -inf where there is none.
 
     """
-    scorer = scorer or partial(sequence_scores, direction=direction)
+    scorer = scorer or partial(
+        sequence_scores, direction=direction, partial=partial_windows
+    )
     seen = drive.informative & np.isfinite(rows).any(axis=1)
     usable = [row if there else None for row, there in zip(rows, seen, strict=True)]
     scores = np.full(rows.shape, -np.inf)
@@ -122,7 +127,7 @@ def _decided(
         return skipped(Reason.UNINFORMATIVE)
     if not length:
         return skipped(Reason.WARMING_UP)
-    candidates = best_candidates(scores, places, config.acceptance)
+    candidates = best_candidates(np.arange(len(scores)), scores, places, config.acceptance)
     if not candidates:
         return skipped(Reason.MAP_TOO_SHORT, (), length)
     reason = decide(candidates, config.acceptance)

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import sys
 
 from builtin_interfaces.msg import Time
+from convseq_ros.core.pose_estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMessage
 import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import Image, PointCloud2, PointField
@@ -117,31 +119,39 @@ def loop_closure_index_message(query_index: int, accepted: Candidate) -> Int64Mu
     return Int64MultiArray(data=[query_index, accepted.reference_index])
 
 
+def point_message(position: tuple[float, float, float]) -> Point:
+    """Return a position."""
+    x, y, z = position
+    return Point(x=x, y=y, z=z)
+
+
+def pose_only_message(pose: Pose) -> PoseMessage:
+    """Return a pose."""
+    x, y, z, w = pose.orientation
+    return PoseMessage(
+        position=point_message(pose.position), orientation=Quaternion(x=x, y=y, z=z, w=w)
+    )
+
+
 def pose_message(
-    match: Match, pose: Pose, frame_id: str, position_sigma_m: float, heading_sigma_rad: float
+    match: Match, estimate: PoseEstimate, frame_id: str
 ) -> PoseWithCovarianceStamped:
     """
-    Return the pose of the accepted reference at the time of the query.
+    Return where the camera is at the time of the query.
 
     Parameters
     ----------
     match : Match
         The answer to one frame.
-    pose : Pose
-        Where the reference was taken.
+    estimate : PoseEstimate
+        What follows from the accepted reference.
     frame_id : str
         Frame in which the pose is given.
-    position_sigma_m, heading_sigma_rad : float
-        Standard deviations along each axis and about each axis.
 
     """
     message = PoseWithCovarianceStamped(header=match_header(match, frame_id))
-    x, y, z = pose.position
-    message.pose.pose.position = Point(x=x, y=y, z=z)
-    x, y, z, w = pose.orientation
-    message.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
-    variances = [position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3
-    message.pose.covariance = np.diag(variances).ravel()
+    message.pose.pose = pose_only_message(estimate.pose)
+    message.pose.covariance = estimate.covariance.ravel()
     return message
 
 

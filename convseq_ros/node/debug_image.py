@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture on `~/debug_image`: the query beside its best reference."""
 
-from convseq_ros.core.reference_map import Place
 from convseq_ros.core.thumbnail import picture
 from convseq_ros.core.types import Frame, Match
 import cv2
@@ -16,7 +15,7 @@ _GREEN, _GREY = (80, 220, 80), (200, 200, 200)
 
 
 def debug_image(
-    frame: Frame, match: Match, place: Place | None, agreement: npt.NDArray[np.float64]
+    frame: Frame, match: Match, thumbnail: bytes, agreement: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.uint8]:
     """
     Return the query (left) beside the thumbnail of its best reference (right), with a caption.
@@ -27,8 +26,8 @@ def debug_image(
         The query; a grey field stands for one that could not be read.
     match : Match
         What came of it; the caption is green if it was accepted.
-    place : Place, optional
-        The best reference; a grey field stands for none, or one without a thumbnail.
+    thumbnail : bytes
+        JPEG of the best reference; a grey field stands for none.
     agreement : ndarray of float64, shape (n, 4)
         Regions that moved together, as `PlaceRecognizer.agreement` gives them; each is a dot of
         the same colour in both pictures.
@@ -39,7 +38,7 @@ def debug_image(
         BGR.
 
     """
-    sides = [_to_height(frame.gray), _to_height(picture(place.thumbnail) if place else None)]
+    sides = [_to_height(frame.gray), _to_height(picture(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
     _draw_agreement(pictures, sides[0].shape[1], agreement)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)

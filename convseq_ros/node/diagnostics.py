@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
+from convseq_ros.core.session import Session
 from convseq_ros.node.conversions import status_message
 from convseq_ros.node.statistics import Statistics
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -24,29 +25,39 @@ class Situation:
 
     Parameters
     ----------
+    ready : bool
+        False while it warms up.
     enabled : bool
         False if frames are ignored on purpose.
-    map_path : str
-        The map's file; empty if there is none.
-    map_size : int
-        Places in it.
+    session : Session
+        The map in use and its file.
     topic : str
         The camera's topic.
-    waiting, dropped, lost, rows_lost, clock_jumps : int
+    waiting, dropped, lost, rows_lost, clock_jumps, without_pose : int
         Frames in the queue, pushed out of it, lost by the middleware; rows missing in the result
-        file; backward jumps of the clock.
+        file; backward jumps of the clock; frames whose pose odometry did not tell.
+    camera_known, odometry_heard : bool
+        Whether there is a calibrated camera_info, and odom.
 
     """
 
+    ready: bool
     enabled: bool
-    map_path: str
-    map_size: int
+    session: Session
     topic: str
     waiting: int
     dropped: int
     lost: int
     rows_lost: int
     clock_jumps: int
+    without_pose: int
+    camera_known: bool
+    odometry_heard: bool
+
+    @property
+    def map_size(self) -> int:
+        """Places in the map."""
+        return len(self.session.recognizer.reference_map)
 
 
 class Diagnostics:
@@ -81,6 +92,7 @@ class Diagnostics:
         self._situation = situation
         self._advice = advice
         self._last = (time.monotonic_ns(), 0, 0, 0)
+        self._unkept = 0
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._timer = node.create_timer(
             period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -107,8 +119,10 @@ class Diagnostics:
         return received / elapsed_s, processed / elapsed_s, dropped
 
     def _state(self, situation: Situation, dropped_now: int) -> tuple[bytes, str]:
+        if not situation.ready:
+            return DiagnosticStatus.OK, 'warming up'
         silence = self._silence(situation)
-        if not situation.map_size:
+        if not situation.map_size and not situation.session.is_growing:
             return DiagnosticStatus.ERROR, (
                 f'no map; call {self._node.get_fully_qualified_name()}/load_map or set map_path'
             )
@@ -120,6 +134,13 @@ class Diagnostics:
             return DiagnosticStatus.WARN, (
                 f'{dropped_now} frames dropped: they come faster than they are processed'
             )
+        if self._statistics.unkept > self._unkept:
+            self._unkept = self._statistics.unkept
+            return DiagnosticStatus.ERROR, (
+                f'{situation.session.path}: what the map gains cannot be written; see the log'
+            )
+        if situation.session.is_growing:
+            return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'
 
     def _silence(self, situation: Situation) -> str:
@@ -133,8 +154,10 @@ class Diagnostics:
 
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
-    match = statistics.last_match
+    match, session = statistics.last_match, situation.session
     values: dict[str, object] = {
+        'state': _state_word(situation),
+        'mode': 'online' if session.is_growing else 'preloaded',
         'topic': situation.topic,
         'received': statistics.received,
         'processed': statistics.processed,
@@ -145,14 +168,32 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'failed': statistics.failed,
         'latency_ms': statistics.latency_ms,
         'duration_ms': statistics.duration_ms,
+        'kernel': session.kernel,
         'last_reason': match.reason.value if match else '',
         'last_sequence_length': match.sequence_length if match else 0,
         'last_score': match.best.score if match and match.best else 0.0,
-        'map_path': situation.map_path,
+        'map_path': session.path or '',
         'map_size': situation.map_size,
         'clock_jumps': situation.clock_jumps,
         'result_rows_lost': situation.rows_lost,
+        'camera_info': situation.camera_known,
+        'odom': situation.odometry_heard,
+        'frames_without_pose': situation.without_pose,
     }
+    if session.is_growing:
+        values |= {
+            'places_added': session.added,
+            'places_kept': session.kept,
+            'map_write_failures': statistics.unkept,
+        }
+        if session.committed_s is not None:
+            values['since_last_commit_s'] = time.monotonic() - session.committed_s
     # A copy, because the worker's thread adds to it.
     counts = statistics.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}
+
+
+def _state_word(situation: Situation) -> str:
+    if not situation.ready:
+        return 'warming_up'
+    return 'enabled' if situation.enabled else 'disabled'

@@ -6,13 +6,8 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from convseq_ros.config import NodeConfig
-from rclpy.event_handler import (
-    QoSMessageLostInfo,
-    QoSRequestedIncompatibleQoSInfo,
-    SubscriptionEventCallbacks,
-)
+from convseq_ros.node.subscription import FollowingSubscription
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
 ImageMessage: TypeAlias = Image | CompressedImage
@@ -37,31 +32,39 @@ class ImageSubscription:
     on_image : callable
         Receives each message in the executor's thread.
 
-    Attributes
-    ----------
-    lost : int
-        Messages that the middleware reported as lost.
-
     """
 
     def __init__(
         self, node: Node, config: NodeConfig, on_image: Callable[[ImageMessage], None]
     ) -> None:
-        self.lost = 0
         self._node = node
         self._config = config
         self._on_image = on_image
-        topic = node.resolve_topic_name('image')
-        if config.image_transport == 'compressed' and not topic.endswith(_SUFFIX):
-            topic += _SUFFIX
-        self._topic = topic
-        reliable = config.image_reliability != 'best_effort'
-        self._subscribe(ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT)
+        self._subscription: FollowingSubscription | None = None
+        self._topic = node.resolve_topic_name('image')
+        if config.image_transport == 'compressed' and not self._topic.endswith(_SUFFIX):
+            self._topic += _SUFFIX
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._subscription = FollowingSubscription(
+            self._node,
+            _TYPES[self._config.image_transport],
+            self._topic,
+            self._on_image,
+            self._config.queue_size,
+            self._config.image_reliability,
+        )
 
     @property
     def topic(self) -> str:
         """The topic as it was resolved."""
-        return str(self._subscription.topic_name)
+        return self._subscription.topic if self._subscription else self._topic
+
+    @property
+    def lost(self) -> int:
+        """Messages that the middleware reported as lost."""
+        return self._subscription.lost if self._subscription else 0
 
     def advice(self) -> str:
         """Say why no images may come and what to do about it, in one line."""
@@ -95,36 +98,6 @@ class ImageSubscription:
 
     def _published(self, topic: str) -> list[str]:
         return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
-
-    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        self._subscription = self._node.create_subscription(
-            _TYPES[self._config.image_transport],
-            self._topic,
-            self._on_image,
-            QoSProfile(depth=self._config.queue_size, reliability=reliability),
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._on_incompatible_qos,
-                message_lost=self._on_lost,
-                use_default_callbacks=False,
-            ),
-        )
-
-    def _on_incompatible_qos(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
-        logger = self._node.get_logger()
-        if info.last_policy_kind != QoSPolicyKind.RELIABILITY:
-            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
-        elif self._config.image_reliability == 'auto':
-            logger.info(f'{self.topic}: the camera sends best effort; following it')
-            self._node.destroy_subscription(self._subscription)
-            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
-        else:
-            logger.warning(
-                f'{self.topic}: a publisher sends best effort only and is not heard; '
-                'set image_reliability to auto'
-            )
-
-    def _on_lost(self, info: QoSMessageLostInfo) -> None:
-        self.lost += info.total_count_change
 
 
 def _type_name(kind: type) -> str:

@@ -3,19 +3,17 @@
 """Publishes a recording or a folder of pictures to a live topic, with /clock."""
 
 import argparse
-from collections.abc import Iterator
 import math
 from pathlib import Path
 import signal
-import struct
 import sys
 import time
 
-from convseq_ros.errors import ConvseqError, SourceError
-from convseq_ros.node.conversions import image_message, stamp_from_ns
+from convseq_ros.errors import ConvseqError
+from convseq_ros.node.conversions import stamp_from_ns
+from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist, Timeline
 from convseq_ros.sources import open_source, Source
-from convseq_ros.sources.raw_message import RawMessage
-from convseq_ros.sources.recording import Recording
+from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -23,8 +21,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage, Image
-from std_msgs.msg import Header
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 _TICK_S = 0.01
 # Fast DDS sends what is larger than this in fragments, acknowledged at once; what is smaller is
@@ -34,6 +31,8 @@ _DEPTH_FRAGMENTED, _UNACKNOWLEDGED = 100, 50
 _DEPTH_WHOLE = 1000
 _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
 _COMPRESSED = '/compressed'
+_SIDES = {ODOM: Odometry, CAMERA_INFO: CameraInfo}
+_SIDES_WAIT_S = 2.0
 
 
 class Player(Node):
@@ -60,8 +59,14 @@ class Player(Node):
             topic += _COMPRESSED
         best_effort = options.best_effort
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        self._large = _first_size(source) > _FRAGMENTED_BYTES
+        sides = {what: getattr(options, what) for what in _SIDES if getattr(options, what)}
+        self._playlist = Playlist(source, options.recording, sides, options.start)
+        self._large = self._playlist.first_size > _FRAGMENTED_BYTES
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
+        # Images last: who hears of them has heard of the others.
+        self._sides: dict[str, Publisher] = {
+            what: self.create_publisher(_SIDES[what], what, _DEPTH_WHOLE) for what in sides
+        }
         self._images: Publisher = self.create_publisher(
             CompressedImage if compressed else Image,
             topic,
@@ -98,30 +103,40 @@ class Player(Node):
                     'start vpr_node, or play to nobody with --wait-subscribers 0'
                 )
             time.sleep(_TICK_S)
+        # Who wants images need not want the rest: that is given a moment, and no more.
+        deadline_s = time.monotonic() + min(limit_s, _SIDES_WAIT_S)
+        for side in self._sides.values():
+            while not side.get_subscription_count() and time.monotonic() < deadline_s:
+                time.sleep(_TICK_S)
 
     def _play_once(self) -> None:
-        timeline: Timeline | None = None
-        for stamp_ns, message in _from(_messages(self._source), self._options.start):
-            timeline = timeline or Timeline(stamp_ns, self._options.rate)
-            while (left_s := self._tick(timeline, stamp_ns)) > 0:
+        sent, timeline = 0, None
+        for cue in self._playlist:
+            is_image = cue.what == IMAGE
+            if is_image and not sent:
+                timeline = Timeline(cue.stamp_ns, self._options.rate)
+            while timeline and (left_s := self._tick(timeline, cue.stamp_ns)) > 0:
                 time.sleep(min(left_s, _TICK_S))
             if not self.context.ok():
                 return
-            self._images.publish(message)
-            self._sent += 1
-            if self._sent == 1:
+            self._send(cue)
+            sent += is_image
+            if self._sent == 1 and is_image:
                 # A subscriber that we know need not know us yet: time begins when it has answered.
                 self._acknowledge()
-                timeline = Timeline(stamp_ns, self._options.rate)
-            elif self._large and self._sent % _UNACKNOWLEDGED == 0:
-                self._acknowledge()
+                timeline = Timeline(cue.stamp_ns, self._options.rate)
             _progress(self._sent, len(self._source), self._options.loop)
-        if timeline is None:
-            raise SourceError(
-                f'{self._source.name}: no images from --start {self._options.start:g} s on'
-            )
 
-    def _tick(self, timeline: 'Timeline', stamp_ns: int) -> float:
+    def _send(self, cue: Cue) -> None:
+        if cue.what != IMAGE:
+            self._sides[cue.what].publish(cue.message)
+            return
+        self._images.publish(cue.message)
+        self._sent += 1
+        if self._large and self._sent % _UNACKNOWLEDGED == 0:
+            self._acknowledge()
+
+    def _tick(self, timeline: Timeline, stamp_ns: int) -> float:
         """Publish the time and return how many seconds are left until a stamp."""
         if not self.context.ok():
             return 0.0
@@ -141,69 +156,6 @@ class Player(Node):
                 )
 
 
-class Timeline:
-    """
-    The time of the recording while it is played.
-
-    Parameters
-    ----------
-    begin_ns : int
-        Its time now, nanoseconds.
-    rate : float
-        Seconds of the recording in a second.
-
-    """
-
-    def __init__(self, begin_ns: int, rate: float) -> None:
-        self._begin_ns = begin_ns
-        self._rate = rate
-        self._started_ns = time.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Return the time of the recording."""
-        return self._begin_ns + round((time.monotonic_ns() - self._started_ns) * self._rate)
-
-
-def _messages(source: Source) -> Iterator[tuple[int, bytes | Image]]:
-    """Yield stamps and messages; a stamp of zero, which ROS takes for none, is filled in."""
-    if isinstance(source, Recording):
-        for message in source.messages():
-            yield message.stamp_ns, _stamped(message)
-        return
-    for frame in source:
-        if frame.gray is not None:
-            stamp = stamp_from_ns(frame.stamp_ns)
-            yield frame.stamp_ns, image_message(frame.gray, Header(stamp=stamp))
-
-
-def _first_size(source: Source) -> int:
-    """Return the bytes of the first image, which tell how large the others are; 0 for none."""
-    for _, message in _messages(source):
-        return len(message) if isinstance(message, bytes) else len(message.data)
-    return 0
-
-
-def _stamped(message: RawMessage) -> bytes:
-    if message.header_stamp_ns:
-        return message.cdr
-    cdr = bytearray(message.cdr)
-    stamp = stamp_from_ns(message.stamp_ns)
-    struct.pack_into('<iI' if cdr[1] & 1 else '>iI', cdr, 4, stamp.sec, stamp.nanosec)
-    return bytes(cdr)
-
-
-def _from(
-    messages: Iterator[tuple[int, bytes | Image]], start_s: float
-) -> Iterator[tuple[int, bytes | Image]]:
-    """Leave out what lies less than some seconds after the first stamp."""
-    begin_ns: int | None = None
-    for stamp_ns, message in messages:
-        if begin_ns is None:
-            begin_ns = stamp_ns + round(start_s * 1e9)
-        if stamp_ns >= begin_ns:
-            yield stamp_ns, message
-
-
 def _progress(sent: int, total: int, loop: bool) -> None:
     if sys.stderr.isatty():
         print(f'\r{sent}{"" if loop else f" / {total}"} images', end='', file=sys.stderr)
@@ -221,6 +173,11 @@ def parser() -> argparse.ArgumentParser:
         '--image-topic', default='/image', metavar='NAME',
         help='topic to publish on; compressed images go to NAME/compressed (default: /image)',
     )
+    for what in _SIDES:
+        result.add_argument(
+            '--' + what.replace('_', '-'), default='', metavar='TOPIC',
+            help=f'also publish this {_SIDES[what].__name__} topic of the recording, on `{what}`',
+        )
     result.add_argument(
         '--rate', type=_positive, default=1.0, metavar='FACTOR', help='speed (default: 1)'
     )

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node says about every frame."""
 
+from collections.abc import Callable
+
 from convseq_ros.config import NodeConfig
+from convseq_ros.core.pose_estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match
@@ -15,6 +18,8 @@ from convseq_ros.node.conversions import (
     pose_message,
 )
 from convseq_ros.node.debug_image import debug_image
+from convseq_ros.node.markers import MatchMarkers
+from convseq_ros.node.reference_path import ReferencePath
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
@@ -33,11 +38,16 @@ class MatchPublishers:
         Whose private topics they are.
     config : NodeConfig
         Frame and uncertainty of poses; may be replaced between two frames.
+    odometry_frame : callable
+        Tells the frame in which poses of frames are given.
 
     """
 
-    def __init__(self, node: Node, config: NodeConfig) -> None:
+    def __init__(
+        self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]
+    ) -> None:
         self.config = config
+        self._odometry_frame = odometry_frame
         self._index = node.create_publisher(Int32, '~/match_index', _DEPTH)
         self._score = node.create_publisher(Float32, '~/match_score', _DEPTH)
         self._length = node.create_publisher(UInt32, '~/sequence_length', _DEPTH)
@@ -48,6 +58,12 @@ class MatchPublishers:
         )
         self._pose = node.create_publisher(PoseWithCovarianceStamped, '~/pose', _DEPTH)
         self._debug_image = node.create_publisher(Image, '~/debug_image', _DEPTH)
+        self._markers = MatchMarkers(node)
+        self._path = ReferencePath(node)
+
+    def follow(self, reference_map: ReferenceMap) -> None:
+        """Show another map."""
+        self._path.follow(reference_map, self.config.map_frame)
 
     def publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
         """Publish the answer to one frame; -1 and 0 stand for no match and no score."""
@@ -59,21 +75,54 @@ class MatchPublishers:
         self._score.publish(Float32(data=best.score if best else 0.0))
         self._length.publish(UInt32(data=match.sequence_length))
         self._candidates.publish(candidates_message(match, poses, self.config.map_frame))
+        estimate = None
         if accepted:
-            self._publish_accepted(match, accepted, recognizer.reference_map)
-        if self._debug_image.get_subscription_count():
-            place = places[best.reference_index] if best else None
-            picture = debug_image(frame, match, place, recognizer.agreement(match))
-            header = match_header(match, '')
-            self._debug_image.publish(image_message(picture, header))
+            estimate = self._publish_accepted(match, accepted, recognizer)
+        self._show(frame, match, recognizer, estimate)
 
     def _publish_accepted(
-        self, match: Match, accepted: Candidate, reference_map: ReferenceMap
-    ) -> None:
+        self, match: Match, accepted: Candidate, recognizer: PlaceRecognizer
+    ) -> PoseEstimate | None:
         config = self.config
-        self._closure.publish(loop_closure_message(match.query_stamp_ns, accepted))
+        if not self._is_of_another_session(accepted, recognizer):
+            self._closure.publish(loop_closure_message(match.query_stamp_ns, accepted))
         self._closure_index.publish(loop_closure_index_message(match.query_index, accepted))
-        pose = reference_map.places[accepted.reference_index].pose
-        if pose:
-            sigmas = config.position_sigma_m, config.heading_sigma_rad
-            self._pose.publish(pose_message(match, pose, config.map_frame, *sigmas))
+        estimate = estimate_pose(
+            recognizer.reference_map.places,
+            accepted.reference_index,
+            yaw_rad=match.relative_yaw_rad,
+            row=recognizer.row,
+            position_sigma_m=config.position_sigma_m,
+            heading_sigma_rad=config.heading_sigma_rad,
+        )
+        if estimate:
+            self._pose.publish(pose_message(match, estimate, config.map_frame))
+        return estimate
+
+    def _show(
+        self,
+        frame: Frame,
+        match: Match,
+        recognizer: PlaceRecognizer,
+        estimate: PoseEstimate | None,
+    ) -> None:
+        """Publish what people look at."""
+        reference_map, accepted = recognizer.reference_map, match.accepted
+        self._path.follow(reference_map, self.config.map_frame)
+        # Odometry is given in the map's frame if it says so, or if this session made the place.
+        shared = self._odometry_frame() == self.config.map_frame or (
+            accepted is not None and accepted.reference_index >= recognizer.session_start
+        )
+        self._markers.publish(
+            match, reference_map, estimate, frame.pose if shared else None, self.config.map_frame
+        )
+        if self._debug_image.get_subscription_count():
+            best = match.best
+            thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
+            picture = debug_image(frame, match, thumbnail, recognizer.agreement(match))
+            self._debug_image.publish(image_message(picture, match_header(match, '')))
+
+    def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:
+        """Return whether a growing map had the place already: its stamp is of another clock."""
+        grows = recognizer.config.online.mode == 'online'
+        return grows and accepted.reference_index < recognizer.session_start

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 import time
 import traceback
-from typing import Any
+from typing import Any, Protocol
 
 from convseq_ros.config import Config
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Match
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Camera, Frame, Match, Pose
 from convseq_ros.errors import ConvseqError, ImageError
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.statistics import Statistics
@@ -46,14 +47,26 @@ class Arrival:
     topic: str
 
 
+class Surroundings(Protocol):
+    """What is known of a frame besides its image."""
+
+    def pose_at(self, stamp_ns: int) -> Pose | None:
+        """Return where it was taken; may wait for a moment."""
+
+    def camera_for(self, height: int, width: int) -> Camera | None:
+        """Return the camera that takes images of a size, in pixels."""
+
+
 class Recognition:
     """
-    Answers frame after frame; no frame, however broken, stops it.
+    Answers frame after frame; no frame, however broken, stops it, and no full disk.
 
     Parameters
     ----------
-    recognizer : PlaceRecognizer
+    session : Session
         With the map of the start.
+    surroundings : Surroundings
+        Completes frames.
     results : ResultLog
         Gets a row for every answer.
     publish : callable
@@ -65,18 +78,25 @@ class Recognition:
     ros_is_up : callable
         False when the node is about to end.
 
+    Attributes
+    ----------
+    session : Session
+        In use now.
+
     """
 
     def __init__(
         self,
-        recognizer: PlaceRecognizer,
+        session: Session,
+        surroundings: Surroundings,
         results: ResultLog,
         publish: Publish,
         statistics: Statistics,
         logger: Any,
         ros_is_up: Callable[[], bool],
     ) -> None:
-        self._recognizer = recognizer
+        self.session = session
+        self._surroundings = surroundings
         self._results = results
         self._publish = publish
         self._statistics = statistics
@@ -97,41 +117,63 @@ class Recognition:
                 self._statistics.failed += 1
                 self._logger.error(traceback.format_exc(), throttle_duration_sec=_LOG_PERIOD_S)
 
-    def swap(self, recognizer: PlaceRecognizer) -> None:
-        """Go on with another recogniser, and so another map."""
-        recognizer.config = self._recognizer.config
-        self._recognizer = recognizer
+    def swap(self, session: Session) -> None:
+        """Go on with another session, and so another map; what the old one added is safe."""
+        session.recognizer.config = self.session.recognizer.config
+        self.close()
+        self.session = session
+
+    def close(self) -> None:
+        """Complete the map's file."""
+        try:
+            self.session.close()
+        except (ConvseqError, OSError) as error:
+            self._statistics.unkept += 1
+            self._logger.error(str(error))
 
     def configure(self, config: Config) -> None:
         """Go on with other settings."""
-        self._recognizer.config = config
+        self.session.recognizer.config = config
 
     def reset(self) -> None:
         """Forget the frames seen so far."""
-        self._recognizer.reset()
+        self.session.recognizer.reset()
 
     @property
     def clock_jumps(self) -> int:
         """How often the clock jumped back since the map was loaded."""
-        return self._recognizer.resets
+        return self.session.recognizer.resets
 
     def _answer(self, arrival: Arrival) -> None:
+        recognizer = self.session.recognizer
+        pose = self._surroundings.pose_at(arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
-        frame = self._decode(arrival)
-        match = self._recognizer.process(frame)
+        frame = replace(self._decode(arrival), pose=pose)
+        match = recognizer.process(frame)
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
+        self._keep()
         match = replace(match, query_index=self._frames)
         self._frames += 1
         self._results.write(match, duration_ms)
-        self._publish(frame, match, self._recognizer)
+        self._publish(frame, match, recognizer)
         self._statistics.answered(match, arrival.arrival_ns, duration_ms)
+
+    def _keep(self) -> None:
+        """Write what the map gained; if that fails, say so, count, and go on."""
+        try:
+            self.session.keep()
+        except (ConvseqError, OSError) as error:
+            self._statistics.unkept += 1
+            self._logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
         message, stamp_ns, topic = arrival.message, arrival.stamp_ns, arrival.topic
         decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
         try:
-            return Frame(stamp_ns, decode(message), topic)
+            gray = decode(message)
         except ImageError as error:
             self._statistics.unreadable += 1
             self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
+        camera = self._surroundings.camera_for(*gray.shape)
+        return Frame(stamp_ns, gray, topic, camera=camera)

@@ -24,6 +24,8 @@ class Statistics:
         Frames that could not be decoded.
     failed : int
         Frames that got no answer because of an error.
+    unkept : int
+        Times that what a map gained could not be written to its file.
     last_arrival_ns : int
         Monotonic time of the last message, or of the start.
     latency_ms, duration_ms : float
@@ -35,6 +37,7 @@ class Statistics:
     processed: int = 0
     unreadable: int = 0
     failed: int = 0
+    unkept: int = 0
     last_arrival_ns: int = field(default_factory=time.monotonic_ns)
     last_match: Match | None = None
     latency_ms: float = 0.0

@@ -1,35 +1,54 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A camera driven along the street, with the truth of every frame."""
+"""A camera driven along a street or a route, with the truth of every frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 import math
+from typing import Protocol
 
-from convseq_ros.core.types import Frame, Pose
+from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.light import Image, LIGHTS
-from convseq_ros.simulation.street import Street
+from convseq_ros.simulation.street import Spot, Street
 from convseq_ros.simulation.view import View
 import cv2
 import numpy as np
+
+_SLOPE_M = 0.5
+_MOST_VIEWS = 2
+
+
+class Way(Protocol):
+    """What can be driven along: a street, or a route through a town."""
+
+    @property
+    def length_m(self) -> float:
+        """How far it may be driven."""
+
+    def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
+        """Return where one is after a distance, so far to the left, turned so far from ahead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """
-    How the street is driven.
+    How a street or a route is driven.
 
     Parameters
     ----------
     start_m : float
-        Where the first frame is taken, metres along the street.
+        Where the first frame is taken, metres along the way.
     speed_mps : float
         Metres per second; 0 stands still.
     frame_rate_hz : float
     num_frames : int
     lane_offset_m : float
         To the left of the middle of the street; the right lane is at -1.5.
+    lanes : tuple of (float, float)
+        Instead of `lane_offset_m`: distances in metres, ascending, and the offsets there; between
+        them the vehicle drives straight from one to the next.
     heading_deg : float
         Yaw of the camera against the street, positive to the left.
     light : str
@@ -53,6 +72,7 @@ class Drive:
     frame_rate_hz: float = 10.0
     num_frames: int = 150
     lane_offset_m: float = -1.5
+    lanes: tuple[tuple[float, float], ...] = ()
     heading_deg: float = 0.0
     light: str = 'day'
     brightness: float = 1.0
@@ -72,18 +92,38 @@ class Drive:
         for name in ('start_m', 'speed_mps', 'num_frames', 'brightness', 'noise', 'seed'):
             if not getattr(self, name) >= 0:
                 raise ConvseqError(f'{name}: {getattr(self, name)} is negative')
-        if not abs(self.lane_offset_m) <= 3.0:
-            raise ConvseqError(
-                f'lane_offset_m: {self.lane_offset_m} is off the lanes; stay within -3 .. 3'
-            )
+        for name, offset in (('lane_offset_m', self.lane_offset_m), *_named(self.lanes)):
+            if not abs(offset) <= 3.0:
+                raise ConvseqError(f'{name}: {offset} is off the lanes; stay within -3 .. 3')
+        if any(not a[0] < b[0] for a, b in pairwise(self.lanes)):
+            raise ConvseqError(f'lanes: the distances of {self.lanes} do not ascend')
         if not 20 <= self.field_of_view_deg <= 140:
             raise ConvseqError(
                 f'field_of_view_deg: {self.field_of_view_deg} is outside 20 .. 140'
             )
 
+    @property
+    def camera(self) -> Camera:
+        """What takes the images."""
+        focal = self.width_px / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
+        middle = self.width_px / 2, self.height_px / 2
+        return Camera(self.width_px, self.height_px, focal, focal, *middle)
+
     def distance_m(self, index: int) -> float:
-        """Return how far along the street a frame is taken."""
+        """Return how far along the way a frame is taken."""
         return self.start_m + self.speed_mps * index / self.frame_rate_hz
+
+    def offset_m(self, distance_m: float) -> float:
+        """Return how far to the left of the middle the vehicle is after a distance."""
+        if not self.lanes:
+            return self.lane_offset_m
+        at, offsets = zip(*self.lanes, strict=True)
+        return float(np.interp(distance_m, at, offsets))
+
+    def yaw_rad(self, distance_m: float) -> float:
+        """Return where the camera looks after a distance, 0 straight ahead, left positive."""
+        ahead, behind = (self.offset_m(distance_m + d) for d in (_SLOPE_M, -_SLOPE_M))
+        return math.radians(self.heading_deg) + math.atan2(ahead - behind, 2 * _SLOPE_M)
 
     def stamp_ns(self, index: int) -> int:
         """Return when a frame is taken."""
@@ -103,7 +143,11 @@ class Shot:
     pose : Pose
         Of the vehicle: x forward, y left, z up; the camera looks along its x.
     distance_m : float
-        Along the street.
+        Along the way.
+    odometry : Pose, optional
+        Where the vehicle believes to be, if its odometry drifts.
+    camera : Camera, optional
+        What took the image.
 
     """
 
@@ -111,39 +155,59 @@ class Shot:
     image: Image
     pose: Pose
     distance_m: float
+    odometry: Pose | None = None
+    camera: Camera | None = None
 
     @property
     def frame(self) -> Frame:
         """The same as every other source yields it."""
         gray = cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY)
-        return Frame(self.stamp_ns, gray, 'simulation', self.pose)
+        return Frame(self.stamp_ns, gray, 'simulation', self.pose, camera=self.camera)
 
 
-def draw(street: Street, drive: Drive) -> Iterator[Shot]:
+def draw(way: Way, drive: Drive) -> Iterator[Shot]:
     """
     Yield the frames of a drive, drawn as they are asked for.
+
+    Parameters
+    ----------
+    way : Street or Route
+        Where it goes.
+    drive : Drive
+        How it goes there.
 
     Raises
     ------
     ConvseqError
-        If the drive goes beyond the end of the street.
+        If the drive goes beyond the end of the way.
 
     """
-    if drive.distance_m(drive.num_frames - 1) > street.length_m:
+    if drive.distance_m(drive.num_frames - 1) > way.length_m:
         raise ConvseqError(
             f'num_frames: the drive ends at {drive.distance_m(drive.num_frames - 1):g} m, '
-            f'beyond the street of {street.length_m:g} m; draw a longer street'
+            f'beyond the street of {way.length_m:g} m; draw a longer street'
         )
     light = LIGHTS[drive.light]
-    view = View(street, light, drive.width_px, drive.height_px, drive.field_of_view_deg)
     grain = _grain(drive, light.noise + drive.noise)
-    heading = math.radians(drive.heading_deg)
-    orientation = (0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
+    views: dict[Street, View] = {}
     for index in range(drive.num_frames):
         distance = drive.distance_m(index)
-        image = view.draw(distance, drive.lane_offset_m, heading)
-        pose = Pose((distance, drive.lane_offset_m, 0.0), orientation)
-        yield Shot(drive.stamp_ns(index), _expose(image, drive, grain, index), pose, distance)
+        spot = way.spot(distance, drive.offset_m(distance), drive.yaw_rad(distance))
+        view = views.pop(spot.street, None) or View(
+            spot.street, light, drive.width_px, drive.height_px, drive.field_of_view_deg
+        )
+        views[spot.street] = view
+        if len(views) > _MOST_VIEWS:
+            del views[next(iter(views))]
+        image = view.draw(spot.street_x, spot.street_y, spot.street_yaw_rad)
+        half = spot.yaw_rad / 2
+        pose = Pose((spot.x, spot.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+        exposed = _expose(image, drive, grain, index)
+        yield Shot(drive.stamp_ns(index), exposed, pose, distance, camera=drive.camera)
+
+
+def _named(lanes: Sequence[tuple[float, float]]) -> Iterator[tuple[str, float]]:
+    return (('lanes', offset) for _, offset in lanes)
 
 
 def _grain(drive: Drive, strength: float) -> Image:

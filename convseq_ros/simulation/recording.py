@@ -8,11 +8,14 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import Shot
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+_ODOMETRY, _INFO = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/CameraInfo'
 
 
 def write_recording(
@@ -21,9 +24,14 @@ def write_recording(
     topic: str = '/camera/image_raw',
     compressed: bool = False,
     odom_topic: str = '/odom',
+    truth_topic: str = '/ground_truth',
+    info_topic: str = '',
 ) -> None:
     """
     Write an mcap recording of images and, if its topic is not empty, odometry.
+
+    Shots that carry odometry of their own are written with both: what it says, in frame odom, and
+    the truth, in frame map. Of all others the truth is the odometry.
 
     The folder appears under its name only when it is complete.
 
@@ -39,6 +47,10 @@ def write_recording(
         Smaller, but no longer pixel for pixel.
     odom_topic : str
         Of nav_msgs/Odometry.
+    truth_topic : str
+        Of nav_msgs/Odometry; only for shots that carry odometry.
+    info_topic : str
+        Of sensor_msgs/CameraInfo, one for every image; empty for none.
 
     Raises
     ------
@@ -62,17 +74,31 @@ def write_recording(
             message = _compressed_message if compressed else _image_message
             kind = f'sensor_msgs/msg/{"CompressedImage" if compressed else "Image"}'
             images = writer.add_connection(topic, kind, typestore=store)
-            odometry = writer.add_connection(
-                odom_topic, 'nav_msgs/msg/Odometry', typestore=store
-            ) if odom_topic else None
+            others: dict[str, Any] = {}
             for shot in frames:
                 data = store.serialize_cdr(message(store.types, shot), kind)
                 writer.write(images, shot.stamp_ns, data)
-                if odometry is not None:
-                    odom = _odometry_message(store.types, shot)
-                    data = store.serialize_cdr(odom, 'nav_msgs/msg/Odometry')
-                    writer.write(odometry, shot.stamp_ns, data)
+                said = [
+                    (name, _ODOMETRY, _odometry_message(store.types, shot, frame_id, pose))
+                    for name, frame_id, pose in _poses(shot, odom_topic, truth_topic)
+                ]
+                if info_topic and shot.camera:
+                    said.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
+                for name, kind_of, other in said:
+                    if name not in others:
+                        others[name] = writer.add_connection(name, kind_of, typestore=store)
+                    data = store.serialize_cdr(other, kind_of)
+                    writer.write(others[name], shot.stamp_ns, data)
         os.replace(unfinished, path)
+
+
+def _poses(shot: Shot, odom_topic: str, truth_topic: str) -> list[tuple[str, str, Pose]]:
+    """Return topic, frame and pose of every odometry message of a shot."""
+    if not odom_topic:
+        return []
+    if shot.odometry is None:
+        return [(odom_topic, 'map', shot.pose)]
+    return [(odom_topic, 'odom', shot.odometry), (truth_topic, 'map', shot.pose)]
 
 
 def _header(types: Any, shot: Shot, frame_id: str) -> Any:
@@ -95,10 +121,23 @@ def _compressed_message(types: Any, shot: Shot) -> Any:
     return types['sensor_msgs/msg/CompressedImage'](header=header, format='jpeg', data=data)
 
 
-def _odometry_message(types: Any, shot: Shot) -> Any:
+def _info_message(types: Any, shot: Shot, camera: Camera) -> Any:
+    fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+    return types[_INFO](
+        header=_header(types, shot, 'camera'), height=camera.height_px, width=camera.width_px,
+        distortion_model='plumb_bob', d=np.zeros(5), r=np.eye(3).reshape(-1),
+        k=np.array((fx, 0, cx, 0, fy, cy, 0, 0, 1.0)),
+        p=np.array((fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0)), binning_x=0, binning_y=0,
+        roi=types['sensor_msgs/msg/RegionOfInterest'](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        ),
+    )
+
+
+def _odometry_message(types: Any, shot: Shot, frame_id: str, at: Pose) -> Any:
     vector, unknown = types['geometry_msgs/msg/Vector3'], np.zeros(36)
-    x, y, z = shot.pose.position
-    qx, qy, qz, qw = shot.pose.orientation
+    x, y, z = at.position
+    qx, qy, qz, qw = at.orientation
     pose = types['geometry_msgs/msg/Pose'](
         position=types['geometry_msgs/msg/Point'](x=x, y=y, z=z),
         orientation=types['geometry_msgs/msg/Quaternion'](x=qx, y=qy, z=qz, w=qw),
@@ -106,8 +145,8 @@ def _odometry_message(types: Any, shot: Shot) -> Any:
     twist = types['geometry_msgs/msg/Twist'](
         linear=vector(x=0.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
     )
-    return types['nav_msgs/msg/Odometry'](
-        header=_header(types, shot, 'map'), child_frame_id='base_link',
+    return types[_ODOMETRY](
+        header=_header(types, shot, frame_id), child_frame_id='base_link',
         pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=unknown),
         twist=types['geometry_msgs/msg/TwistWithCovariance'](twist=twist, covariance=unknown),
     )

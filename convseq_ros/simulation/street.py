@@ -40,6 +40,31 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
+class Spot:
+    """
+    Where a camera stands, in the world and in the street that it sees.
+
+    Parameters
+    ----------
+    x, y, yaw_rad : float
+        In the world: metres, and counter-clockwise from its x axis.
+    street : Street
+        What is seen from there.
+    street_x, street_y, street_yaw_rad : float
+        The same place in that street's own axes.
+
+    """
+
+    x: float
+    y: float
+    yaw_rad: float
+    street: 'Street'
+    street_x: float
+    street_y: float
+    street_yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Street:
     """
     A straight street along x, its middle at y = 0, left positive.
@@ -61,6 +86,11 @@ class Street:
             raise ConvseqError(f'length_m: {self.length_m} is not a street; make it positive')
         if self.seed < 0:
             raise ConvseqError(f'seed: {self.seed} is negative; choose 0 or more')
+
+    def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
+        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        here = distance_m, offset_m, yaw_rad
+        return Spot(*here, self, *here)
 
     def stretch(self, index: int, light: Light) -> Stretch:
         """Return what stands between `index` and `index + 1` times `STRETCH_M`."""

@@ -8,8 +8,10 @@ from typing import Protocol
 
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.sources.annotated import AnnotatedFrames
 from convseq_ros.sources.folder import ImageFolder, pictures_in
-from convseq_ros.sources.recording import Recording
+from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.recording import read_camera, read_poses, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
@@ -64,6 +66,35 @@ def open_source(path: Path, topic: str = '') -> Source:
         return Recording(path, topic)
     _refuse_topic(path, 'a folder of pictures', topic)
     return ImageFolder(path)
+
+
+def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str = '') -> Source:
+    """
+    Open what `open_source` does, with what other topics of the recording say of its frames.
+
+    Parameters
+    ----------
+    path : Path
+        As for `open_source`.
+    topic : str, optional
+        Image topic of a recording that has several.
+    odom : str, optional
+        Topic of odometry or poses: frames then know where they were taken.
+    camera_info : str, optional
+        Topic that describes the camera.
+
+    Raises
+    ------
+    SourceError
+        If one of these cannot be read.
+
+    """
+    source = open_source(path, topic)
+    if not odom and not camera_info:
+        return source
+    track = PoseTrack(read_poses(path, odom)) if odom else None
+    camera = read_camera(path, camera_info) if camera_info else None
+    return AnnotatedFrames(source, track.at if track else None, camera)
 
 
 def _refuse_topic(path: Path, what: str, topic: str) -> None:

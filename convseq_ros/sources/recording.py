@@ -3,17 +3,24 @@
 """A ROS recording as a stream of frames, of raw messages, or of poses."""
 
 from collections.abc import Iterator
-import math
 from pathlib import Path
 import sys
 from typing import Any
 
-from convseq_ros.core.types import Frame, Pose
+from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.storage import open_storage
-from convseq_ros.sources.topics import choose_topic, IMAGE_TYPES, merge_topics, POSE_TYPES
+from convseq_ros.sources.topics import (
+    CAMERA_TYPES,
+    choose_topic,
+    IMAGE_TYPES,
+    merge_topics,
+    POSE_TYPES,
+)
 
 DECODERS = dict(zip(IMAGE_TYPES, (decode_image, decode_compressed), strict=True))
 
@@ -145,20 +152,88 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
         If there is no such topic, no usable pose, or the recording is damaged.
 
     """
-    storages, _ = open_storage(path)
-    topics = merge_topics(storage.topics for storage in storages)
-    chosen = choose_topic(path, topics, topic, POSE_TYPES, '--odom')
+    chosen, messages = messages_of(path, topic, POSE_TYPES, '--odom')
     poses = [
-        (message.stamp_ns, pose)
-        for storage in storages
-        for message in storage.messages(chosen.name)
-        if message.type_name == chosen.type_name and (pose := _pose(message)) is not None
+        (message.stamp_ns, pose) for message in messages if (pose := _pose(message)) is not None
     ]
     if not poses:
         raise SourceError(
-            f'{path}: no pose of {chosen.name} is whole and finite; choose another topic'
+            f'{path}: no pose of {chosen} is whole and finite; choose another topic'
         )
     return sorted(poses, key=lambda item: item[0])
+
+
+def read_camera(path: Path, topic: str = '') -> Camera:
+    """
+    Return the camera that a recording describes.
+
+    Parameters
+    ----------
+    path : Path
+        A recording.
+    topic : str, optional
+        Of type sensor_msgs/CameraInfo; may be left out if there is only one.
+
+    Returns
+    -------
+    Camera
+        The first that is calibrated.
+
+    Raises
+    ------
+    SourceError
+        If there is no such topic, no calibrated camera on it, or the recording is damaged.
+
+    """
+    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info')
+    problem = 'K and P are zero, so it is not calibrated'
+    for message in messages:
+        try:
+            camera = camera_from_info(message.decode())
+        except (ImageError, SourceError) as error:
+            problem = str(error)
+            continue
+        if camera:
+            return camera
+    raise SourceError(f'{path}: no camera of {chosen} can be used: {problem}')
+
+
+def messages_of(
+    path: Path, topic: str, types: tuple[str, ...], option: str
+) -> tuple[str, Iterator[RawMessage]]:
+    """
+    Return a topic of a recording and its messages.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    topic, types, option : str, tuple of str, str
+        As for `choose_topic`.
+
+    Returns
+    -------
+    name : str
+        The chosen topic.
+    messages : iterator of RawMessage
+        In order of recording.
+
+    Raises
+    ------
+    SourceError
+        If there is no such topic; while iterating, if the recording is damaged.
+
+    """
+    storages, _ = open_storage(path)
+    topics = merge_topics(storage.topics for storage in storages)
+    chosen = choose_topic(path, topics, topic, types, option)
+    messages = (
+        message
+        for storage in storages
+        for message in storage.messages(chosen.name)
+        if message.type_name == chosen.type_name
+    )
+    return chosen.name, messages
 
 
 def _pose(message: RawMessage) -> Pose | None:
@@ -166,11 +241,4 @@ def _pose(message: RawMessage) -> Pose | None:
         pose: Any = message.decode().pose
     except ImageError:
         return None
-    if message.type_name != 'geometry_msgs/msg/PoseStamped':
-        pose = pose.pose
-    at, turn = pose.position, pose.orientation
-    position = (float(at.x), float(at.y), float(at.z))
-    orientation = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
-    if not all(map(math.isfinite, position + orientation)):
-        return None
-    return Pose(position, orientation)
+    return pose_from_message(pose if message.type_name == POSE_TYPES[1] else pose.pose)

@@ -9,8 +9,10 @@ from pathlib import Path
 from convseq_ros.errors import SourceError
 
 IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
+CAMERA_TYPES = ('sensor_msgs/msg/CameraInfo',)
+ODOMETRY_TYPES = ('nav_msgs/msg/Odometry',)
 POSE_TYPES = (
-    'nav_msgs/msg/Odometry',
+    *ODOMETRY_TYPES,
     'geometry_msgs/msg/PoseStamped',
     'geometry_msgs/msg/PoseWithCovarianceStamped',
 )

@@ -86,7 +86,10 @@ def test_maps_are_appended_to(drive, tmp_path, capsys):
 
 def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_path):
     file, output = tmp_path / 'my.yaml', tmp_path / 'result.csv'
-    file.write_text('/**:\n  ros__parameters: {fixed_length: 4, queue_size: 3, min_margin: 1}\n')
+    file.write_text(
+        '/**:\n  ros__parameters:'
+        ' {fixed_length: 4, queue_size: 3, acceptance_rule: margin, min_margin: 1}\n'
+    )
     arguments = ['replay', drive, '--map', map_path, '--output', output, '--config', file]
     assert main([str(each) for each in arguments]) == 0
     lengths = {row['sequence_length'] for row in read_results(output)}

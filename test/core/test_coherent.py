@@ -5,6 +5,7 @@
 import importlib.util
 from pathlib import Path
 
+from convseq_ros.config import MatchingConfig
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.entropy import MAX_BITS
 from convseq_ros.core.matching import Matcher
@@ -139,7 +140,7 @@ def test_adding_references_changes_no_other_score():
         reference_map = ReferenceMap()
         for seed in seeds:
             reference_map.add(Place(seed), pack_cells(describe(texture(seed)).cells))
-        return Matcher(reference_map, 'coherent', 0.5)
+        return Matcher(reference_map, MatchingConfig(matching='coherent', kernel='numpy'), 0.5)
 
     few, many = made(range(3)), made(range(6))
     query = few.see(describe(texture(1)))

@@ -5,7 +5,7 @@
 from pathlib import Path
 import sys
 
-from convseq_ros.config import AcceptanceConfig, Config, SequenceConfig
+from convseq_ros.config import AcceptanceConfig, Config, MatchingConfig, SequenceConfig
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.entropy import entropy_map
 from convseq_ros.core.matching.regional import pair_scores, regions, similarity
@@ -81,7 +81,10 @@ def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, d
     reference_map = ReferenceMap()
     for index, one in enumerate(described[1]):
         reference_map.add(Place(index), pack_cells(one.cells))
-    config = Config(acceptance=AcceptanceConfig(rival_distance=0, num_candidates=COUNT))
+    config = Config(
+        matching=MatchingConfig(matching='regional', search='exhaustive'),
+        acceptance=AcceptanceConfig(rival_distance=0, num_candidates=COUNT),
+    )
     recognizer = PlaceRecognizer(reference_map, config)
     for index, image in enumerate(images[0]):
         match = recognizer.process(Frame(index, image))

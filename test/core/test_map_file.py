@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The map file: round trips, crashes, and files that must be refused."""
 
+from concurrent.futures import ThreadPoolExecutor
 import json
 import os
 import signal
@@ -10,7 +11,9 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.map_file import describe_file, FORMAT_VERSION, MapWriter, open_map, save_map
+from convseq_ros.core.map_file import describe_file, open_map, save_map
+from convseq_ros.core.map_format import decode_cells, encode_cells, FORMAT_VERSION
+from convseq_ros.core.map_writer import MapWriter
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
@@ -28,8 +31,8 @@ def make(count=5, encoding=ENCODING):
     reference_map = ReferenceMap(encoding)
     for index in range(count):
         pose = Pose((float(index), 0.1, 0), (0, 0, 0, 1)) if index % 2 else None
-        place = Place(10**18 + index, f'picture {index}.jpg', pose, b'jpeg' * index)
-        reference_map.add(place, cells(index))
+        place = Place(10**18 + index, f'picture {index}.jpg', pose)
+        reference_map.add(place, cells(index), b'jpeg' * index)
     return reference_map
 
 
@@ -41,8 +44,11 @@ def map_path(tmp_path):
 
 
 def same(one, other):
-    return one.places == other.places and all(
-        (one.packed(index) == other.packed(index)).all() for index in range(len(one))
+    return list(one.places) == list(other.places) and all(
+        (one.packed(index) == other.packed(index)).all()
+        and one.thumbnail(index) == other.thumbnail(index)
+        and (one.pooled[index] == other.pooled[index]).all()
+        for index in range(len(one))
     )
 
 
@@ -100,7 +106,7 @@ def test_opening_does_not_change_the_file(map_path):
 def test_the_file_says_what_made_it(map_path):
     about = describe_file(map_path)
     assert json.loads(about['encoding']) == {'image_size_px': 64}
-    assert about['tool']
+    assert about['tool'] and about['thumbnails'] == 4
 
 
 def test_other_settings_are_refused_with_both_values_and_the_remedy(map_path):
@@ -112,6 +118,13 @@ def test_a_newer_format_is_refused_with_both_versions(map_path):
     with sqlite3.connect(map_path) as database:
         database.execute(f'PRAGMA user_version = {FORMAT_VERSION + 1}')
     with pytest.raises(MapError, match=rf'format {FORMAT_VERSION + 1}.*reads {FORMAT_VERSION}'):
+        open_map(map_path)
+
+
+def test_an_older_format_is_refused_with_the_remedy(map_path):
+    with sqlite3.connect(map_path) as database:
+        database.execute('PRAGMA user_version = 1')
+    with pytest.raises(MapError, match=r'map format 1, this program reads 2; build the map again'):
         open_map(map_path)
 
 
@@ -161,12 +174,62 @@ def test_a_flipped_bit_is_noticed_or_harmless(map_path):
     assert noticed > 10
 
 
-def test_a_flipped_bit_in_the_cells_fails_the_checksum(map_path):
+def test_a_flipped_bit_in_the_cells_is_found_when_they_are_read(map_path):
     whole = map_path.read_bytes()
-    position = whole.index(cells(2).tobytes()) + 17
+    position = whole.index(encode_cells(cells(2))[:80]) + 17
     map_path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
+    opened = open_map(map_path)
+    assert (opened.packed(1) == cells(1)).all()
+    with pytest.raises(MapError, match=r'map.db: damaged map \(reference 2 fails its checksum\)'):
+        opened.cells(2)
     with pytest.raises(MapError, match='reference 2 fails its checksum'):
-        open_map(map_path)
+        save_map(opened, map_path.with_name('copy.db'))
+    assert list(map_path.parent.iterdir()) == [map_path]
+
+
+@pytest.mark.parametrize('index', [0, 2, 4])
+@pytest.mark.parametrize('table', ['places', 'pictures'])
+def test_a_lost_row_is_found(map_path, table, index):
+    with sqlite3.connect(map_path) as database:
+        database.execute(f'DELETE FROM {table} WHERE reference_index = {index}')
+    with pytest.raises(MapError, match=rf'reference {index} (is missing|fails its checksum)'):
+        open_map(map_path).packed(index)
+
+
+@pytest.mark.parametrize('table', ['places', 'pictures'])
+def test_rows_that_changed_places_are_found(map_path, table):
+    with sqlite3.connect(map_path) as database:
+        for before, after in ((1, -1), (2, 1), (-1, 2)):
+            database.execute(
+                f'UPDATE {table} SET reference_index = {after} WHERE reference_index = {before}'
+            )
+    with pytest.raises(MapError, match='reference 1 fails its checksum'):
+        open_map(map_path).packed(1)
+
+
+@pytest.mark.parametrize('scale', [0, 1e-3, 1, 391_754])
+def test_stored_cells_are_the_cells(scale):
+    drawn = np.random.default_rng(0).normal(0, scale, (6, 6, 8)).astype(np.float32)
+    packed = pack_cells(drawn)
+    assert decode_cells(encode_cells(packed), packed.shape).tobytes() == packed.tobytes()
+
+
+def test_any_thread_may_read(map_path):
+    opened, whole = open_map(map_path), make()
+
+    def read(index):
+        return (opened.packed(index) == whole.packed(index)).all()
+
+    with ThreadPoolExecutor(8) as threads:
+        assert all(threads.map(read, [0, 1, 2, 3, 4] * 50))
+
+
+def test_a_map_can_be_saved_over_the_file_that_it_is_read_from(map_path):
+    opened = open_map(map_path)
+    opened.add(Place(9), cells(9))
+    save_map(opened, map_path)
+    assert same(open_map(map_path), opened) and len(opened) == 6
+    assert (opened.packed(0) == cells(0)).all()
 
 
 WRITE_UNTIL_KILLED = """

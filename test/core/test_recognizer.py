@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole pipeline on drawn images."""
 
-from convseq_ros.config import Config, SequenceConfig
+from dataclasses import replace
+
+from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
@@ -12,7 +14,8 @@ import pytest
 
 STEP_NS = 100_000_000
 PLACES = 50
-FIXED = Config(sequence=SequenceConfig(fixed_length=3))
+PAPER = Config(matching=MatchingConfig(matching='regional', search='exhaustive'))
+FIXED = replace(PAPER, sequence=SequenceConfig(fixed_length=3))
 
 
 def image(place):
@@ -38,7 +41,7 @@ def run(recognizer, images, start_ns=0):
 
 
 def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
-    matches = run(PlaceRecognizer(reference_map), [image(place) for place in range(5, 35)])
+    matches = run(PlaceRecognizer(reference_map, PAPER), [image(place) for place in range(5, 35)])
     matched = [match for match in matches if match.reason is not Reason.WARMING_UP]
     assert matches[0].reason is Reason.WARMING_UP and len(matched) > 5
     for match in matched:
@@ -49,7 +52,8 @@ def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
 
 
 def test_single_frames_give_the_pair_score_itself(reference_map):
-    recognizer = PlaceRecognizer(reference_map, Config(sequence=SequenceConfig(fixed_length=1)))
+    single = replace(PAPER, sequence=SequenceConfig(fixed_length=1))
+    recognizer = PlaceRecognizer(reference_map, single)
     match = recognizer.process(Frame(0, image(4)))
     assert match.best.score == pytest.approx(recognizer.row.max())
     assert match.sequence_length == 1
@@ -116,7 +120,7 @@ def test_the_order_of_processing_two_recognisers_does_not_matter(reference_map):
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
     recognizer = PlaceRecognizer(reference_map, FIXED)
     run(recognizer, [image(place) for place in range(4)])
-    recognizer.config = Config(sequence=SequenceConfig(fixed_length=6))
+    recognizer.config = replace(PAPER, sequence=SequenceConfig(fixed_length=6))
     matches = run(recognizer, [image(place) for place in range(4, 8)], start_ns=4 * STEP_NS)
     assert [match.reason for match in matches][:2] == [Reason.WARMING_UP] * 2
     assert matches[-1].accepted.reference_index == 7

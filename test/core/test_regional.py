@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's pair score."""
 
+from convseq_ros.config import MatchingConfig
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.regional import pair_scores, regions, similarity
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest
+
+NUMPY = MatchingConfig(matching='regional', kernel='numpy')
 
 
 def drawn(seed, salient=None):
@@ -64,7 +67,7 @@ def test_the_matcher_scores_what_it_is_asked_for_and_nothing_that_shows_nothing(
     reference_map = ReferenceMap()
     for cells in (drawn(0).cells, np.zeros((32, 32, 8), np.float32), drawn(1).cells):
         reference_map.add(Place(0), pack_cells(cells))
-    matcher = Matcher(reference_map, 'regional', 0.5)
+    matcher = Matcher(reference_map, NUMPY, 0.5)
     query = matcher.see(drawn(9))
     scores = matcher.scores(query, np.array([1, 2]))
     assert np.isnan(scores[0]) and scores[1] == matcher.scores(query, np.array([2]))[0]
@@ -72,4 +75,5 @@ def test_the_matcher_scores_what_it_is_asked_for_and_nothing_that_shows_nothing(
 
 
 def test_a_query_without_salient_region_shows_nothing():
-    assert Matcher(ReferenceMap(), 'regional', 0.5).see(drawn(0, np.zeros(961, bool))) is None
+    nothing = drawn(0, np.zeros(961, bool))
+    assert Matcher(ReferenceMap(), NUMPY, 0.5).see(nothing) is None

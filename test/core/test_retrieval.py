@@ -4,10 +4,13 @@
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core.descriptor import describe
+from convseq_ros.core.pooled import pooled
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.retrieval import pooled, Shortlist
+from convseq_ros.core.retrieval import Shortlist
+from convseq_ros.core.sequence import sequence_scores
 from convseq_ros.core.types import Frame
+from convseq_ros.sources import open_source
 import cv2
 import numpy as np
 import pytest
@@ -43,17 +46,6 @@ def run(reference_map, search, places, **more):
     ]
 
 
-def test_pooling_takes_the_mean_over_each_part_of_the_image():
-    cells = describe(image(0)).cells
-    found = pooled(cells)
-    assert found.shape == (2048,) and found.dtype == np.float32
-    from convseq_ros.core.matching.coherent import projected_regions
-
-    regions = projected_regions(cells).reshape(30, 30, 32)
-    assert found[:32] == pytest.approx(regions[:3, :3].mean(axis=(0, 1)), abs=1e-6)
-    assert found[-32:] == pytest.approx(regions[26:, 26:].mean(axis=(0, 1)), abs=1e-6)
-
-
 def test_the_shortlist_finds_what_exhaustive_search_finds_with_fewer_pairs(reference_map):
     places = range(20, 40)
     listed = run(reference_map, 'shortlist', places, shortlist_length=12)
@@ -85,3 +77,158 @@ def test_a_short_map_is_listed_whole():
         small.add(Place(place), pack_cells(describe(image(place)).cells))
     shortlist = Shortlist(small, 12, 10)
     assert shortlist.ends([shortlist.row(describe(image(2)))]).tolist() == [0, 1, 2, 3]
+
+
+def described(place, seed=0):
+    return describe(image(place, seed))
+
+
+def test_a_row_holds_the_cosines_about_the_means_of_the_map_and_of_the_query(reference_map):
+    shortlist = Shortlist(reference_map, 12, 10)
+    queries = [described(place, 1) for place in (5, 6, 7)]
+    rows = [shortlist.row(query) for query in queries]
+    seen = np.array([pooled(query.cells) for query in queries], float)
+    mean = reference_map.pooled.mean(axis=0)
+    past = (5 * mean + seen.sum(axis=0)) / 8
+    references = reference_map.pooled - mean
+    expected = references @ (seen[2] - past)
+    expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(seen[2] - past)
+    assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
+
+
+def test_only_what_is_usable_is_looked_at(reference_map):
+    part = ReferenceMap()
+    for index in range(30):
+        part.add(reference_map.places[index], reference_map.packed(index))
+    query = described(8, 1)
+    row = Shortlist(reference_map, 12, 10).row(query, 30)
+    assert (row == Shortlist(part, 12, 10).row(query)).all()
+    assert Shortlist(reference_map, 12, 10).row(query, 0).shape == (0,)
+
+
+def test_a_shortlist_sees_a_map_grow(reference_map):
+    growing = ReferenceMap()
+    shortlist = Shortlist(growing, 12, 10)
+    rows = []
+    for place in range(PLACES):
+        rows.append(shortlist.row(described(place, 1)))
+        assert rows[-1].shape == (place,)
+        growing.add(reference_map.places[place], reference_map.packed(place))
+    late, fresh = shortlist.row(described(40, 1)), Shortlist(growing, 12, 10).row(described(40, 1))
+    assert late.argmax() == fresh.argmax() == 40
+    rows = [shortlist.row(described(place, 1), 60) for place in (50, 51)]
+    rows.append(shortlist.row(described(52, 1)))
+    assert 52 in shortlist.ends(rows[::-1])
+
+
+def test_the_mean_follows_a_map_that_grows():
+    rng = np.random.default_rng(0)
+    growing, packed = ReferenceMap(), pack_cells(described(0).cells)
+    numbers = growing.pooled.shape[1]
+    shortlist, query = Shortlist(growing, 12, 10), described(3)
+    for count in range(1, 500):
+        growing.add(Place(count), packed, first_sight=rng.normal(0.2, 0.1, numbers))
+        shortlist.row(query)
+    references = growing.pooled - growing.pooled.mean(axis=0)
+    direction = pooled(query.cells) - (shortlist._sum + 5 * shortlist._mean) / (499 + 5)
+    expected = references @ direction
+    expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(direction)
+    assert shortlist.row(query) == pytest.approx(expected, abs=0.02)
+
+
+def test_references_at_the_mean_tell_nothing():
+    lonely = ReferenceMap()
+    for index in range(3):
+        lonely.add(Place(index), pack_cells(described(4).cells))
+    assert (Shortlist(lonely, 12, 10).row(described(4)) == 0).all()
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_ends_are_the_best_and_then_the_best_elsewhere(seed, reference_map):
+    scores = np.random.default_rng(seed).random(300).astype(np.float32)
+    ends = Shortlist(reference_map, 12, 10).ends([scores])
+    best = set(np.argsort(-scores)[:8].tolist())
+    assert best <= set(ends.tolist()) and len(ends) == 12
+    elsewhere = sorted(set(ends.tolist()) - best, key=lambda index: -scores[index])
+    taken = np.array(sorted(best))
+    for index in elsewhere:
+        free = np.abs(np.arange(300)[:, None] - taken).min(axis=1) > 10
+        assert index == np.where(free, scores, -1).argmax()
+        taken = np.append(taken, index)
+
+
+def drive(folder, first, last):
+    frames = list(open_source(folder))[first:last]
+    return [describe(frame.gray) for frame in frames]
+
+
+def accuracy(queries, references, search):
+    """Return the share of frames that are found within two frames, ten matched together."""
+    made = ReferenceMap()
+    for index, one in enumerate(references):
+        made.add(Place(index), pack_cells(one.cells))
+    config = Config(
+        matching=MatchingConfig(matching='coherent', search=search),
+        sequence=SequenceConfig(fixed_length=10),
+    )
+    recognizer = PlaceRecognizer(made, config)
+    matches = [recognizer.recognize(index, one) for index, one in enumerate(queries)]
+    found = [match.best.reference_index for match in matches[9:]]
+    return np.mean(np.abs(np.array(found) - np.arange(9, len(queries))) <= 2)
+
+
+@pytest.mark.parametrize(
+    ('query', 'reference', 'first', 'last'),
+    [
+        ('gardens_point/day_left', 'gardens_point/day_right', 60, 130),
+        ('corridor/query', 'corridor/ref', 20, 90),
+    ],
+)
+def test_the_shortlist_is_as_accurate_as_exhaustive_search(
+    shared_data, query, reference, first, last
+):
+    queries = drive(shared_data / query, first, last)
+    references = drive(shared_data / reference, first, last)
+    listed = accuracy(queries, references, 'shortlist')
+    assert listed >= accuracy(queries, references, 'exhaustive') - 0.01
+
+
+def drawn_rows(count, frames=12):
+    """Return rows in which diagonals are a little like themselves from frame to frame."""
+    rng = np.random.default_rng(3)
+    tracks = rng.normal(0, 1, count + frames)
+    rows = [
+        (tracks[frames - frame :][:count] + rng.normal(0, 1.5, count)).astype(np.float32)
+        for frame in range(frames)
+    ]
+    return rows
+
+
+def test_listed_diagonals_are_kept_rather_than_others_that_are_hardly_better(reference_map):
+    rows = drawn_rows(400)
+    shortlist, new = Shortlist(reference_map, 20, 5), []
+    listed = shortlist.ends(rows[4::-1])
+    for frame in range(5, 12):
+        window = rows[frame : frame - 5 : -1]
+        before, listed = set((listed + 1).tolist()), shortlist.ends(window)
+        new.append(len(set(listed.tolist()) - before))
+        fresh = Shortlist(reference_map, 20, 5).ends(window)
+        assert sequence_scores(window).argmax() in listed and len(fresh) == 20
+    assert max(new) <= 4
+
+
+def test_a_frame_that_never_came_does_not_end_the_diagonals(reference_map):
+    rows = drawn_rows(400)
+    shortlist = Shortlist(reference_map, 20, 5)
+    listed = shortlist.ends(rows[4::-1])
+    later = shortlist.ends([rows[6], None, *rows[4::-1]])
+    assert len(set(later.tolist()) - set((listed + 2).tolist())) <= 4
+
+
+def test_a_look_at_another_number_of_ends_is_not_remembered(reference_map):
+    rows = drawn_rows(400)
+    one, other = (Shortlist(reference_map, 20, 5) for _ in range(2))
+    for frame in range(5, 9):
+        window = rows[frame : frame - 5 : -1]
+        assert len(one.ends(window, 2.0, 12)) == 12
+        assert (one.ends(window) == other.ends(window)).all()

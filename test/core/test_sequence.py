@@ -128,3 +128,56 @@ def test_a_diagonal_that_is_mostly_unknown_gives_no_score():
 def test_a_window_longer_than_the_map_scores_nothing():
     rows = [np.full(3, 0.8, np.float32)] * 5
     assert (sequence_scores(rows) == -np.inf).all()
+
+
+@pytest.mark.parametrize('direction', [BACKWARD, FORWARD])
+@pytest.mark.parametrize('slope', [0.5, 1.0, 2.0])
+@given(data=st.data())
+def test_chosen_ends_have_the_scores_that_they_have_among_all(data, direction, slope):
+    rows = drawn_rows(data)
+    count = len(rows[0])
+    ends = np.array(sorted(data.draw(st.sets(st.integers(0, count - 1)))), np.int64)
+    whole = sequence_scores(rows, direction, slope)
+    assert (sequence_scores(rows, direction, slope, ends) == whole[ends]).all()
+    assert whole.shape == (count,) and whole.dtype == np.float64
+
+
+@pytest.mark.parametrize('direction', [BACKWARD, FORWARD])
+@pytest.mark.parametrize('slope', [0.5, 1.0, 2.0])
+@given(data=st.data())
+def test_scores_are_those_of_the_definition(data, direction, slope):
+    rows = drawn_rows(data)
+    expected = []
+    for end in range(len(rows[0])):
+        met = [end + direction * int(offset * slope + 0.5) for offset in range(len(rows))]
+        pairs = [
+            row[index] if row is not None and 0 <= index < len(row) else np.nan
+            for row, index in zip(rows, met, strict=True)
+        ]
+        known = np.isfinite(pairs)
+        fits = known[0] and 0 <= met[-1] < len(rows[0]) and 2 * known.sum() >= len(rows)
+        expected.append(np.mean(np.array(pairs, float)[known]) if fits else -np.inf)
+    assert sequence_scores(rows, direction, slope) == pytest.approx(expected)
+    roughly = sequence_scores(rows, direction, slope, dtype=np.float32)
+    assert roughly.dtype == np.float32 and roughly == pytest.approx(expected, rel=1e-5)
+
+
+def test_what_an_older_row_lacks_counts_as_unknown():
+    newest, older = np.full(4, 0.8, np.float32), np.array([0.2, 0.4], np.float32)
+    scores = sequence_scores([newest, older, older])
+    assert scores.tolist()[:2] == [-np.inf, -np.inf]
+    assert scores[2:] == pytest.approx([(0.8 + 0.4 + 0.2) / 3, (0.8 + 0.4) / 2])
+
+
+def drawn_rows(data):
+    """Draw rows, some of them shorter than the newest, None, or with unknown pairs."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 999)))
+    count = data.draw(st.integers(1, 14))
+    rows = [rng.random(count, np.float32)]
+    for _ in range(data.draw(st.integers(0, 6))):
+        row = rng.random(int(rng.integers(0, count + 1)) if rng.random() < 0.3 else count)
+        rows.append(None if rng.random() < 0.2 else row.astype(np.float32))
+    for row in rows:
+        if row is not None and rng.random() < 0.4:
+            row[rng.random(len(row)) < 0.4] = np.nan
+    return rows

@@ -44,6 +44,18 @@ def test_short_sequences_tell_no_slope():
     assert {search.follow(rows[index - 4 : index][::-1]) for index in range(10, 50)} == {1.0}
 
 
+def test_unknown_pairs_and_frames_do_not_change_the_slope():
+    rows = rows_at(1.5)
+    for row in rows:
+        row[[3, 77]] = np.nan
+    search = SlopeSearch()
+    for index in range(K, FRAMES):
+        window = rows[index - K + 1 : index + 1][::-1]
+        window[3] = None
+        found = search.follow(window)
+    assert found == 1.5
+
+
 def test_a_new_drive_starts_anew():
     search, rows = SlopeSearch(), rows_at(2.0)
     for index in range(K, 40):

@@ -5,7 +5,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from convseq_ros.config import AcceptanceConfig, Config, EncodingConfig, SequenceConfig
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    MatchingConfig,
+    SequenceConfig,
+)
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
@@ -18,6 +24,7 @@ STEP_PX = 24
 COUNT = 24
 QUICK = Config(
     encoding=EncodingConfig(image_size_px=SIDE_PX, saliency_threshold=0.2),
+    matching=MatchingConfig(matching='regional', search='exhaustive', kernel='numpy'),
     sequence=SequenceConfig(min_length=2, max_overlap_length=3, max_length=4),
     acceptance=AcceptanceConfig(rival_distance=3),
 )

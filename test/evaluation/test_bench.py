@@ -90,6 +90,7 @@ def test_the_recogniser_answers_as_replay_does(street, quick, tmp_path):
     options = [
         '--image-size-px', '128', '--saliency-threshold', '0.2', '--min-length', '2',
         '--max-overlap-length', '3', '--max-length', '4', '--rival-distance', '3',
+        '--matching', 'regional', '--search', 'exhaustive', '--kernel', 'numpy',
     ]  # fmt: skip
     assert not main([
         'replay', str(street.folder / 'query'), '--map', str(tmp_path / 'map.db'),
@@ -162,6 +163,17 @@ def test_a_drive_finds_its_own_past(loop, quick, tmp_path):
         assert row['best_index'] == '' or int(row['best_index']) <= int(row['query_index']) - 6
     (found,) = read_run(tmp_path / 'out')
     assert found.thumbnail('reference', 3) == found.thumbnail('query', 3)
+
+
+def test_frames_that_never_came_into_the_map_keep_their_numbers(loop, quick, tmp_path):
+    blank = np.full((128, 128), 90, np.uint8)
+    for index in (2, 3, 4):
+        cv2.imwrite(str(loop.folder / 'drive' / f'{index:03d}.png'), blank)
+    run(loop, quick, tmp_path / 'out', 'cohog=cohog+keyframe_overlap=0.999')
+    found = rows(tmp_path / 'out' / 'loop' / 'cohog' / 'frames.csv')
+    assert sum(row['correct'] == '1' for row in found[18:]) >= 5
+    scores = np.load(tmp_path / 'out' / 'loop' / 'cohog' / 'scores.npy', allow_pickle=False)
+    assert np.isnan(scores[:, 2:5]).all() and np.isfinite(scores[12:, 5]).all()
 
 
 def test_a_drive_without_revisits_gives_nothing(loop, quick, tmp_path):

@@ -3,6 +3,7 @@
 """Figures for papers, slides and the README: they are written whole and show what they should."""
 
 import sys
+import warnings
 import xml.etree.ElementTree
 
 from convseq_ros.errors import ConvseqError
@@ -78,3 +79,14 @@ def test_without_matplotlib_a_figure_gives_advice(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
     with pytest.raises(ConvseqError, match='pip install matplotlib'):
         plots.draw_lengths([tmp_path / 'a.png'], 'a', [1], [0.5], None)
+
+
+def test_many_methods_find_room(tmp_path):
+    names = [f'a-method-of-some-length-{index}' for index in range(45)]
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        plots.draw_curves([tmp_path / 'a.png'], 'set', dict.fromkeys(names, ([0.5, 1], [1, 0.5])))
+        plots.draw_accuracies([tmp_path / 'b.png'], 'set', [(one, 0.5, 0.4, 0.6) for one in names])
+        table = [{'said': 0.5, 'right': 0.5, 'count': 9}]
+        plots.draw_reliability([tmp_path / 'c.png'], 'set', dict.fromkeys(names, table))
+    assert len(list(tmp_path.iterdir())) == 3

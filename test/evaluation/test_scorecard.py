@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run of five frames, worked out by hand."""
 
-from convseq_ros.evaluation.scorecard import figures, Verdicts
+from convseq_ros.core.sequence import BACKWARD, FORWARD
+from convseq_ros.core.types import Match, Reason, Status
+from convseq_ros.evaluation.protocols import in_reach
+from convseq_ros.evaluation.scorecard import decisions, figures, Verdicts
 from convseq_ros.evaluation.transfer import Measured, transferred
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ def verdicts(**changes):
         'correct': np.array([0, 1, 1, 0, 0], bool),
         'slip': np.array([0, 0, 0, 1, 0], bool),
         'accepted': np.array([0, 1, 0, 1, 1], bool),
+        'reach': np.array([0, 1, 1, 1, 0], bool),
         'lengths': np.array([0, 2, 2, 3, 3]),
         'values': {'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
                    'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1])},
@@ -38,6 +42,14 @@ def test_the_area_counts_right_matches_or_all_answerable_ones():
     found = figures(verdicts(), 'score')
     assert found['auc_pr'] == pytest.approx(1 / 2 * 1 + 1 / 2 * 2 / 4)
     assert found['auc_pr_known'] == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 4)
+
+
+def test_decisions_are_counted_over_known_places_and_over_those_in_reach():
+    assert decisions(verdicts()) == {
+        'accepted': 3, 'accepted_right': 1, 'false_closures': 1, 'slips': 1,
+        'accepted_recall': 1 / 4, 'accepted_recall_in_reach': 1 / 3,
+    }  # fmt: skip
+    assert decisions(verdicts(reach=np.zeros(5, bool)))['accepted_recall_in_reach'] is None
 
 
 def test_without_answers_there_are_no_figures():
@@ -66,3 +78,13 @@ def test_where_no_other_answer_is_wrong_everything_is_taken():
     here = Measured('here', 'here', verdicts())
     found = transferred(here, [here, Measured('there', 'there', sound)], 'score')
     assert (found['threshold'], found['false_closures'], found['slips']) == (None, 1, 1)
+
+
+@pytest.mark.parametrize(('direction', 'expected'), [
+    (BACKWARD, [0, 0, 1, 1]), (FORWARD, [0, 1, 0, 0]),
+])  # fmt: skip
+def test_a_place_is_in_reach_if_its_whole_sequence_is_in_the_map(direction, expected):
+    matches = [Match(index, index, Status.REJECTED, Reason.WEAK, sequence_length=length)
+               for index, length in enumerate((0, 3, 3, 3))]  # fmt: skip
+    right = np.eye(4, dtype=bool)[[3, 1, 2, 3]]
+    assert in_reach(right, matches, direction).tolist() == expected

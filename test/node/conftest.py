@@ -41,6 +41,8 @@ DISCOVERY = """
 """
 NUM_PLACES = 25
 SECOND = 1_000_000_000
+# Quick, sure of single frames, and not to be changed with the defaults.
+MATCHING = {'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy'}
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -66,8 +68,8 @@ def street_map(street) -> ReferenceMap:
     reference_map = ReferenceMap()
     for index, gray in enumerate(street):
         pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
-        place = Place(index * SECOND + 1, 'street', pose, thumbnail(gray, 64))
-        reference_map.add(place, pack_cells(describe(gray).cells))
+        place = Place(index * SECOND + 1, 'street', pose)
+        reference_map.add(place, pack_cells(describe(gray).cells), thumbnail(gray, 64))
     return reference_map
 
 
@@ -146,10 +148,9 @@ def vpr() -> Iterator[Callable[..., Any]]:
 
     def make(*ros_args: str, **parameters: Any) -> VprNode:
         cli_args = [*ros_args]
-        for name, value in parameters.items():
+        for name, value in (MATCHING | parameters).items():
             cli_args += ['-p', f'{name}:={value}']
-        if cli_args:
-            cli_args.insert(0, '--ros-args')
+        cli_args.insert(0, '--ros-args')
         # Not the client's context: DDS allows only one type for a topic in each.
         context = Context()
         context.init()
@@ -182,6 +183,9 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     processes = []
 
     def run(module: str, *args: str) -> subprocess.Popen[str]:
+        if module == 'vpr_node':
+            chosen = [f'{name}:={value}' for name, value in MATCHING.items()]
+            args = '--ros-args', *(part for each in chosen for part in ('-p', each)), '--', *args
         processes.append(
             subprocess.Popen(
                 [sys.executable, '-m', f'convseq_ros.node.{module}', *map(str, args)],

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.core.pose_estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node.conversions import (
     candidates_from_message,
@@ -80,14 +81,14 @@ def test_a_loop_closure_index_is_query_and_reference():
 
 
 def test_a_pose_is_the_references_at_the_time_of_the_query():
-    message = pose_message(MATCH, POSE, 'site', 2.0, 0.5)
+    covariance = np.arange(36.0).reshape(6, 6)
+    message = pose_message(MATCH, PoseEstimate(POSE, covariance), 'site')
     pose = message.pose.pose
     assert (pose.position.x, pose.position.y, pose.position.z) == POSE.position
     turn = pose.orientation
     assert (turn.x, turn.y, turn.z, turn.w) == POSE.orientation
     assert message.header == match_header(MATCH, 'site')
-    covariance = message.pose.covariance.reshape(6, 6)
-    assert np.array_equal(covariance, np.diag([4.0, 4.0, 4.0, 0.25, 0.25, 0.25]))
+    assert message.pose.covariance.tolist() == list(range(36))
 
 
 @pytest.mark.parametrize('encoding', ['mono8', 'bgr8'])

@@ -6,7 +6,6 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.reference_map import Place
 from convseq_ros.core.thumbnail import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.node.debug_image import debug_image
@@ -22,8 +21,7 @@ def flat(value):
 
 
 def test_query_is_left_and_reference_right():
-    place = Place(8, thumbnail=thumbnail(flat(200), 64))
-    picture = debug_image(Frame(9, flat(50)), ACCEPTED, place, NONE)
+    picture = debug_image(Frame(9, flat(50)), ACCEPTED, thumbnail(flat(200), 64), NONE)
     assert picture.shape == (264, 640, 3)
     assert picture.dtype == np.uint8
     assert (picture[24:, :320] == 50).all()
@@ -31,24 +29,24 @@ def test_query_is_left_and_reference_right():
 
 
 def test_the_caption_is_green_only_if_accepted():
-    green = debug_image(Frame(9, flat(50)), ACCEPTED, None, NONE)[:24].reshape(-1, 3)
-    grey = debug_image(Frame(9, flat(50)), SKIPPED, None, NONE)[:24].reshape(-1, 3)
+    green = debug_image(Frame(9, flat(50)), ACCEPTED, b'', NONE)[:24].reshape(-1, 3)
+    grey = debug_image(Frame(9, flat(50)), SKIPPED, b'', NONE)[:24].reshape(-1, 3)
     assert green[:, 1].max() > green[:, 2].max()
     assert (grey == grey[:, :1]).all()
     assert grey.any()
 
 
-@pytest.mark.parametrize('place', [None, Place(8), Place(8, thumbnail=b'not a jpeg')])
-def test_what_cannot_be_shown_is_a_grey_field(place):
-    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, place, NONE)
+@pytest.mark.parametrize('small', [b'', b'not a jpeg'])
+def test_what_cannot_be_shown_is_a_grey_field(small):
+    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, small, NONE)
     assert picture.shape == (264, 480, 3)
     assert (picture[24:] == 64).all()
 
 
 def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
-    place = Place(8, thumbnail=thumbnail(flat(0), 64))
     agreement = np.array([[0.5, 0.25, 0.75, 0.5]])
-    picture = debug_image(Frame(9, flat(0)), ACCEPTED, place, agreement)[24:]
+    black = flat(0)
+    picture = debug_image(Frame(9, black), ACCEPTED, thumbnail(black, 64), agreement)[24:]
     one, other = picture[120, 80], picture[180, 480]
     assert (one == other).all() and np.ptp(one.astype(int)) > 100
     coloured = np.ptp(picture.astype(int), axis=2) > 100

@@ -10,18 +10,19 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
-from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.conversions import stamp_from_ns, stamp_to_ns
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import decode_compressed, decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Int32
 
 SECOND = 1_000_000_000
@@ -30,14 +31,16 @@ STEP_NS = 3 * SECOND // 10
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def record(path, messages):
-    """Write messages and the times at which they were recorded."""
+def record(path, messages, **others):
+    """Write images and the times at which they were recorded, and messages of other topics."""
+    store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        name = f'sensor_msgs/msg/{type(messages[0][1]).__name__}'
-        store = get_typestore(Stores.ROS2_JAZZY)
-        connection = writer.add_connection('/camera', name, typestore=store)
-        for time_ns, message in messages:
-            writer.write(connection, time_ns, serialize_message(message))
+        for topic, rows in {'camera': messages, **others}.items():
+            kind = type(rows[0][1])
+            name = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
+            connection = writer.add_connection(f'/{topic}', name, typestore=store)
+            for time_ns, message in rows:
+                writer.write(connection, time_ns, serialize_message(message))
 
 
 @pytest.fixture(scope='module')
@@ -106,6 +109,46 @@ def test_images_without_a_stamp_get_the_time_of_recording(
     record(tmp_path / 'drive', [(START_NS + 5, image(pictures[0], 0))])
     messages = hear(client, start, Image, '/image', tmp_path / 'drive')
     assert stamps_of(messages) == [START_NS + 5]
+
+
+def test_odometry_and_camera_info_are_played_between_the_images(
+    client, start, pictures, image, tmp_path
+):
+    odometry = []
+    for index in range(-12, 20):
+        message = Odometry()
+        message.header.stamp = stamp_from_ns(START_NS + index * STEP_NS // 2)
+        odometry.append((START_NS + index * STEP_NS // 2, message))
+    info = CameraInfo(width=320, height=240)
+    early_ns = START_NS - 60 * SECOND
+    record(
+        tmp_path / 'drive',
+        [(START_NS + i * STEP_NS, image(pictures[i], START_NS + i * STEP_NS)) for i in range(5)],
+        wheels=odometry,
+        info=[(early_ns - SECOND, info), (early_ns, info)],
+    )
+    heard = []
+    for kind, topic in ((Odometry, '/odom'), (CameraInfo, '/camera_info')):
+        client.node.create_subscription(kind, topic, heard.append, 1000)
+    images = hear(
+        client, start, Image, '/image', tmp_path / 'drive', '--rate', 10, '--odom', '/wheels',
+        '--camera-info', '/info', '--start', 0.3,
+    )  # fmt: skip
+    assert stamps_of(images) == [START_NS + index * STEP_NS for index in (1, 2, 3, 4)]
+    # The second before the first image, and the last that was said before that.
+    ways = [message for message in heard if isinstance(message, Odometry)]
+    begin_ns = START_NS + STEP_NS - SECOND
+    expected = [stamp for stamp, _ in odometry if stamp >= begin_ns]
+    assert stamps_of(ways)[1:] == expected
+    assert begin_ns - STEP_NS // 2 <= stamps_of(ways)[0] < begin_ns
+    assert stamps_of(message for message in heard if isinstance(message, CameraInfo)) == [early_ns]
+
+
+def test_a_topic_that_is_not_there_lists_what_is(start, recording):
+    process = start('player', recording, '--odom', '/wheels')
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert 'no Odometry messages' in errors and '/camera' in errors
 
 
 def test_start_leaves_out_the_beginning(client, start, recording):

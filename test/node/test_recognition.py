@@ -8,10 +8,11 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.config import make_config
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.types import Reason
-from convseq_ros.errors import ConvseqError
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Camera, Pose, Reason
+from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.statistics import Statistics
@@ -20,19 +21,31 @@ import numpy as np
 from sensor_msgs.msg import CompressedImage
 
 STEP_NS = 100_000_000
+CONFIG = make_config({'matching': 'regional', 'search': 'exhaustive'})
+POSE = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+CAMERA = Camera(80, 60, 50.0, 50.0, 40.0, 30.0)
 
 
 class Setup:
     """A recognition whose surroundings are recorded."""
 
-    def __init__(self, recognizer, path):
+    def __init__(self, session, path):
         self.logger = Mock()
         self.statistics = Statistics()
         self.published = []
         self.results = ResultLog(str(path), self.logger)
         self.ros_is_up = Mock(return_value=True)
+        self.surroundings = Mock()
+        self.surroundings.pose_at.return_value = POSE
+        self.surroundings.camera_for.return_value = CAMERA
         self.recognition = Recognition(
-            recognizer, self.results, self.publish, self.statistics, self.logger, self.ros_is_up
+            session,
+            self.surroundings,
+            self.results,
+            self.publish,
+            self.statistics,
+            self.logger,
+            self.ros_is_up,
         )
 
     def publish(self, frame, match, recognizer):
@@ -48,8 +61,8 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def setup(street_map, path):
-    return Setup(PlaceRecognizer(street_map), path)
+def setup(map_path, path):
+    return Setup(Session(map_path, CONFIG), path)
 
 
 @pytest.fixture
@@ -101,7 +114,7 @@ def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray,
 
 def test_numbers_go_on_when_the_map_changes(setup, image, gray):
     setup.handle(image(gray, 1), 0)
-    setup.recognition.swap(PlaceRecognizer(ReferenceMap()))
+    setup.recognition.swap(Session(None, CONFIG))
     setup.handle(image(gray, 1), 1)
     assert [(match.query_index, size) for _, match, size in setup.published] == [(0, 25), (1, 0)]
     assert setup.published[1][1].reason is Reason.NO_MAP
@@ -116,4 +129,33 @@ def test_a_frame_with_an_invalid_size_is_no_harder_than_others(setup, image, gra
         setattr(message, field, value)
         setup.handle(message, number)
     assert [match.reason for _, match, _ in setup.published] == [Reason.UNREADABLE] * 4
+    setup.results.close()
+
+
+def test_a_frame_knows_its_pose_and_its_camera(setup, image, gray):
+    setup.handle(image(gray, 1), 4)
+    frame = setup.published[0][0]
+    assert (frame.pose, frame.camera) == (POSE, CAMERA)
+    setup.surroundings.pose_at.assert_called_once_with(5 * STEP_NS)
+    setup.surroundings.camera_for.assert_called_once_with(60, 80)
+    setup.results.close()
+
+
+def test_a_map_that_cannot_be_written_is_counted_and_frames_are_answered(
+    setup, image, gray, monkeypatch
+):
+    monkeypatch.setattr(Session, 'keep', Mock(side_effect=MapError('map.db: disk full')))
+    setup.handle(image(gray, 1), 0)
+    assert (setup.statistics.unkept, setup.statistics.failed) == (1, 0)
+    assert setup.statistics.processed == len(setup.published) == 1
+    assert 'disk full' in setup.logger.error.call_args.args[0]
+    setup.results.close()
+
+
+def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
+    old = setup.recognition.session
+    monkeypatch.setattr(Session, 'close', Mock(side_effect=MapError('map.db: disk full')))
+    setup.recognition.swap(Session(None, CONFIG))
+    assert setup.recognition.session is not old
+    assert setup.statistics.unkept == 1
     setup.results.close()

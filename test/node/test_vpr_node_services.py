@@ -11,7 +11,8 @@ pytest.importorskip('rclpy')
 
 from convseq_ros.core.map_file import open_map, save_map
 from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.node import vpr_node
+from convseq_ros.core.session import Session
+from convseq_ros.node import map_services
 from nav_msgs.srv import LoadMap
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -84,10 +85,10 @@ def test_another_map_takes_over_while_frames_come_and_none_is_lost(
     def open_slowly(*args):
         opening.set()
         assert frames_came.wait(20)
-        return open_map(*args)
+        return Session(*args)
 
     vpr(map_path=map_path, fixed_length=1)
-    monkeypatch.setattr(vpr_node, 'open_map', open_slowly)
+    monkeypatch.setattr(map_services, 'Session', open_slowly)
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)
     service = client.node.create_client(LoadMap, '/vpr_node/load_map')
@@ -113,7 +114,7 @@ def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_pa
     assert set_parameter(client, 'save_map_path', str(path)).successful
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert (answer.success, answer.message) == (True, str(path))
-    assert open_map(path, street_map.encoding).places == street_map.places
+    assert list(open_map(path, street_map.encoding).places) == list(street_map.places)
 
 
 def test_a_map_that_cannot_be_saved_is_one_line(client, vpr, map_path, tmp_path):

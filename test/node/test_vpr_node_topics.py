@@ -12,10 +12,12 @@ from convseq_ros.node.conversions import candidates_from_message, stamp_from_ns,
 from convseq_ros.results import read_results
 import cv2
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 import numpy as np
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, Int64MultiArray, UInt32
+from visualization_msgs.msg import MarkerArray
 
 SECOND = 1_000_000_000
 LATER_NS = 1000 * SECOND
@@ -88,7 +90,10 @@ def test_a_second_drive_is_recognised_on_all_topics(client, vpr_node, street, im
     assert pose.header == heard['candidates'][9].header
     assert pose.pose.pose.position.x == 9.0
     assert pose.pose.pose.orientation.w == 0.8
-    assert pose.pose.covariance[0] == 9.0
+    # Places lie a metre apart along x.
+    covariance = pose.pose.covariance.reshape(6, 6)
+    assert covariance[0, 0] == pytest.approx(3.0**2 + 1 / 12)
+    assert covariance[1, 1] == covariance[2, 2] == 3.0**2
 
     process.send_signal(signal.SIGINT)
     assert process.wait(10) == 0
@@ -155,3 +160,24 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     assert (pictures[0].encoding, pictures[0].height) == ('bgr8', 264)
     assert stamp_to_ns(pictures[0].header.stamp) == LATER_NS + SECOND
     assert np.frombuffer(pictures[0].data, np.uint8).std() > 10
+
+
+def test_whoever_looks_sees_the_way_of_the_map_and_closures(
+    client, vpr, map_path, street, image
+):
+    vpr(map_path=map_path, fixed_length=1)
+    late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    paths = client.listen(Path, '/vpr_node/reference_path', late)
+    drawn = client.listen(MarkerArray, '/vpr_node/markers')
+    client.wait_for(lambda: paths, 'the path that was published at the start')
+    assert [each.pose.position.x for each in paths[0].poses] == list(range(25))
+    camera = client.camera(Image)
+    camera.publish(image(street[4], LATER_NS))
+    camera.publish(image(street[6], LATER_NS + SECOND))
+    client.wait_for(lambda: len(drawn) == 2)
+    first, second = ({marker.ns: marker for marker in each.markers} for each in drawn)
+    assert len(first['places'].points) == 25
+    assert [point.x for point in second['loop_nodes'].points] == [4, 6]
+    assert second['match'].pose.position.x == 6
+    assert 'places' not in second
+    assert {marker.header.frame_id for marker in first.values()} == {'map'}

@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is written is what was drawn."""
 
+import math
+
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import nearest_reference, write_recording
 from convseq_ros.simulation.street import Street
+from convseq_ros.sources.recording import read_camera
 import cv2
 from hypothesis import given
 from hypothesis import strategies as st
@@ -92,3 +95,15 @@ def test_no_reference_is_nearer_than_the_nearest(queries, references):
 def test_nearest_reference_of_a_shifted_drive():
     assert nearest_reference([0.4, 0.6, 9.0], [0.0, 1.0, 2.0]).tolist() == [0, 1, 2]
     assert nearest_reference([], [0.0, 1.0]).tolist() == []
+
+
+def test_the_camera_is_described_for_every_image(tmp_path, shots):
+    write_recording(tmp_path / 'drive', shots, odom_topic='', info_topic='/camera/camera_info')
+    infos = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/camera/camera_info']
+    assert len(infos) == len(shots)
+    assert shots[0].camera is not None and shots[0].frame.camera == shots[0].camera
+    assert read_camera(tmp_path / 'drive') == shots[0].camera
+    focal = 32 / math.tan(math.radians(40))
+    assert infos[0].k.reshape(3, 3) == pytest.approx(
+        np.array(((focal, 0, 32), (0, focal, 24), (0, 0, 1)))
+    )

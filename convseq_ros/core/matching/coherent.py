@@ -8,11 +8,13 @@ however similar the best counterparts are, their shifts scatter. So where each c
 asked, not how similar it is, which survives night, seasons and another viewpoint.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from threading import local
 
-from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.pair_score import PairScore, Scores
 from convseq_ros.core.matching.unit import unit
 from convseq_ros.core.types import Descriptor, Shift
 import cv2
@@ -21,7 +23,7 @@ import numpy.typing as npt
 
 SIGMA_CELLS = 1.5
 _SPAN = 3
-_REACH = 6
+REACH = 6
 
 Regions = npt.NDArray[np.float32]
 
@@ -57,11 +59,12 @@ def projection() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
 
 def joined_regions(cells: npt.NDArray[np.float32]) -> Regions:
     """Return the 3 x 3-cell regions of an image at stride one, unit rows of shape (N, 72)."""
-    side = cells.shape[0] - _SPAN + 1
-    steps = range(_SPAN)
-    joined = np.concatenate(
-        [cells[row : row + side, column : column + side] for row in steps for column in steps],
-        axis=2,
+    side, bins = cells.shape[0] - _SPAN + 1, cells.shape[2]
+    cells = np.ascontiguousarray(cells)
+    rows, columns, one = cells.strides
+    # In memory, the cells of a region that lie side by side are one run of numbers.
+    joined = np.lib.stride_tricks.as_strided(
+        cells, (side, side, _SPAN, _SPAN * bins), (rows, columns, rows, one), writeable=False
     )
     return unit(joined.reshape(side * side, -1))
 
@@ -129,12 +132,12 @@ def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shi
         things are further right in the reference.
 
     """
-    similarity = query.regions @ reference.T
-    there, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
+    similarity = np.dot(query.regions, reference.T, out=_scratch(query, reference))
+    there, back = similarity.argmax(axis=1), _first_rows(similarity)
     everywhere = np.arange(len(reference))
     votes = _votes(query.index, there, query.side)
     votes += _votes(query.index[back], everywhere, query.side) * (len(there) / len(back))
-    peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
+    peak = cv2.sepFilter2D(votes, -1, WINDOW, WINDOW, borderType=cv2.BORDER_CONSTANT)
     place = int(peak.argmax())
     row, column = divmod(place, peak.shape[1])
     score = float(peak.flat[place]) / (2 * len(there))
@@ -171,7 +174,26 @@ def agreeing_regions(
     return middles / (query.side + _SPAN - 1)
 
 
-_WINDOW = np.exp(-(np.arange(-_REACH, _REACH + 1) ** 2) / (2 * SIGMA_CELLS**2))
+WINDOW = np.exp(-(np.arange(-REACH, REACH + 1) ** 2) / (2 * SIGMA_CELLS**2))
+_memory = local()
+
+
+def _scratch(query: CoherentQuery, reference: Regions) -> npt.NDArray[np.float32]:
+    """Return room for all similarities; memory that is new for every pair costs a third."""
+    needed = query.side**2 * len(reference)
+    if getattr(_memory, 'numbers', np.empty(0)).size < needed:
+        _memory.numbers = np.empty(needed, np.float32)
+    shape = len(query.index), len(reference)
+    return _memory.numbers[: shape[0] * shape[1]].reshape(shape)
+
+
+def _first_rows(similarity: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    """Return `similarity.argmax(axis=0)`, but not down the columns one by one."""
+    count = similarity.shape[1]
+    rows, columns = np.divmod(np.flatnonzero(similarity == similarity.max(axis=0)), count)
+    first = np.empty(count, np.int64)
+    first[columns[::-1]] = rows[::-1]
+    return first
 
 
 def _votes(
@@ -185,4 +207,15 @@ def _votes(
     return counts.reshape(span, span).astype(np.float64)
 
 
-COHERENT = PairScore(see, projected_regions, coherent_score, agreeing_regions)
+def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
+    scores, shifts = zip(*(coherent_score(query, one) for one in references), strict=True)
+    return np.array(scores, np.float32), np.array(shifts)
+
+
+def _agree(
+    query: CoherentQuery, cells: npt.NDArray[np.float32], shift: Shift
+) -> npt.NDArray[np.float64]:
+    return agreeing_regions(query, projected_regions(cells), shift)
+
+
+COHERENT = PairScore('numpy', True, see, projected_regions, _compare, _agree)

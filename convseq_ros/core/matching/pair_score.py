@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a way to score a pair of images consists of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,30 +10,38 @@ from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
-Regions = npt.NDArray[np.float32]
+Cells = npt.NDArray[np.float32]
+Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
 
 
 @dataclass(frozen=True, slots=True)
 class PairScore:
     """
-    Three functions; a faster one may stand in for each.
+    Functions that a faster kernel may replace, all of them together.
 
     Parameters
     ----------
+    name : str
+        Of the kernel.
+    exact : bool
+        Whether scores are those of the definition, to 1e-6.
     see : callable
         From a query's descriptor, and the bits of entropy that make a region salient, to what is
         compared of it; None if it shows nothing.
     prepare : callable
-        From a reference's cells to its regions.
+        From a reference's cells to what is compared of it.
     compare : callable
-        From both to a score in [0, 1] and, if it tells, the shift in cells.
+        From a query and some references to their scores in [0, 1], float32 of shape (n,), and, if
+        it tells, to the shifts in cells, rows and columns, (n, 2).
     agree : callable, optional
-        From both and a shift to the regions that moved by it, (n, 4): where they are in the query
-        and in the reference, row and column as shares of the image.
+        From a query, a reference's cells and a shift to the regions that moved by it, (n, 4):
+        where they are in the query and in the reference, row and column as shares of the image.
 
     """
 
+    name: str
+    exact: bool
     see: Callable[[Descriptor, float], Any]
-    prepare: Callable[[npt.NDArray[np.float32]], Regions]
-    compare: Callable[[Any, Regions], tuple[float, Shift | None]]
-    agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None
+    prepare: Callable[[Cells], Any]
+    compare: Callable[[Any, Sequence[Any]], Scores]
+    agree: Callable[[Any, Cells, Shift], npt.NDArray[np.float64]] | None = None

@@ -2,13 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Regional convolutional matching: the paper's pair score (III-D)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import cache, lru_cache
+from typing import Any
 
-from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.kernels.instructions import float_tile
+from convseq_ros.core.matching.pair_score import PairScore, Scores
 from convseq_ros.core.matching.unit import unit
-from convseq_ros.core.types import Descriptor, Shift
+from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
+
+_KEPT = 32
 
 
 def regions(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -54,13 +59,48 @@ def pair_scores(
         In [0, 1]; not symmetric.
 
     """
-    salient = regions(query.cells)[query.salient]
-    return np.array([_compare(salient, reference)[0] for reference in references], np.float32)
+    return _compare(regions(query.cells)[query.salient], list(references))[0]
 
 
 def similarity(query: Descriptor, other: Descriptor) -> float:
     """Return the pair score of an informative query and another descriptor, in [0, 1]."""
-    return float(pair_scores(query, [regions(other.cells)])[0])
+    seen, prepared = _seen(_Same(query)), _prepared(_Same(other))
+    return float(_kernel().compare(seen, [prepared])[0][0])
+
+
+class _Same:
+    """A descriptor that equals only itself, so that what is made of it can be kept."""
+
+    __slots__ = ('descriptor',)
+
+    def __init__(self, descriptor: Descriptor) -> None:
+        self.descriptor = descriptor
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.descriptor is other.descriptor
+
+    def __hash__(self) -> int:
+        return id(self.descriptor)
+
+
+@lru_cache(1)
+def _seen(query: _Same) -> Any:
+    return _kernel().see(query.descriptor, 0.0)
+
+
+@lru_cache(_KEPT)
+def _prepared(other: _Same) -> Any:
+    return _kernel().prepare(other.descriptor.cells)
+
+
+@cache
+def _kernel() -> PairScore:
+    """Return the fastest kernel whose scores are those of the definition."""
+    if not float_tile():
+        return REGIONAL
+    from convseq_ros.core.matching.kernels.regional import float32
+
+    return float32()
 
 
 def _see(query: Descriptor, _least_bits: float) -> npt.NDArray[np.float32] | None:
@@ -68,9 +108,10 @@ def _see(query: Descriptor, _least_bits: float) -> npt.NDArray[np.float32] | Non
 
 
 def _compare(
-    salient: npt.NDArray[np.float32], reference: npt.NDArray[np.float32]
-) -> tuple[float, Shift | None]:
-    return min(float((salient @ reference.T).max(axis=1).mean()), 1.0), None
+    salient: npt.NDArray[np.float32], references: Sequence[npt.NDArray[np.float32]]
+) -> Scores:
+    scores = [min(float((salient @ one.T).max(axis=1).mean()), 1.0) for one in references]
+    return np.array(scores, np.float32), None
 
 
-REGIONAL = PairScore(_see, regions, _compare)
+REGIONAL = PairScore('numpy', True, _see, regions, _compare)

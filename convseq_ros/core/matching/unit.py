@@ -8,5 +8,5 @@ import numpy.typing as npt
 
 def unit(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
     """Return vectors, along the last axis, at unit length; zero ones stay zero."""
-    length = np.linalg.norm(rows, axis=-1, keepdims=True)
-    return np.divide(rows, length, out=np.zeros_like(rows), where=length > 0)
+    length = np.sqrt(np.einsum('...i,...i->...', rows, rows))[..., None]
+    return rows / np.where(length > 0, length, length.dtype.type(1))

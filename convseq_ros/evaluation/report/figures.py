@@ -10,6 +10,7 @@ import re
 from convseq_ros.evaluation import plots
 from convseq_ros.evaluation.report.curves import accuracy, read_curve
 from convseq_ros.evaluation.report.lengths import entropy_threshold, varies
+from convseq_ros.evaluation.report.reliability import reliability_table
 from convseq_ros.evaluation.report.summary_table import number
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
@@ -18,7 +19,10 @@ import numpy as np
 
 def write_figures(runs: Sequence[Run], folder: Path) -> None:
     """
-    Write `<set>-curves`, `-accuracy`, `<set>-<method>-matrix` and `-lengths`, .png and .svg.
+    Write the charts of every set and method, .png and .svg.
+
+    They are called `<set>-curves`, `-accuracy`, `-reliability` where a method tells its
+    confidence, `<set>-<method>-matrix` and `-lengths`.
 
     Raises
     ------
@@ -37,6 +41,9 @@ def write_figures(runs: Sequence[Run], folder: Path) -> None:
             _files(folder, name, 'accuracy'), name,
             [(run.method, accuracy(run), *_interval(run)) for run in own],
         )  # fmt: skip
+        tables = {run.method: reliability_table(run) for run in own if reliability_table(run)}
+        if tables:
+            plots.draw_reliability(_files(folder, name, 'reliability'), name, tables)
         for run in own:
             _write_run(run, folder)
 

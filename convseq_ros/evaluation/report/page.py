@@ -15,6 +15,7 @@ from convseq_ros.evaluation.report.curves import accuracy, accuracy_chart, curve
 from convseq_ros.evaluation.report.lengths import lengths_chart, varies
 from convseq_ros.evaluation.report.matrix import matrix_figure
 from convseq_ros.evaluation.report.pairs import browser_data
+from convseq_ros.evaluation.report.reliability import reliability_chart
 from convseq_ros.evaluation.report.summary_table import number, summary_table
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
@@ -89,6 +90,11 @@ def _section(
                   ' answer, with its 95 % interval (bootstrap over blocks of the sequence); the'
                   ' upright tick is over all that have one, matched or not.')
     )
+    reliability = reliability_chart(runs, colors)
+    if reliability:
+        charts += _figure(reliability, 'How often a confidence is right (the right place, slips'
+                          ' included); larger dots are more frames. Its two settings come from'
+                          ' the sets of other places, where there are any.')
     legend = ''.join(
         f'<li tabindex="0" data-series="{escape(run.method)}">'
         f'<i class="swatch {method_style(colors[run.method])}"></i>'

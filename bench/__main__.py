@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure, print a table, and write it as JSON: `python -m bench [PART ...]`, from the repository.
+
+With --page, docs/PERFORMANCE.md and its picture are written too, from that JSON alone.
+"""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+import tempfile
+import time
+
+from bench.machine import described
+from bench.material import prepare
+from bench.page import write_page
+from bench.part import PARTS, run
+from bench.table import table
+
+SIZES = 1_000, 10_000, 100_000
+_QUICK_SIZES = (48,)
+_FRAMES, _QUICK_FRAMES = 120, 18
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure the parts that are asked for."""
+    chosen = _parser().parse_args(arguments)
+    if not chosen.page_only:
+        with tempfile.TemporaryDirectory(prefix='convseq_bench_') as own:
+            _measure(chosen, chosen.folder or Path(own))
+    if chosen.page or chosen.page_only:
+        write_page(json.loads(chosen.json.read_text(encoding='utf-8')), chosen.docs)
+    return 0
+
+
+def _measure(chosen: argparse.Namespace, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    sizes = tuple(chosen.sizes or (_QUICK_SIZES if chosen.quick else SIZES))
+    start_s = time.monotonic()
+    about = described()
+    _say(f'drawing a street and writing maps of {", ".join(f"{size:,}" for size in sizes)}')
+    about['frames'] = _QUICK_FRAMES if chosen.quick else _FRAMES
+    prepare(folder, sizes, about['frames'])
+    findings = []
+    for name in chosen.parts or PARTS:
+        for setting in PARTS[name][:1] if chosen.quick and name != 'encoding' else PARTS[name]:
+            _say(f'{name}, {setting.threads} threads{"" if setting.compiled else ", no numba"}')
+            findings += run(name, setting, folder, sizes, chosen.quick)
+    about['seconds'] = round(time.monotonic() - start_s)
+    about['parts'] = list(chosen.parts or PARTS)
+    chosen.json.parent.mkdir(parents=True, exist_ok=True)
+    lines = ',\n'.join(json.dumps(finding) for finding in findings)
+    text = f'{{"about": {json.dumps(about)},\n"findings": [\n{lines}\n]}}\n'
+    chosen.json.write_text(text, encoding='utf-8')
+    print(table(findings))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
+    parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)} (all)')
+    parser.add_argument('--quick', action='store_true', help='tiny: only to see that it runs')
+    parser.add_argument('--sizes', type=int, nargs='+', help='references of the maps')
+    parser.add_argument('--folder', type=Path, help='keep maps there, and use those that are')
+    parser.add_argument('--json', type=Path, default=Path('docs/performance.json'))
+    parser.add_argument('--docs', type=Path, default=Path('docs'), help='where the page goes')
+    parser.add_argument('--page', action='store_true', help='also write the page')
+    parser.add_argument('--page-only', action='store_true', help='only write the page anew')
+    return parser
+
+
+def _say(text: str) -> None:
+    print(f'bench: {text}', file=sys.stderr, flush=True)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

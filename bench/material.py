@@ -1,0 +1,129 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Images and maps to measure with: a street that is drawn, driven by day and again in the evening.
+
+A map of any size is made of the day's descriptors, lap by lap. Each lap but one is another street:
+pieces of the images change places, images are mixed, and all is varied at random. The lap in the
+middle is the street itself, so that there is something to find.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.map_writer import MapWriter
+from convseq_ros.core.reference_map import pack_cells, Place
+from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+_THUMBNAIL_PX = 128
+_SPACING_NS = 100_000_000
+_START_M = 3.4
+_VARIATION = 0.1
+_PIECES = 4
+
+Cells = npt.NDArray[np.float32]
+
+
+def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
+    """
+    Draw both drives and write a map of each size; what is there already is kept.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    sizes : tuple of int
+        References.
+    frames : int
+        Images of a drive.
+
+    """
+    missing = [size for size in sizes if not map_path(folder, size).exists()]
+    queries = queries_path(folder)
+    if not missing and queries.exists():
+        return
+    street = Street(length_m=frames + 60, seed=7)
+    evening = Drive(
+        start_m=_START_M, num_frames=frames, lane_offset_m=-0.5, light='evening', seed=5
+    )
+    np.save(queries, np.array(_gray(street, evening)))
+    day = _gray(street, Drive(num_frames=frames))
+    cells = np.array([describe(gray).cells for gray in day])
+    thumbnails = [thumbnail(gray, _THUMBNAIL_PX) for gray in day]
+    for size in missing:
+        _write(map_path(folder, size), size, cells, thumbnails)
+
+
+def map_path(folder: Path, size: int) -> Path:
+    """Return where a map is."""
+    return folder / f'map-{size}.db'
+
+
+def queries_path(folder: Path) -> Path:
+    """Return where the images of the second drive are."""
+    return folder / 'queries.npy'
+
+
+def read_queries(folder: Path) -> npt.NDArray[np.uint8]:
+    """Return the gray images of the second drive, (n, 480, 640)."""
+    return np.load(queries_path(folder))
+
+
+def truth(index: int, size: int, frames: int) -> int:
+    """Return the reference that shows the same place as a query."""
+    return home(size, frames) + index + round(_START_M)
+
+
+def home(size: int, frames: int) -> int:
+    """Return the first reference of a map that shows the street itself."""
+    return (-(-size // frames) - 1) // 2 * frames
+
+
+def _gray(street: Street, drive: Drive) -> list[npt.NDArray[np.uint8]]:
+    return [cv2.cvtColor(shot.image, cv2.COLOR_BGR2GRAY) for shot in draw(street, drive)]
+
+
+def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None:
+    part = path.with_suffix('.part')
+    part.unlink(missing_ok=True)
+    with MapWriter(part, EncodingConfig()) as writer:
+        for index, packed in enumerate(_laps(size, cells)):
+            place = Place(index * _SPACING_NS, f'{index:06d}.png')
+            writer.add(place, packed, thumbnails[index % len(thumbnails)])
+    part.rename(path)
+
+
+def _laps(size: int, cells: Cells) -> Iterator[npt.NDArray[np.float16]]:
+    rng = np.random.default_rng(size)
+    count = len(cells)
+    for start in range(0, size, count):
+        street = cells if start == home(size, count) else _varied(cells, rng)
+        yield from pack_cells(street[: size - start])
+
+
+def _varied(cells: Cells, rng: np.random.Generator) -> Cells:
+    """Return the descriptors of another street: pieces change places, images are mixed."""
+    first, second = (
+        np.roll(_cut_up(cells, rng), rng.integers(1, len(cells)), axis=0) for _ in range(2)
+    )
+    share = np.float32(rng.uniform(0.3, 0.7))
+    noise = rng.standard_normal(cells.shape, np.float32)
+    return (share * first + (1 - share) * second) * np.abs(1 + _VARIATION * noise)
+
+
+def _cut_up(cells: Cells, rng: np.random.Generator) -> Cells:
+    """Return images whose 16 pieces changed places, in all images alike."""
+    count, rows, columns, bins = cells.shape
+    shape = count, _PIECES, rows // _PIECES, _PIECES, columns // _PIECES, bins
+    pieces = cells.reshape(shape).transpose(0, 1, 3, 2, 4, 5)
+    pieces = pieces.reshape(count, _PIECES**2, *pieces.shape[3:])
+    moved = pieces[:, rng.permutation(_PIECES**2)]
+    moved = moved.reshape(count, _PIECES, _PIECES, *pieces.shape[2:])
+    return moved.transpose(0, 1, 3, 2, 4, 5).reshape(cells.shape)

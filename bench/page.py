@@ -1,0 +1,188 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""docs/PERFORMANCE.md, from what was measured and nothing else."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+import textwrap
+from typing import Any
+
+from bench.plot import draw_cost
+from bench.table import cells, COLUMNS, number, Row
+
+_PICTURE = 'cost_against_map_size.png'
+_TITLES = {
+    'encoding': 'Encoding',
+    'pairs': 'Pair scores',
+    'rows': "The paper's row",
+    'frames': 'A whole frame',
+    'sequence': 'The sequence stage',
+    'memory': 'Maps: opening, memory, disk',
+    'node': 'The live node',
+}
+_ABOUT = {
+    'encoding': (
+        'A gray image of 640 x 480, drawn, to cells, salient regions and entropy. *Released '
+        'steps*: the same steps restated with OpenCV, NumPy and scikit-image; the histograms are '
+        'summed by NumPy, which takes less time than the compiled code of the script.'
+    ),
+    'pairs': (
+        'One query with G salient regions against one reference; the query is prepared, and so '
+        'are references. *Tuned NumPy*: BLAS into an array that is there already, and arg maxima '
+        'by comparison. *Released loop*: product, maximum and mean over all 961 regions, as the '
+        'script does, whatever G. *Error*: the largest difference from the definition. A *peak* '
+        'is what the machine multiplies when nothing else is done: `sgemm` of two large matrices, '
+        'dot products of bytes that never leave registers.'
+    ),
+    'rows': 'One query against every reference, scores of the paper (`matching: regional`).',
+    'frames': (
+        'From gray image to answer, all stages, on one core, `matching: coherent`, k = 10. The '
+        'released script describes its k frames again for every answer and repeats the row k '
+        'times; its cost is **computed** from its steps, taken in turn with our frames: '
+        'k x encoding + k x (R - k + 1) x pair. Above R = 1,000, frames that compare the whole '
+        'map were measured before they were k: the sequence stage adds what its own table says. '
+        '*Right*: the best candidate lies within two references of the place that the image shows.'
+    ),
+    'sequence': 'Sums of kept pair scores along diagonals.',
+    'memory': (
+        'In processes of their own, with default parameters; resident after {frames} frames.'
+    ),
+    'node': (
+        'The real `vpr_node` with default parameters in a process of its own; another process '
+        'publishes bgr8 images with the default settings of the middleware and clocks the '
+        'answers: from the call that publishes an image to the arrival of `~/candidates`, so both '
+        'ways through DDS are in it. With one thread, the node has one core and the camera '
+        'another.'
+    ),
+}
+_HOW = """\
+**How it was measured.** Medians; the sides of a comparison are taken in turn in one process, each
+called once before it counts, and *times faster* is the median of the ratios, round by round.
+Every part runs in a process of its own with as many BLAS threads as the column says. Images are
+drawn (`convseq_ros/simulation`): a street by day is the map, the same street in the evening the
+query. Maps of all sizes are written by the map's own writer from the day's descriptors, lap by
+lap; every lap but one is varied at random until it is another street. Speed does not depend on
+what streets look like, accuracy does: it is in [RESULTS.md](RESULTS.md), measured on real images.
+
+    make bench                                # everything, then this page
+    python -m bench pairs frames              # some parts, table and JSON alone
+    python -m bench --page-only               # the page again, from docs/performance.json
+"""
+_APPROXIMATE = """\
+## What approximates
+
+| what | how far off | what settles it |
+| --- | --- | --- |
+| 8-bit kernels (`kernel: int8`, what `auto` takes where the processor can) | {int8} | the \
+sequences that end at the best 8 candidates are scored again in float32 before anything is \
+published |
+| float32 kernels | {float32} | nothing needs to |
+| the shortlist (`search: shortlist`): references are scored only where a sequence may end that \
+looks alike at first sight, by a reduced descriptor | what it does not list is not found: see \
+*shortlist* in [RESULTS.md](RESULTS.md) | `search: exhaustive` scores every reference |
+| cells in half precision, in maps | {half} | a map answers alike before it was saved and after \
+it was opened |
+
+`kernel: numpy` with `search: exhaustive` approximates nothing. docs/RESULTS.md has the accuracy of
+both ways of matching and both ways of searching on the real sequences.
+"""
+_ADVICE = """\
+## On a robot
+
+* `OPENBLAS_NUM_THREADS=1`, also around a program of your own: threads of BLAS wait for each other
+  by spinning, and take what they wait with from everybody else. `vpr_node` and `convseq` set it
+  for themselves if it is not set.
+* `pip install 'convseq_ros[fast]'` brings numba; `ros2 topic echo /diagnostics` tells the kernel
+  that is in use. Without numba everything works, more slowly.
+* `threads: 0` takes the cores that the process may use, two at most. A frame with the shortlist
+  hardly gains from a second one; `search: exhaustive` does. `taskset -c 3` keeps the node to a
+  core.
+* `search: shortlist`, the default, for maps of more than a few hundred places. `exhaustive` is the
+  paper's, and costs what the table says.
+* The first start compiles for some seconds; later ones load what was compiled. The node says
+  *warming up* on /diagnostics until it is ready, and does not listen before.
+
+## Limits
+
+* At first sight every reference is looked at, one short product each. Above about a million places
+  that alone would fill a frame's time, and an index is needed: `Shortlist` in
+  `convseq_ros/core/retrieval.py` is the only place that would know of it.
+* Measured on one machine. Its instructions are named above; a processor without 8-bit dot products
+  runs the float32 kernel, and ARM has not been measured.
+* The released script was not run: it needs Python 2. Its steps were restated and timed here.
+"""
+
+
+def write_page(measured: Mapping[str, Any], docs: Path) -> None:
+    """Write the document, and the picture into its folder of images."""
+    rows = measured['findings']
+    frames = [row for row in rows if row['part'] == 'frames']
+    drawn = draw_cost(frames, docs / 'images' / _PICTURE)
+    parts = [
+        '# Performance\n',
+        'Written by `make bench`; do not edit.\n',
+        _machine(measured['about']),
+        _HOW,
+        '## Targets\n',
+        _markdown([row for row in rows if row['target']]),
+    ]
+    if drawn:
+        parts.append(f'![What a frame costs against the size of the map](images/{_PICTURE})\n')
+    for name, title in _TITLES.items():
+        own = [row for row in rows if row['part'] == name]
+        if own:
+            about = _ABOUT[name].format(frames=measured['about']['frames'])
+            parts += [f'## {title}\n', _wrapped(about), _markdown(own)]
+    parts.append(_APPROXIMATE.format(
+        int8=_errors(rows, 'int8'), float32=_errors(rows, 'float32'), half=_rounding(rows)
+    ))  # fmt: skip
+    parts.append(_ADVICE)
+    text = '\n'.join(parts)
+    (docs / 'PERFORMANCE.md').write_text(text, encoding='utf-8')
+
+
+def _machine(about: Mapping[str, Any]) -> str:
+    machine = about['machine']
+    versions = ', '.join(f'{name} {version}' for name, version in about['versions'].items())
+    return _wrapped(
+        f'{about["date"][:10]}, {machine["cpu"]}, {machine["cores"]} cores, '
+        f'{number(machine["memory_gb"])} GB; 8-bit kernels: {machine["int8"]}, float32 kernels: '
+        f'{machine["float32"]}; {versions}; BLAS: {machine["blas"]}. It took '
+        f'{about["seconds"] / 60:.0f} minutes; load before it started: {machine["load"]}.'
+    )
+
+
+def _markdown(rows: Iterable[Row]) -> str:
+    """Return findings as a table; columns that are empty throughout are left out."""
+    lines = [cells(row) for row in rows]
+    used = [place for place in range(len(COLUMNS)) if any(line[place] for line in lines)]
+    heads = [COLUMNS[place] for place in used]
+    body = [[line[place] for place in used] for line in lines]
+    return '\n'.join(
+        f'| {" | ".join(line)} |' for line in [heads, ['---'] * len(heads), *body]
+    ) + '\n'  # fmt: skip
+
+
+def _errors(rows: Sequence[Row], kernel: str) -> str:
+    """Return the largest errors of a kernel's pair scores, by the way of matching."""
+    found: dict[str, float] = {}
+    for row in rows:
+        if row['side'] == f'{kernel} kernel' and row['note'].startswith('error '):
+            matching = row['what'].partition(' ')[0]
+            error = float(row['note'].split()[1])
+            found[matching] = max(error, found.get(matching, 0.0))
+    return _largest({f'{matching} scores': error for matching, error in found.items()})
+
+
+def _rounding(rows: Sequence[Row]) -> str:
+    stored = [row for row in rows if row['unit'] == 'largest difference']
+    return _largest({row['side']: row['value'] for row in stored})
+
+
+def _largest(errors: Mapping[str, float]) -> str:
+    told = ', '.join(f'{error:.0e} in {scores}' for scores, error in errors.items())
+    return f'{told}: the largest of the pairs above' if told else 'not measured here'
+
+
+def _wrapped(text: str, width: int = 99) -> str:
+    return textwrap.fill(text, width) + '\n'

@@ -1,0 +1,115 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recogniser with the file of its map, which grows with it in online mode."""
+
+from pathlib import Path
+import time
+
+from convseq_ros.config import Config
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map_keeper import MapKeeper
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import ReferenceMap
+import numpy as np
+
+
+class Session:
+    """
+    Opens a map and recognises its places; in online mode, also keeps what is added to it.
+
+    Parameters
+    ----------
+    path : Path or None
+        The map's file. In preloaded mode it must exist and is never written; in online mode it is
+        made if there is none. None is a map in memory: empty, and lost at the end.
+    config : Config
+        How to recognise, and the mode.
+
+    Attributes
+    ----------
+    path : Path or None
+        As given.
+    is_growing : bool
+        Whether the mode is online.
+    committed_s : float or None
+        Monotonic time at which the file grew last.
+    recognizer : PlaceRecognizer
+        What frames are given to.
+
+    Raises
+    ------
+    MapError
+        If the map cannot be opened or, in online mode, not be written.
+
+    """
+
+    def __init__(self, path: Path | None, config: Config) -> None:
+        self.path = path
+        self.is_growing = config.online.mode == 'online'
+        if path is None or (self.is_growing and not path.exists()):
+            reference_map = ReferenceMap(config.encoding)
+        else:
+            reference_map = open_map(path, config.encoding)
+        self.committed_s: float | None = None
+        self._keeper: MapKeeper | None = None
+        if path is not None and self.is_growing:
+            self._keeper = MapKeeper(path, reference_map)
+        self.recognizer = PlaceRecognizer(reference_map, config)
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether there is a file that grows."""
+        return self._keeper is not None
+
+    @property
+    def kept(self) -> int:
+        """Places that are safe in the file."""
+        return self._keeper.committed if self._keeper else 0
+
+    @property
+    def added(self) -> int:
+        """Places that came in this session."""
+        return len(self.recognizer.reference_map) - self.recognizer.session_start
+
+    @property
+    def kernel(self) -> str:
+        """What computes pair scores."""
+        return self.recognizer.matcher.kernel
+
+    def warm_up(self) -> None:
+        """Compile what is compiled at its first use, which may take seconds."""
+        encoding = self.recognizer.config.encoding
+        drawn = np.arange(64 * 64, dtype=np.uint16).astype(np.uint8).reshape(64, 64)
+        describe(drawn, encoding)
+        self.recognizer.matcher.warm_up()
+
+    def keep(self) -> None:
+        """
+        Write to the file what was added to the map; call it after every frame.
+
+        Raises
+        ------
+        MapError
+            If it cannot be written, once. The map goes on in memory; later calls try again.
+
+        """
+        if self._keeper:
+            before = self._keeper.committed
+            self._keeper.keep()
+            if self._keeper.committed > before:
+                self.committed_s = time.monotonic()
+
+    def close(self) -> None:
+        """
+        Make all that was added safe and close the file.
+
+        Raises
+        ------
+        MapError
+            If it cannot be written.
+
+        """
+        if self._keeper:
+            self._keeper.close()
+

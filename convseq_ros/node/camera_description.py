@@ -1,0 +1,50 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which camera takes the images, by its camera_info."""
+
+from typing import Any
+
+from convseq_ros.core.types import Camera
+from convseq_ros.errors import SourceError
+from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.sources.camera_info import camera_from_info, fitted
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+_DEPTH = 10
+
+
+class CameraDescription:
+    """
+    Listens to `camera_info`; what it said last holds.
+
+    Parameters
+    ----------
+    node : Node
+        Whose relative topic `camera_info` it is.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._camera: Camera | None = None
+        self._logger = node.get_logger()
+        self._subscription = FollowingSubscription(
+            node, CameraInfo, 'camera_info', self._on_camera_info, _DEPTH
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether the camera is calibrated."""
+        return self._camera is not None
+
+    def for_image(self, height: int, width: int) -> Camera | None:
+        """Return the camera as it describes images of a size, in pixels; None if unknown."""
+        camera = self._camera
+        return fitted(camera, height, width) if camera else None
+
+    def _on_camera_info(self, message: Any) -> None:
+        try:
+            self._camera = camera_from_info(message)
+        except SourceError as error:
+            self._camera = None
+            self._logger.warning(f'{self._subscription.topic}: {error}', once=True)

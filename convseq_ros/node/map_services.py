@@ -1,0 +1,163 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loading and saving maps while frames come in, without losing one."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+import time
+from typing import TypeVar
+
+from convseq_ros.config import Config
+from convseq_ros.core.map_file import save_map
+from convseq_ros.core.session import Session
+from convseq_ros.errors import ConvseqError, MapError
+from convseq_ros.node.recognition import Arrival, Recognition
+from convseq_ros.node.services import in_background
+from convseq_ros.node.worker import Worker
+from nav_msgs.srv import LoadMap
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+Result = TypeVar('Result')
+
+_ANSWER_S = 30.0
+_COMMIT_S, _POLL_S = 5.0, 0.05
+
+
+class MapServices:
+    """
+    Offers `~/load_map` and `~/save_map`.
+
+    Parameters
+    ----------
+    node : Node
+        Whose private services they are.
+    worker : Worker
+        In whose thread maps are exchanged, between two frames.
+    recognition : Recognition
+        Who uses the map.
+    config : callable
+        Returns the present configuration.
+
+    Attributes
+    ----------
+    save_path : str
+        Where `~/save_map` writes; empty if there is no such place.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        worker: Worker[Arrival],
+        recognition: Recognition,
+        config: Callable[[], Config],
+        save_path: str,
+    ) -> None:
+        self.save_path = save_path
+        self._logger = node.get_logger()
+        self._worker = worker
+        self._recognition = recognition
+        self._config = config
+        # Its own group, so that images and other services are served while a map is opened.
+        group = MutuallyExclusiveCallbackGroup()
+        node.create_service(LoadMap, '~/load_map', self._on_load_map, callback_group=group)
+        node.create_service(Trigger, '~/save_map', self._on_save_map, callback_group=group)
+
+    def announce(self) -> None:
+        """Log which map is in use."""
+        session = self._recognition.session
+        count = len(session.recognizer.reference_map)
+        if session.is_growing:
+            where = session.path or 'memory; what it holds is lost at the end, without a map_path'
+            text = f'recognising {count} places and adding to them, in {where}'
+        elif count:
+            text = f'recognising {count} places of {session.path}'
+        else:
+            text = 'no map yet; waiting for ~/load_map'
+        self._logger.info(text)
+
+    async def _on_load_map(
+        self, request: LoadMap.Request, response: LoadMap.Response
+    ) -> LoadMap.Response:
+        path = request.map_url.removeprefix('file://')
+        try:
+            if not path:
+                raise MapError('map_url is empty; give the path of a map')
+            session = await in_background(partial(self._open, Path(path)))
+        except (ConvseqError, OSError) as error:
+            self._logger.error(str(error))
+            response.result = (
+                LoadMap.Response.RESULT_INVALID_MAP_DATA
+                if Path(path).is_file()
+                else LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
+            )
+            return response
+        swap = partial(self._recognition.swap, session)
+        await in_background(partial(self._between_frames, swap))
+        self.announce()
+        response.result = LoadMap.Response.RESULT_SUCCESS
+        return response
+
+    def _open(self, path: Path) -> Session:
+        present = self._recognition.session
+        if present.is_kept and path.exists() and path.samefile(present.path or ''):
+            raise MapError(f'{path}: is the map that is growing already')
+        session = Session(path, self._config())
+        session.warm_up()
+        return session
+
+    async def _on_save_map(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        try:
+            response.message = await in_background(self._save)
+        except (ConvseqError, OSError) as error:
+            response.success, response.message = False, str(error)
+            self._logger.error(f'save_map: {error}')
+            return response
+        response.success = True
+        return response
+
+    def _save(self) -> str:
+        """Save the map as it is now; return where."""
+        session = self._recognition.session
+        if not len(session.recognizer.reference_map):
+            raise MapError('there is no map to save')
+        if self.save_path:
+            target = Path(self.save_path)
+            if session.is_kept and target.exists() and target.samefile(session.path or ''):
+                raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
+            save_map(session.recognizer.reference_map, target)
+            return self.save_path
+        if session.is_kept:
+            _complete(session)
+            return str(session.path)
+        raise MapError('save_map_path is empty; set it to the file to write')
+
+    def _between_frames(self, work: Callable[[], Result]) -> Result:
+        """Return what the worker's thread returns for some work; not to be called in it."""
+        future: Future[Result] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(work())
+            except BaseException as error:
+                future.set_exception(error)
+
+        self._worker.between_items(run)
+        return future.result(_ANSWER_S)
+
+
+def _complete(session: Session) -> None:
+    """Wait until the file has what is in the map by now; it is written now and then anyway."""
+    wanted = len(session.recognizer.reference_map)
+    deadline_s = time.monotonic() + _COMMIT_S
+    while session.kept < wanted:
+        session.keep()
+        if time.monotonic() > deadline_s:
+            raise MapError(f'{session.path}: cannot be written; what it lacks is in memory')
+        time.sleep(_POLL_S)

@@ -1,0 +1,93 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A subscription that is reliable if the publisher is."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import (
+    QoSMessageLostInfo,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
+from rclpy.node import Node
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+
+
+class FollowingSubscription:
+    """
+    Asks for reliable delivery, and gives way to best effort when a publisher offers no better.
+
+    Parameters
+    ----------
+    node : Node
+        Who subscribes.
+    kind : type
+        Of the messages.
+    topic : str
+        Relative or absolute.
+    on_message : callable
+        Receives each message in the executor's thread.
+    depth : int
+        Messages that may wait for the executor.
+    reliability : str
+        'auto' as above, 'reliable' or 'best_effort' to stay with that.
+
+    Attributes
+    ----------
+    lost : int
+        Messages that the middleware reported as lost.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: type,
+        topic: str,
+        on_message: Callable[[Any], None],
+        depth: int,
+        reliability: str = 'auto',
+    ) -> None:
+        self.lost = 0
+        self._node = node
+        self._asked = kind, topic, on_message
+        self._depth = depth
+        self._reliability = reliability
+        best_effort = reliability == 'best_effort'
+        self._subscribe(
+            ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+        )
+
+    @property
+    def topic(self) -> str:
+        """The topic as it was resolved."""
+        return str(self._subscription.topic_name)
+
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        self._subscription = self._node.create_subscription(
+            *self._asked,
+            QoSProfile(depth=self._depth, reliability=reliability),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._on_incompatible_qos,
+                message_lost=self._on_lost,
+                use_default_callbacks=False,
+            ),
+        )
+
+    def _on_incompatible_qos(self, info: QoSRequestedIncompatibleQoSInfo) -> None:
+        logger = self._node.get_logger()
+        if info.last_policy_kind != QoSPolicyKind.RELIABILITY:
+            logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
+        elif self._reliability == 'auto':
+            logger.info(f'{self.topic}: its publisher sends best effort; following it')
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+        else:
+            logger.warning(
+                f'{self.topic}: a publisher sends best effort only and is not heard; '
+                'set image_reliability to auto'
+            )
+
+    def _on_lost(self, info: QoSMessageLostInfo) -> None:
+        self.lost += info.total_count_change

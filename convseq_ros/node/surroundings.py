@@ -1,0 +1,37 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What other topics say of an image: where it was taken, and by which camera."""
+
+from convseq_ros.core.types import Camera, Pose
+from convseq_ros.node.camera_description import CameraDescription
+from convseq_ros.node.odometry import Odometry
+from rclpy.node import Node
+
+
+class Surroundings:
+    """
+    Listens to `odom` and `camera_info`; both are optional.
+
+    Parameters
+    ----------
+    node : Node
+        Whose relative topics they are.
+
+    Attributes
+    ----------
+    odometry : Odometry
+    camera : CameraDescription
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.odometry = Odometry(node)
+        self.camera = CameraDescription(node)
+
+    def pose_at(self, stamp_ns: int) -> Pose | None:
+        """Return where an image was taken; waits for odometry, 50 ms at most."""
+        return self.odometry.pose_at(stamp_ns)
+
+    def camera_for(self, height: int, width: int) -> Camera | None:
+        """Return the camera that takes images of a size, in pixels."""
+        return self.camera.for_image(height, width)

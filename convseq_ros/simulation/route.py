@@ -1,0 +1,159 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A way through a town whose streets cross at right angles, as often as it likes."""
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
+import math
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.simulation.street import Spot, Street
+import numpy as np
+
+Corner = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """
+    A part of a route without a change of street or of curvature.
+
+    Parameters
+    ----------
+    x, y, yaw_rad : float
+        Where it begins, in the world.
+    length_m : float
+    curvature : float
+        Radians per metre, positive to the left.
+    start, end : tuple of 2 floats
+        The corners between which the street that is seen here was entered.
+
+    """
+
+    x: float
+    y: float
+    yaw_rad: float
+    length_m: float
+    curvature: float
+    start: Corner
+    end: Corner
+
+    def at(self, distance_m: float) -> tuple[float, float, float]:
+        """Return x, y and yaw after a distance from its beginning."""
+        yaw = self.yaw_rad + self.curvature * distance_m
+        if not self.curvature:
+            along = distance_m
+            return self.x + along * math.cos(yaw), self.y + along * math.sin(yaw), yaw
+        radius = 1 / self.curvature
+        return (
+            self.x + radius * (math.sin(yaw) - math.sin(self.yaw_rad)),
+            self.y - radius * (math.cos(yaw) - math.cos(self.yaw_rad)),
+            yaw,
+        )
+
+
+@dataclass(frozen=True)
+class Route:
+    """
+    A way along streets that lie on lines of constant x or of constant y.
+
+    Every line is one street, whoever drives it and how often: so a route that comes back to a
+    line sees the same houses again. In a bend the view changes from one street to the other half
+    way round, as the crossing itself is not drawn.
+
+    Parameters
+    ----------
+    corners : tuple of (float, float)
+        x, y in metres where it begins, of each corner, and where it ends.
+    seed : int
+        Of the town; decides every street.
+    radius_m : float
+        Of the bends.
+
+    Raises
+    ------
+    ConvseqError
+        If it does not go along the lines, turns back on itself, or its corners are too near.
+
+    """
+
+    corners: tuple[Corner, ...]
+    seed: int = 0
+    radius_m: float = 6.0
+    _pieces: tuple[_Piece, ...] = field(init=False, repr=False, compare=False)
+    _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if len(self.corners) < 2 or not self.radius_m > 0:
+            raise ConvseqError(
+                f'corners: {len(self.corners)} corners and a radius of {self.radius_m} m are no '
+                'route; give two or more, and a positive radius'
+            )
+        for (x, y), (next_x, next_y) in pairwise(self.corners):
+            if (x == next_x) == (y == next_y):
+                raise ConvseqError(
+                    f'corners: {x, y} to {next_x, next_y} is not along x or y; add a corner'
+                )
+        pieces = tuple(self._lay())
+        starts = tuple(accumulate((piece.length_m for piece in pieces), initial=0.0))
+        object.__setattr__(self, '_pieces', pieces)
+        object.__setattr__(self, '_starts', starts)
+
+    @property
+    def length_m(self) -> float:
+        """How long it is, metres along its middle."""
+        return self._starts[-1]
+
+    def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
+        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        index = min(bisect_right(self._starts, distance_m), len(self._pieces)) - 1
+        piece = self._pieces[index]
+        x, y, ahead = piece.at(distance_m - self._starts[index])
+        x, y = x - offset_m * math.sin(ahead), y + offset_m * math.cos(ahead)
+        yaw = ahead + yaw_rad
+        (line_x, line_y), (_, end_y) = piece.start, piece.end
+        if line_y == end_y:
+            return Spot(x, y, yaw, self._street(0, line_y), x, y - line_y, yaw)
+        return Spot(x, y, yaw, self._street(1, line_x), y, line_x - x, yaw - math.pi / 2)
+
+    def _street(self, axis: int, line: float) -> Street:
+        """Return the street on a line: y = line for axis 0, x = line for axis 1."""
+        entropy = (self.seed, axis, round(line * 1000) % (1 << 32))
+        seed = np.random.SeedSequence(entropy).generate_state(1)[0]
+        return Street(self.length_m, int(seed))
+
+    def _lay(self) -> list[_Piece]:
+        pieces = []
+        legs = list(pairwise(self.corners))
+        before = 0.0
+        for index, (start, end) in enumerate(legs):
+            yaw = _yaw(start, end)
+            turn = _turn(yaw, _yaw(*legs[index + 1])) if index + 1 < len(legs) else 0.0
+            after = self.radius_m if turn else 0.0
+            length = math.dist(start, end) - before - after
+            if length < 0 or abs(turn) > 2:
+                raise ConvseqError(
+                    f'corners: there is no bend of {self.radius_m:g} m at {end}; '
+                    'let no corners lie so near, and do not turn back'
+                )
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            x, y = start[0] + before * cos, start[1] + before * sin
+            pieces.append(_Piece(x, y, yaw, length, 0.0, start, end))
+            if turn:
+                curvature = math.copysign(1 / self.radius_m, turn)
+                half = math.pi / 4 * self.radius_m
+                x, y = x + length * cos, y + length * sin
+                first = _Piece(x, y, yaw, half, curvature, start, end)
+                pieces += [first, _Piece(*first.at(half), half, curvature, *legs[index + 1])]
+            before = after
+        return pieces
+
+
+def _yaw(start: Corner, end: Corner) -> float:
+    return math.atan2(end[1] - start[1], end[0] - start[0])
+
+
+def _turn(before: float, after: float) -> float:
+    """Return by how much one turns to the left, -pi .. pi."""
+    return math.remainder(after - before, 2 * math.pi)

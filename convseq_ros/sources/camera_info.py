@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A camera out of the fields of a sensor_msgs/CameraInfo, from rclpy or from a recording."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+from convseq_ros.core.types import Camera
+from convseq_ros.errors import SourceError
+
+
+def camera_from_info(message: Any) -> Camera | None:
+    """
+    Return what a CameraInfo says of its camera.
+
+    Parameters
+    ----------
+    message : sensor_msgs/CameraInfo
+        K is taken; P if K is zero. Region of interest and binning count, distortion does not.
+
+    Returns
+    -------
+    Camera or None
+        None if the camera is not calibrated: K and P are zero.
+
+    Raises
+    ------
+    SourceError
+        If a value is impossible.
+
+    """
+    k, p = [float(value) for value in message.k], [float(value) for value in message.p]
+    fx, fy, cx, cy = (k[0], k[4], k[2], k[5]) if any(k) else (p[0], p[5], p[2], p[6])
+    width, height = int(message.width), int(message.height)
+    if not any((fx, fy, cx, cy)):
+        return None
+    if not (all(map(math.isfinite, (fx, fy, cx, cy))) and min(fx, fy, width, height) > 0):
+        raise SourceError(
+            f'camera_info: focal lengths {fx:g}, {fy:g} and size {width} x {height} px are not '
+            'those of a camera; calibrate it, or set K to zero'
+        )
+    part = message.roi
+    if part.width and part.height:
+        width, height = int(part.width), int(part.height)
+        cx, cy = cx - part.x_offset, cy - part.y_offset
+    across, down = message.binning_x or 1, message.binning_y or 1
+    return Camera(
+        max(1, width // across), max(1, height // down),
+        fx / across, fy / down, cx / across, cy / down,
+    )  # fmt: skip
+
+
+def fitted(camera: Camera, height: int, width: int) -> Camera:
+    """
+    Return the camera as it would be described for images of another size.
+
+    Images are often made smaller between a camera and its users, who get the same description.
+
+    Parameters
+    ----------
+    camera : Camera
+        As described.
+    height, width : int
+        Of the images, pixels.
+
+    """
+    if (camera.height_px, camera.width_px) == (height, width):
+        return camera
+    across, down = width / camera.width_px, height / camera.height_px
+    return replace(
+        camera,
+        width_px=width,
+        height_px=height,
+        fx_px=camera.fx_px * across,
+        fy_px=camera.fy_px * down,
+        cx_px=camera.cx_px * across,
+        cy_px=camera.cy_px * down,
+    )

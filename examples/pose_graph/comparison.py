@@ -1,0 +1,107 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What false closures cost, with and without a robust back end."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from statistics import median
+
+from graph import Closure, Odometry, optimise, Solution
+import numpy as np
+import numpy.typing as npt
+from trajectory_error import absolute_error_m
+
+Truth = Mapping[int, tuple[float, float]]
+_APART_M, _APART_NS = 20.0, 30_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """
+    Several graphs that were told the same number of false closures, each time other ones.
+
+    Parameters
+    ----------
+    false : int
+        How many.
+    robust : bool
+        By graduated non-convexity, or believing every closure.
+    errors_m : tuple of float
+        Trajectory error of each graph.
+    right_kept, false_kept : tuple of int
+        Closures that each graph kept.
+
+    """
+
+    false: int
+    robust: bool
+    errors_m: tuple[float, ...]
+    right_kept: tuple[int, ...]
+    false_kept: tuple[int, ...]
+
+    @property
+    def median_m(self) -> float:
+        """The error in the middle."""
+        return median(self.errors_m)
+
+
+def draw_false(rng: np.random.Generator, truth: Truth, count: int) -> list[Closure]:
+    """Return closures of places that are 20 m apart or more, passed 30 s apart or more."""
+    stamps = sorted(truth)
+    found: list[Closure] = []
+    while len(found) < count:
+        reference_ns, query_ns = sorted(stamps[i] for i in rng.integers(0, len(stamps), 2))
+        far = math.dist(truth[reference_ns], truth[query_ns]) >= _APART_M
+        if far and query_ns - reference_ns >= _APART_NS:
+            found.append(Closure(query_ns, reference_ns))
+    return found
+
+
+def error_m(solution: Solution, truth: Truth, before: bool = False) -> float:
+    """Return the trajectory error of a solution, or of the odometry it began with."""
+    path = solution.before if before else solution.after
+    return absolute_error_m(path[:, :2], true_path(solution, truth))
+
+
+def true_path(solution: Solution, truth: Truth) -> npt.NDArray[np.float64]:
+    """Return where the keyframes really were, shape (N, 2)."""
+    return np.array([truth[stamp_ns] for stamp_ns in solution.stamps_ns.tolist()])
+
+
+def compare(
+    odometry: Odometry, right: Sequence[Closure], truth: Truth, counts: Sequence[int], draws: int
+) -> list[Trial]:
+    """
+    Return a trial for every number of false closures, without and with robust optimisation.
+
+    Parameters
+    ----------
+    odometry : Odometry
+        What the robot measured.
+    right : sequence of Closure
+        What the place recogniser said.
+    truth : mapping of int to (float, float)
+        x, y in metres at the stamps of the odometry, nanoseconds.
+    counts : sequence of int
+        How many false closures to add.
+    draws : int
+        How often to draw them anew; none are drawn once only.
+
+    """
+    trials = []
+    for count in counts:
+        told = [
+            [*right, *draw_false(np.random.default_rng((count, draw)), truth, count)]
+            for draw in range(draws if count else 1)
+        ]
+        for robust in (False, True):
+            solutions = [optimise(odometry, closures, robust=robust) for closures in told]
+            trials.append(Trial(
+                count,
+                robust,
+                tuple(error_m(solution, truth) for solution in solutions),
+                tuple(sum(solution.kept[:len(right)]) for solution in solutions),
+                tuple(sum(solution.kept[len(right):]) for solution in solutions),
+            ))
+    return trials

@@ -1,0 +1,207 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closures into a pose graph, live: `make demo-slam`."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+import json
+from pathlib import Path
+import shutil
+import sys
+
+try:
+    import gtsam  # noqa: F401
+    import matplotlib  # noqa: F401
+    import rclpy  # noqa: F401
+except ModuleNotFoundError as error:
+    sys.exit(
+        f"demo: {error.name} is not installed; run `pip install 'convseq_ros[slam,ros,plot]'`"
+    )
+from comparison import compare, draw_false, error_m, Trial, Truth
+from convseq_ros.errors import ConvseqError
+from convseq_ros.sources.recording import read_poses
+from graph import Closure, Odometry, optimise
+from live import play
+import numpy as np
+from picture import draw_picture
+from record import read_record
+from simulated import DRIFT, record, two_blocks
+
+_MARKER = '.convseq-demo-slam'
+_COUNTS = (0, 1, 3, 6, 12)
+_SAME_PLACE_M = 5.0
+_VPR = {
+    'mode': 'online', 'exclusion_s': 30.0, 'closure_interval_s': 2.0,
+    'matching': 'coherent', 'search': 'shortlist', 'queue_size': 1000,
+}  # fmt: skip
+
+
+def main() -> int:
+    """Simulate, run the nodes, compare, and draw; return the exit code."""
+    parser = argparse.ArgumentParser(prog='demo', description=__doc__)
+    parser.add_argument('--output', type=Path, default=Path('demo-slam'), help='(demo-slam)')
+    parser.add_argument('--picture', type=Path, help='where to put a copy of the picture')
+    parser.add_argument('--rate', type=float, default=3.0, help='speed of playing (3)')
+    parser.add_argument('--false', type=int, default=6, help='false closures sent live (6)')
+    parser.add_argument('--draws', type=int, default=10, help='of false closures, each count (10)')
+    parser.add_argument(
+        '--block', type=float, nargs=2, default=(110.0, 70.0), metavar='M',
+        help='width and depth of a block of the town (110 70)',
+    )
+    chosen = parser.parse_args()
+    try:
+        _run(chosen)
+    except (ConvseqError, OSError) as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(chosen: argparse.Namespace) -> None:
+    folder: Path = chosen.output.absolute()
+    _make_empty(folder)
+    _say('drawing a drive through a town')
+    route = two_blocks(*chosen.block)
+    recording = folder / 'drive'
+    record(recording, route)
+    truth = {
+        stamp_ns: pose.position[:2] for stamp_ns, pose in read_poses(recording, '/ground_truth')
+    }
+    false = draw_false(np.random.default_rng(0), truth, chosen.false)
+    (folder / 'false_closures.json').write_text(
+        json.dumps([[query / 1e9, reference / 1e9] for query, reference, _ in false])
+    )
+    _say(f'playing it to vpr_node and to the pose graph, at {chosen.rate:g} times its speed')
+    play(folder, len(truth), chosen.rate, _VPR)
+
+    stamped, closures, kept = read_record(folder / 'pose_graph.json')
+    injected = {(_micro(c.query_ns), _micro(c.reference_ns)) for c in false}
+    is_false = [(_micro(c.query_ns), _micro(c.reference_ns)) in injected for c in closures]
+    ours = [c for c, wrong in zip(closures, is_false, strict=True) if not wrong]
+    odometry = Odometry()
+    for stamp_ns, pose in stamped:
+        odometry.add(stamp_ns, pose)
+    right = [closure for closure in ours if _apart_m(truth, closure) <= _SAME_PLACE_M]
+    _say(f'adding false closures, {chosen.draws} times each number')
+    trials = compare(odometry, right, truth, _COUNTS, chosen.draws)
+
+    live = optimise(odometry, closures)
+    errors = {
+        'odometry alone': error_m(live, truth, before=True),
+        'every closure of vpr_node believed': error_m(
+            optimise(odometry, ours, robust=False), truth
+        ),
+        'closures of vpr_node, GNC': error_m(optimise(odometry, ours), truth),
+        'live, with the false ones, GNC': error_m(live, truth),
+    }
+    print(f'\n{_told(route.length_m, len(truth))}\n')
+    print(_summary(truth, ours, kept, is_false))
+    print()
+    print(_table(errors, trials, len(right)))
+    picture = folder / 'demo_slam.png'
+    draw_picture(
+        picture, odometry, live, closures, truth, trials,
+        f'{len(ours)} closures of its online mode, {len(ours) - len(right)} of them wrong, and '
+        f'{sum(is_false)} false ones sent in between: the graph kept {sum(live.kept)} and '
+        f'rejected {len(closures) - sum(live.kept)}',
+    )  # fmt: skip
+    _write_results(folder / 'results.json', errors, trials, len(ours), len(right))
+    if chosen.picture:
+        shutil.copyfile(picture, chosen.picture)
+    print(f'\nresults  {folder / "results.json"}\npicture  {chosen.picture or picture}')
+
+
+def _make_empty(folder: Path) -> None:
+    """Make the folder anew if a demo made it; refuse to delete what somebody else made."""
+    marker = folder / _MARKER
+    if folder.exists() and any(folder.iterdir()) and not marker.is_file():
+        raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    marker.touch()
+
+
+def _micro(stamp_ns: int) -> int:
+    """Return microseconds, as exactly as seconds in a float64 keep them."""
+    return round(stamp_ns / 1000)
+
+
+def _told(length_m: float, frames: int) -> str:
+    return (
+        f'A drawn town: {length_m:.0f} m, {frames} frames; odometry is {DRIFT.scale:.1%} too long '
+        f'and turns {DRIFT.yaw_bias_deg:g} degrees too far in 100 m, and noise.'
+    )
+
+
+def _summary(
+    truth: Truth, ours: Sequence[Closure], kept: Sequence[bool], is_false: Sequence[bool]
+) -> str:
+    apart = [_apart_m(truth, closure) for closure in ours]
+    right = sum(distance <= _SAME_PLACE_M for distance in apart)
+    ours_kept = sum(k and not f for k, f in zip(kept, is_false, strict=True))
+    false_kept = sum(k and f for k, f in zip(kept, is_false, strict=True))
+    lines = [
+        f'vpr_node sent {len(ours)} closures, {right} of them of places within '
+        f'{_SAME_PLACE_M:g} m (median {np.median(apart) if apart else 0:.1f} m)',
+        f'the pose graph, live, kept {ours_kept} of these, and {false_kept} of '
+        f'{sum(is_false)} false ones sent in between',
+    ]
+    return '\n'.join(lines)
+
+
+def _apart_m(truth: Truth, closure: Closure) -> float:
+    query, reference = (
+        truth[min(truth, key=lambda known: abs(known - stamp_ns))] for stamp_ns in closure[:2]
+    )
+    return float(np.hypot(query[0] - reference[0], query[1] - reference[1]))
+
+
+def _table(errors: Mapping[str, float], trials: Sequence[Trial], right: int) -> str:
+    by = {(trial.false, trial.robust): trial for trial in trials}
+    plain, robust = ([by[count, way] for count in _COUNTS] for way in (False, True))
+    rows = [
+        (f'false ones added to the {right} right ones', [str(count) for count in _COUNTS]),
+        ('every closure believed (LM)', [f'{trial.median_m:.2f}' for trial in plain]),
+        ('    lowest - highest', [_range(trial) for trial in plain]),
+        ('graduated non-convexity (GNC)', [f'{trial.median_m:.2f}' for trial in robust]),
+        ('    lowest - highest', [_range(trial) for trial in robust]),
+        (f'    right ones kept, of {right}', [_least_most(t.right_kept) for t in robust]),
+        ('    false ones kept', [_least_most(t.false_kept) for t in robust]),
+    ]
+    lines = [
+        'Trajectory error (ATE RMSE after SE2 alignment, metres), median of the draws',
+        *(f'{name:38}{error:>15.2f}' for name, error in errors.items()),
+        '',
+    ]
+    lines += [f'{name:38}' + ''.join(f'{cell:>15}' for cell in cells) for name, cells in rows]
+    return '\n'.join(lines)
+
+
+def _range(trial: Trial) -> str:
+    return f'{min(trial.errors_m):.2f} - {max(trial.errors_m):.2f}'
+
+
+def _least_most(counts: Sequence[int]) -> str:
+    low, high = min(counts), max(counts)
+    return str(low) if low == high else f'{low} - {high}'
+
+
+def _write_results(
+    path: Path, errors: Mapping[str, float], trials: Sequence[Trial], sent: int, right: int
+) -> None:
+    path.write_text(json.dumps({
+        'errors_m': errors,
+        'closures': sent,
+        'right': right,
+        'trials': [
+            {name: getattr(trial, name) for name in Trial.__slots__} for trial in trials
+        ],
+    }, indent=2))  # fmt: skip
+
+
+def _say(what: str) -> None:
+    print(f'{what} ...', file=sys.stderr)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

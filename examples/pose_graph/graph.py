@@ -1,0 +1,262 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry and loop closures in, a corrected path out: GTSAM with graduated non-convexity."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+import numpy.typing as npt
+
+_HELD = (1e-3, 1e-3, 1e-4)
+_NEWEST_NS = 200_000_000
+
+
+class Pose(NamedTuple):
+    """Metres and radians, counter-clockwise; x forward, y left."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+class Closure(NamedTuple):
+    """
+    Two times at which the robot was at the same place.
+
+    Parameters
+    ----------
+    query_ns, reference_ns : int
+        The later and the earlier one, nanoseconds.
+    turn_rad : float, optional
+        By how much the robot was turned to the left then, against before; None if not measured.
+
+    """
+
+    query_ns: int
+    reference_ns: int
+    turn_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """
+    Standard deviations of what the graph is told.
+
+    Parameters
+    ----------
+    odometry_m, odometry_rad : float
+        After one metre; they grow with the square root of the distance.
+    closure_m : float
+        Of a closure's position, along and across: the spacing of places, a frame or two by which
+        a match is off, and the width of a lane.
+    closure_rad : float
+        Of its heading, if the robot is only supposed to look the same way.
+    turn_rad : float
+        Of its heading, if that was measured.
+    inlier_probability : float
+        A closure is kept if so many of the right ones would agree with the graph as badly.
+
+    """
+
+    odometry_m: float = 0.05
+    odometry_rad: float = 0.01
+    closure_m: float = 1.5
+    closure_rad: float = 0.15
+    turn_rad: float = 0.05
+    inlier_probability: float = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """
+    Where the robot was at its keyframes.
+
+    Parameters
+    ----------
+    stamps_ns : ndarray of int64, shape (N,)
+    before, after : ndarray of float64, shape (N, 3)
+        x, y, yaw by odometry alone, and as corrected; both begin at the first odometry.
+    kept : tuple of bool
+        For each closure, whether the corrected path agrees with it; False for one that lies
+        outside the odometry.
+
+    """
+
+    stamps_ns: npt.NDArray[np.int64]
+    before: npt.NDArray[np.float64]
+    after: npt.NDArray[np.float64]
+    kept: tuple[bool, ...]
+
+
+class Odometry:
+    """
+    Where the robot believes to be over time; some of it are keyframes, the nodes of the graph.
+
+    Parameters
+    ----------
+    keyframe_distance_m, keyframe_turn_rad : float
+        A keyframe is made after so much of either.
+
+    """
+
+    def __init__(self, keyframe_distance_m: float = 2.0, keyframe_turn_rad: float = 0.35) -> None:
+        self._distance_m, self._turn_rad = keyframe_distance_m, keyframe_turn_rad
+        self._stamps: list[int] = []
+        self._poses: list[Pose] = []
+        self._keyframes: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self._keyframes)
+
+    @property
+    def measured(self) -> list[tuple[int, Pose]]:
+        """All that was added: stamps in nanoseconds, and poses."""
+        return list(zip(self._stamps, self._poses, strict=True))
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Stamps of the keyframes."""
+        return [self._stamps[index] for index in self._keyframes]
+
+    @property
+    def keyframes(self) -> list[Pose]:
+        """Poses of the keyframes."""
+        return [self._poses[index] for index in self._keyframes]
+
+    def add(self, stamp_ns: int, pose: Pose) -> bool:
+        """Append a pose, and tell whether it became a keyframe; late ones are left out."""
+        if self._stamps and stamp_ns <= self._stamps[-1]:
+            return False
+        self._stamps.append(stamp_ns)
+        self._poses.append(pose)
+        if self._keyframes:
+            last = self._poses[self._keyframes[-1]]
+            turned = math.remainder(pose.yaw - last.yaw, 2 * math.pi)
+            if math.dist(pose[:2], last[:2]) < self._distance_m and abs(turned) < self._turn_rad:
+                return False
+        self._keyframes.append(len(self._stamps) - 1)
+        return True
+
+    def at(self, stamp_ns: int) -> Pose | None:
+        """Return the pose at a time, between those added; up to 0.2 s later it is the last one."""
+        after = bisect_right(self._stamps, stamp_ns)
+        if not after or stamp_ns - self._stamps[-1] > _NEWEST_NS:
+            return None
+        if after == len(self._stamps):
+            return self._poses[-1]
+        first, second = self._poses[after - 1], self._poses[after]
+        span = self._stamps[after] - self._stamps[after - 1]
+        share = (stamp_ns - self._stamps[after - 1]) / span
+        return Pose(
+            first.x + share * (second.x - first.x),
+            first.y + share * (second.y - first.y),
+            first.yaw + share * math.remainder(second.yaw - first.yaw, 2 * math.pi),
+        )
+
+    def place(self, stamp_ns: int) -> tuple[int, gtsam.Pose2] | None:
+        """Return the number of the last keyframe before a time, and the way from there."""
+        pose = self.at(stamp_ns)
+        if pose is None:
+            return None
+        index = bisect_right(self._keyframes, bisect_right(self._stamps, stamp_ns) - 1) - 1
+        return index, gtsam.Pose2(*self.keyframes[index]).between(gtsam.Pose2(*pose))
+
+
+def optimise(
+    odometry: Odometry, closures: Sequence[Closure], noise: Noise | None = None,
+    robust: bool = True,
+) -> Solution:
+    """
+    Return the path that agrees best with the odometry and with the closures.
+
+    A closure says that two places are the same: position zero apart, heading as measured or
+    alike. Graduated non-convexity (Yang, Antonante, Tzoumas and Carlone, RA-L 2020), with
+    truncated least squares, decides which closures to believe; the odometry is always believed.
+
+    Parameters
+    ----------
+    odometry : Odometry
+        At least one pose.
+    closures : sequence of Closure
+        Those outside the odometry are left out.
+    noise : Noise, optional
+        How far all of it is to be trusted.
+    robust : bool
+        False believes every closure: plain Levenberg-Marquardt.
+
+    Raises
+    ------
+    ValueError
+        If there is no odometry.
+
+    """
+    noise = noise or Noise()
+    poses = [gtsam.Pose2(*pose) for pose in odometry.keyframes]
+    if not poses:
+        raise ValueError('there is no odometry to optimise')
+    graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.add(gtsam.PriorFactorPose2(0, poses[0], _sigmas(*_HELD)))
+    initial.insert(0, poses[0])
+    for index in range(1, len(poses)):
+        step = poses[index - 1].between(poses[index])
+        root = math.sqrt(max(0.1, math.hypot(step.x(), step.y())))
+        along, turn = noise.odometry_m * root, noise.odometry_rad * root
+        model = _sigmas(along, along, turn)
+        graph.add(gtsam.BetweenFactorPose2(index - 1, index, step, model))
+        initial.insert(index, poses[index])
+    believed = graph.size()
+    used = []
+    for number, closure in enumerate(closures):
+        factor = _factor(odometry, closure, noise)
+        if factor is not None:
+            used.append(number)
+            graph.add(factor)
+    result, inliers = initial, [True] * len(used)
+    if used and robust:
+        result, inliers = _graduated(graph, initial, believed, noise.inlier_probability)
+    elif used:
+        result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
+    kept = [False] * len(closures)
+    for number, inlier in zip(used, inliers, strict=True):
+        kept[number] = inlier
+    after = [result.atPose2(index) for index in range(len(poses))]
+    return Solution(
+        np.array(odometry.stamps_ns, np.int64),
+        np.array(odometry.keyframes),
+        np.array([(pose.x(), pose.y(), pose.theta()) for pose in after]),
+        tuple(kept),
+    )
+
+
+def _graduated(
+    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, believed: int, probability: float
+) -> tuple[gtsam.Values, list[bool]]:
+    """Return the estimate, and which of the factors after the believed ones it agrees with."""
+    settings = gtsam.GncLMParams()
+    settings.setLossType(gtsam.GncLossType.TLS)
+    settings.setKnownInliers(list(range(believed)))
+    optimizer = gtsam.GncLMOptimizer(graph, initial, settings)
+    optimizer.setInlierCostThresholdsAtProbability(probability)
+    result = optimizer.optimize()
+    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
+
+
+def _factor(odometry: Odometry, closure: Closure, noise: Noise) -> gtsam.BetweenFactorPose2 | None:
+    """Return the factor between the keyframes before both times; None if it would say nothing."""
+    reference, query = odometry.place(closure.reference_ns), odometry.place(closure.query_ns)
+    if reference is None or query is None or reference[0] == query[0]:
+        return None
+    same = gtsam.Pose2(0.0, 0.0, closure.turn_rad or 0.0)
+    heading = noise.closure_rad if closure.turn_rad is None else noise.turn_rad
+    measured = reference[1].compose(same).compose(query[1].inverse())
+    model = _sigmas(noise.closure_m, noise.closure_m, heading)
+    return gtsam.BetweenFactorPose2(reference[0], query[0], measured, model)
+
+
+def _sigmas(*values: float) -> gtsam.noiseModel.Diagonal:
+    return gtsam.noiseModel.Diagonal.Sigmas(np.array(values))

@@ -1,0 +1,237 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A back end in one node: odometry and loop closures in, the path before and after out.
+
+Subscribes to `odom` (nav_msgs/Odometry), to `loop_closure` (std_msgs/Float64MultiArray, two times
+in seconds) and, if `use_pose` is true, to `pose` (geometry_msgs/PoseWithCovarianceStamped, by that
+odometry); publishes `~/path_before` and `~/path_after` (nav_msgs/Path) and /diagnostics.
+"""
+
+from dataclasses import asdict
+import math
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import Any
+
+try:
+    from graph import Closure, Noise, Odometry, optimise, Pose, Solution
+except ModuleNotFoundError as error:
+    sys.exit(f"pose_graph_node: {error}; pip install 'convseq_ros[slam]'")
+try:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from geometry_msgs.msg import Pose as PoseMessage
+    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+    from nav_msgs.msg import Odometry as OdometryMessage
+    from nav_msgs.msg import Path as PathMessage
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from rclpy.qos_overriding_options import QoSOverridingOptions
+    from rclpy.utilities import ok, try_shutdown
+    from std_msgs.msg import Float64MultiArray
+except ModuleNotFoundError as error:
+    sys.exit(f"pose_graph_node: {error}; pip install 'convseq_ros[ros]'")
+from record import write_record
+
+# No message is lost while the graph is optimised.
+_DEPTH = 1000
+
+
+class PoseGraphNode(Node):
+    """
+    Keeps a pose graph and optimises it when there are new closures.
+
+    Parameters
+    ----------
+    kwargs
+        As for Node.
+
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('pose_graph', **kwargs)
+        self._map_frame = self._declared('map_frame', 'map')
+        self._result_file = self._declared('result_file', '')
+        self._noise = Noise(**{
+            name: self._declared(name, default) for name, default in asdict(Noise()).items()
+        })
+        self._odometry = Odometry(
+            self._declared('keyframe_distance_m', 2.0), self._declared('keyframe_turn_rad', 0.35)
+        )
+        self._pairs: list[tuple[int, int]] = []
+        self._headings: dict[int, float] = {}
+        self._closures: list[Closure] = []
+        self._solved = self._shown = 0
+        self._solution: Solution | None = None
+        self._duration_s = 0.0
+        overrides = QoSOverridingOptions.with_default_policies()
+        self._before = self.create_publisher(PathMessage, '~/path_before', 1)
+        self._after = self.create_publisher(PathMessage, '~/path_after', 1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(
+            OdometryMessage, 'odom', self._on_odometry, QoSProfile(depth=_DEPTH),
+            qos_overriding_options=overrides,
+        )
+        self.create_subscription(
+            Float64MultiArray, 'loop_closure', self._on_closure, QoSProfile(depth=_DEPTH),
+            qos_overriding_options=overrides,
+        )
+        if self._declared('use_pose', False):
+            self.create_subscription(
+                PoseWithCovarianceStamped, 'pose', self._on_pose, QoSProfile(depth=_DEPTH)
+            )
+        self.create_timer(self._declared('period_s', 1.0), self._work)
+
+    def finish(self) -> None:
+        """Optimise once more, with all that has come, and write the result file."""
+        if not len(self._odometry):
+            return
+        self._solve()
+        if self._result_file:
+            path = Path(self._result_file)
+            write_record(path, self._odometry, self._closures, self._solution.kept)
+
+    def _declared(self, name: str, default: Any) -> Any:
+        return self.declare_parameter(name, default).value
+
+    def _on_odometry(self, message: OdometryMessage) -> None:
+        pose = _pose(message.pose.pose)
+        if all(map(math.isfinite, pose)):
+            self._odometry.add(_stamp_ns(message), pose)
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        self._headings[_micro(_stamp_ns(message))] = _pose(message.pose.pose).yaw
+
+    def _on_closure(self, message: Float64MultiArray) -> None:
+        if len(message.data) != 2 or not all(map(math.isfinite, message.data)):
+            self.get_logger().warning(
+                f'a closure is two times in seconds; left out {list(message.data)}'
+            )
+            return
+        query_ns, reference_ns = (round(seconds * 1e9) for seconds in message.data)
+        self._pairs.append((query_ns, reference_ns))
+
+    def _work(self) -> None:
+        if len(self._pairs) > self._solved:
+            self._solve()
+            self._tell()
+        if len(self._odometry) > self._shown:
+            self._show()
+
+    def _solve(self) -> None:
+        begun_s = time.monotonic()
+        self._closures = [Closure(*pair, self._turn(*pair)) for pair in self._pairs]
+        self._solution = optimise(self._odometry, self._closures, self._noise)
+        self._duration_s = time.monotonic() - begun_s
+        self._solved = len(self._closures)
+
+    def _turn(self, query_ns: int, reference_ns: int) -> float | None:
+        """Return how far the robot was turned against before, if a pose told."""
+        heading = self._headings.get(_micro(query_ns))
+        before = self._odometry.at(reference_ns)
+        if heading is None or before is None:
+            return None
+        return math.remainder(heading - before.yaw, 2 * math.pi)
+
+    def _show(self) -> None:
+        """Publish both paths; what came after the last closure follows the corrected end."""
+        self._shown = len(self._odometry)
+        before = self._odometry.keyframes
+        stamps_ns = self._odometry.stamps_ns
+        after = before
+        if self._solution is not None:
+            corrected = [Pose(*pose) for pose in self._solution.after.tolist()]
+            known = len(corrected)
+            end, moved = corrected[-1], before[known - 1]
+            after = corrected + [_carried(end, moved, pose) for pose in before[known:]]
+        for publisher, poses in ((self._before, before), (self._after, after)):
+            publisher.publish(self._path(stamps_ns, poses))
+
+    def _path(self, stamps_ns: list[int], poses: list[Pose]) -> PathMessage:
+        path = PathMessage()
+        path.header.frame_id = self._map_frame
+        for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
+            stamped = PoseStamped()
+            stamped.header.frame_id = self._map_frame
+            stamped.header.stamp.sec, stamped.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+            stamped.pose.position.x, stamped.pose.position.y = pose.x, pose.y
+            stamped.pose.orientation.z = math.sin(pose.yaw / 2)
+            stamped.pose.orientation.w = math.cos(pose.yaw / 2)
+            path.poses.append(stamped)
+        if path.poses:
+            path.header.stamp = path.poses[-1].header.stamp
+        return path
+
+    def _tell(self) -> None:
+        text = self._summary()
+        self.get_logger().info(text)
+        values = {
+            'kept': self._kept, 'rejected': len(self._closures) - self._kept,
+            'keyframes': len(self._odometry),
+        }
+        status = DiagnosticStatus(level=DiagnosticStatus.OK, name=self.get_name(), message=text)
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    @property
+    def _kept(self) -> int:
+        return sum(self._solution.kept) if self._solution else 0
+
+    def _summary(self) -> str:
+        return (
+            f'closures: {self._kept} kept, {len(self._closures) - self._kept} rejected; '
+            f'{len(self._odometry)} keyframes, optimised in {self._duration_s * 1000:.0f} ms'
+        )
+
+
+def _pose(pose: PoseMessage) -> Pose:
+    at, turn = pose.position, pose.orientation
+    yaw = math.atan2(
+        2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2)
+    )
+    return Pose(at.x, at.y, yaw)
+
+
+def _stamp_ns(message: Any) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def _micro(stamp_ns: int) -> int:
+    """Return microseconds, as exactly as seconds in a float64 keep them."""
+    return round(stamp_ns / 1000)
+
+
+def _carried(end: Pose, moved: Pose, pose: Pose) -> Pose:
+    """Return where `pose` is if `moved` is really at `end`."""
+    turn = end.yaw - moved.yaw
+    x, y = pose.x - moved.x, pose.y - moved.y
+    cos, sin = math.cos(turn), math.sin(turn)
+    return Pose(end.x + cos * x - sin * y, end.y + sin * x + cos * y, pose.yaw + turn)
+
+
+def main() -> int:
+    """Run until SIGINT or SIGTERM, then optimise once more; return the exit code."""
+    # As in vpr_node: rclpy's own handler ends the spinning, nothing is raised in between.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    rclpy.init()
+    node = PoseGraphNode()
+    try:
+        rclpy.spin(node)
+    except (ExternalShutdownException, RuntimeError):
+        if ok():
+            raise
+    finally:
+        node.finish()
+        node.destroy_node()
+        try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

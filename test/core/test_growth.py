@@ -1,0 +1,92 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map that grows from the robot's own past."""
+
+from convseq_ros.config import EncodingConfig, KeyframeConfig, OnlineConfig
+from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.growth import Growth
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Frame, Pose
+import numpy as np
+import pytest
+
+SECOND = 10**9
+SMALL = EncodingConfig(image_size_px=64)
+GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
+SEEN = describe(GRAY, SMALL)
+
+
+def at(x):
+    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def grown(online, seconds, poses=None, earlier=0, keyframes=KeyframeConfig()):
+    """Drive for some seconds; return the growth and how much was usable at each."""
+    reference_map = ReferenceMap(SMALL)
+    for index in range(earlier):
+        reference_map.add(Place(index), pack_cells(SEEN.cells))
+    growth = Growth(reference_map, online, keyframes)
+    usable = []
+    for second in range(seconds):
+        pose = poses[second] if poses else None
+        usable.append(growth.usable(second * SECOND, pose))
+        growth.add(Frame(second * SECOND, GRAY, 'camera', pose), SEEN)
+    return growth, reference_map, usable
+
+
+def test_places_become_usable_when_they_are_old_enough():
+    _, reference_map, usable = grown(OnlineConfig(exclusion_s=5.0), 10)
+    assert len(reference_map) == 10
+    assert usable == [0, 0, 0, 0, 0, 1, 2, 3, 4, 5]
+
+
+def test_places_of_an_earlier_session_are_usable_at_once():
+    growth, _, usable = grown(OnlineConfig(exclusion_s=3.0), 5, earlier=7)
+    assert growth.session_start == 7
+    assert usable == [7, 7, 7, 8, 9]
+
+
+def test_by_odometry_places_must_also_be_far_behind_on_the_way():
+    online = OnlineConfig(exclusion_s=2.0, exclusion_m=10.0)
+    there_and_back = [at(4 * min(second, 8 - second)) for second in range(9)]
+    assert grown(online, 9, there_and_back)[2] == [0, 0, 0, 1, 2, 3, 4, 5, 6]
+    standing = [at(0)] * 9
+    assert grown(online, 9, standing)[2] == [0] * 9
+
+
+def test_without_odometry_the_distance_counts_for_nothing():
+    assert grown(OnlineConfig(exclusion_s=2.0, exclusion_m=10.0), 5)[2] == [0, 0, 1, 2, 3]
+
+
+def test_a_place_holds_what_a_built_map_holds():
+    _, reference_map, _ = grown(OnlineConfig(), 2, [at(0), at(3)])
+    place = reference_map.places[1]
+    assert (place.stamp_ns, place.source, place.pose) == (SECOND, 'camera', at(3))
+    assert np.array_equal(reference_map.packed(1), pack_cells(SEEN.cells))
+
+
+def test_keyframes_are_chosen_as_for_a_built_map():
+    spaced = KeyframeConfig(keyframe_interval_s=3.0)
+    _, reference_map, _ = grown(OnlineConfig(), 10, keyframes=spaced)
+    assert [place.stamp_ns // SECOND for place in reference_map.places] == [0, 3, 6, 9]
+
+
+def test_a_frame_that_could_not_be_read_is_no_place():
+    growth, reference_map, _ = grown(OnlineConfig(), 0)
+    growth.add(Frame(0, None), nothing_seen(SMALL))
+    assert len(reference_map) == 0
+
+
+def test_a_new_session_makes_all_of_the_map_the_past():
+    growth, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
+    assert growth.usable(4 * SECOND, None) == 0
+    growth.reset()
+    assert growth.session_start == growth.usable(0, None) == 4
+    growth.add(Frame(0, GRAY), SEEN)
+    assert [growth.usable(second * SECOND, None) for second in (1, 5)] == [4, 5]
+    assert len(reference_map) == 5
+
+
+@pytest.mark.parametrize('exclusion_s', [0.0, 0.5])
+def test_the_newest_frame_is_never_its_own_past(exclusion_s):
+    assert grown(OnlineConfig(exclusion_s=exclusion_s), 4)[2] == [0, 1, 2, 3]

@@ -1,0 +1,253 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled pair scores are those of the definitions."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.compiled import available, compiled
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.choice import chosen_kernels
+from convseq_ros.core.matching.coherent import coherent_score, CoherentQuery
+from convseq_ros.core.matching.kernels.instructions import features, float_tile, int8_tile
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor
+import cv2
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TOLERANCE = {
+    ('coherent', 'float32'): 1e-6, ('regional', 'float32'): 1e-6,
+    ('coherent', 'int8'): 1e-2, ('regional', 'int8'): 1e-3,
+}  # fmt: skip
+RESCORED = 5
+
+
+def needs(kernel):
+    if not float_tile():
+        pytest.skip('needs numba, and AVX or ARM')
+    if kernel == 'int8' and not int8_tile():
+        pytest.skip('needs a processor with 8-bit products')
+
+
+@pytest.fixture(params=TOLERANCE, ids=' '.join)
+def pair(request):
+    """Return a compiled kernel, the definition, and how far they may be apart."""
+    way, kernel = request.param
+    needs(kernel)
+    made = chosen_kernels(MatchingConfig(matching=way, kernel=kernel))[0]
+    definition = chosen_kernels(MatchingConfig(matching=way, kernel='numpy'))[0]
+    return made, definition, TOLERANCE[request.param]
+
+
+def drawn(seed, side=32, share=0.7):
+    """Return a descriptor of which about a share is salient: smooth, as images are."""
+    rng = np.random.default_rng(seed)
+    smooth = cv2.GaussianBlur(rng.random((side + 8, side + 8, 8)), (0, 0), 1.0)[4:-4, 4:-4]
+    cells = ((smooth - smooth.min()) ** 3 * 1e5).astype(np.float32)
+    salient = np.zeros((side - 1) ** 2, bool)
+    salient[rng.permutation(salient.size)[: max(1, round(share * salient.size))]] = True
+    entropy = cv2.GaussianBlur(rng.random((side, side)), (0, 0), 1.0)
+    box = cv2.boxFilter(entropy, -1, (3, 3))[1:-1, 1:-1]
+    return Descriptor(cells, salient, entropy - np.quantile(box, 1 - share) + 4.0, 0.5)
+
+
+def compared(kernel, query, references):
+    seen = kernel.see(query, 4.0 - 1e-6)
+    return kernel.compare(seen, [kernel.prepare(one) for one in references])
+
+
+def test_scores_are_those_of_the_definition(pair):
+    kernel, definition, tolerance = pair
+    references = [drawn(seed).cells for seed in range(8)]
+    found, expected = (compared(one, drawn(3), references)[0] for one in (kernel, definition))
+    assert found.dtype == np.float32 and found.shape == (8,)
+    assert np.abs(found - expected).max() < tolerance
+    assert found.argmax() == 3
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    side=st.integers(4, 40), share=st.floats(0, 1), seed=st.integers(0, 1000),
+    which=st.sampled_from(sorted(TOLERANCE)),
+)  # fmt: skip
+def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, which):
+    way, name = which
+    needs(name)
+    kernels = [
+        chosen_kernels(MatchingConfig(matching=way, kernel=one))[0] for one in (name, 'numpy')
+    ]
+    references = [drawn(seed + 1, side).cells, drawn(seed, side).cells]
+    found, expected = (compared(one, drawn(seed, side, share), references) for one in kernels)
+    tolerance = TOLERANCE[which]
+    if name == 'int8':
+        # Few regions: one rounded product, or one vote, is much of the mean.
+        count = max(1, share * (side - 2) ** 2)
+        tolerance += 2 / count if way == 'coherent' else 5e-3 / count**0.5
+    assert np.abs(found[0] - expected[0]).max() < tolerance
+
+
+def test_the_largest_image_is_scored_too(pair):
+    kernel, definition, tolerance = pair
+    reference = [drawn(1, 128).cells]
+    query = drawn(0, 128, 0.02)
+    found, expected = (compared(one, query, reference)[0] for one in (kernel, definition))
+    assert np.abs(found - expected).max() < tolerance
+
+
+def test_shifts_are_those_of_the_definition():
+    needs('float32')
+    wide = drawn(7, 40)
+    entropy = wide.cell_entropy[2:34, 5:37]
+    query = Descriptor(wide.cells[2:34, 5:37], np.ones(961, bool), entropy, 0.5)
+    references = [
+        np.ascontiguousarray(wide.cells[row : row + 32, column : column + 32])
+        for row, column in ((2, 5), (4, 0), (0, 8))
+    ]
+    for name in ('numpy', 'float32', 'int8') if int8_tile() else ('numpy', 'float32'):
+        kernel = chosen_kernels(MatchingConfig(matching='coherent', kernel=name))[0]
+        assert compared(kernel, query, references)[1].tolist() == [[0, 0], [-2, 5], [2, -3]]
+
+
+def test_a_reference_half_of_which_is_flat_is_scored(pair):
+    kernel, definition, tolerance = pair
+    cells = drawn(0).cells
+    cells[:, 16:] = 0
+    query = drawn(0)
+    found, expected = (compared(one, query, [cells])[0] for one in (kernel, definition))
+    assert 0.3 < found[0] < 1
+    # All flat regions are alike: which of them is a counterpart, rounding may decide in NumPy.
+    assert np.abs(found - expected).max() < max(tolerance, 1e-2)
+
+
+def test_of_equal_counterparts_the_first_is_taken():
+    needs('float32')
+    from convseq_ros.core.matching.kernels.coherent import _float_query, float32, FLOATS
+    from convseq_ros.core.matching.kernels.panel import reference_words
+
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        # Whole numbers: every sum is exact, and many are equal.
+        own, other = rng.integers(-1, 2, (2, 900, 32)).astype(np.float32)
+        own[:, 4:] = 0
+        index = np.sort(rng.permutation(900)[:100])
+        query = CoherentQuery(own[index], index, 30)
+        scores, shifts = float32().compare(_float_query(query), [reference_words(other, FLOATS)])
+        expected, shift = coherent_score(query, other)
+        assert scores[0] == pytest.approx(expected, abs=1e-6)
+        assert tuple(shifts[0]) == shift
+
+
+@pytest.fixture(scope='module')
+def corridor(shared_data):
+    drives = []
+    for name in ('query', 'ref'):
+        paths = sorted((shared_data / 'corridor' / name).glob('*.jpg'))
+        drives.append([
+            describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)) for path in paths
+        ])
+    return drives
+
+
+@pytest.mark.parametrize('way', ['coherent', 'regional'])
+def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way):
+    needs('int8')
+    queries, references = corridor
+    reference_map = ReferenceMap()
+    for index, one in enumerate(references):
+        reference_map.add(Place(index), pack_cells(one.cells))
+    everywhere = np.arange(len(references))
+    definition, fast = (
+        Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.5)
+        for kernel in ('numpy', 'int8')
+    )
+    for query in queries[::3]:
+        expected = definition.scores(definition.see(query), everywhere)
+        seen = fast.see(query)
+        scores = fast.scores(seen, everywhere)
+        assert np.abs(scores - expected).max() < TOLERANCE[way, 'int8']
+        best = np.argsort(-scores)[:RESCORED]
+        exact = fast.exact_scores(seen, best)
+        assert np.abs(exact - expected[best]).max() < 1e-6
+        assert best[exact.argmax()] == expected.argmax()
+
+
+# What other machines have, by NUMBA_CPU_NAME, and what is to be used there.
+MACHINES = {
+    'alderlake': ('avx avx2 fma avxvnni', 'avx-vnni'),
+    'haswell': ('avx avx2 fma', 'avx2-maddubs'),
+    'skylake-avx512': ('avx avx2 fma avx512f avx512bw avx512dq avx512vl', 'avx512-maddubs'),
+    'x86-64': ('', ''),
+}
+SCORE_ONE = """
+import numpy as np
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor
+
+cells = np.random.default_rng(0).random((32, 32, 8), np.float32)
+one = Descriptor(cells, np.ones(961, bool), np.full((32, 32), 5.0), 0.5)
+reference_map = ReferenceMap()
+reference_map.add(Place(0), pack_cells(cells[::-1]))
+for way in ('coherent', 'regional'):
+    found = []
+    for kernel in ('auto', 'numpy'):
+        matcher = Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.4)
+        matcher.warm_up()
+        found.append(matcher.scores(matcher.see(one), np.arange(1))[0])
+        print(matcher.kernel)
+    assert abs(found[0] - found[1]) < 1e-2, found
+assert abs(similarity(one, one) - 1) < 1e-6
+"""
+
+
+def names_in_process(lines, **environment):
+    result = subprocess.run(
+        [sys.executable, '-c', lines], cwd=REPOSITORY, capture_output=True, text=True,
+        check=False, env={**os.environ, **environment},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    return set(result.stdout.splitlines())
+
+
+@pytest.mark.parametrize('machine', MACHINES)
+def test_an_instruction_that_the_processor_lacks_is_never_used(machine, tmp_path):
+    needs('int8')
+    there, kernel = MACHINES[machine]
+    if not set(there.split()) <= features():
+        pytest.skip(f'needs a processor with {there}')
+    names = names_in_process(
+        SCORE_ONE, NUMBA_CPU_NAME=machine, NUMBA_CACHE_DIR=str(tmp_path),
+        NUMBA_CPU_FEATURES=','.join(f'+{name}' for name in there.split()),
+    )  # fmt: skip
+    assert names == {f'int8 {kernel}' if kernel else 'numpy', 'numpy'}
+
+
+def test_without_numba_the_definition_is_used():
+    absent = "import sys\nsys.modules['numba'] = None\n"
+    assert names_in_process(absent + SCORE_ONE) == {'numpy'}
+
+
+def test_where_no_folder_can_be_written_code_is_compiled_all_the_same(monkeypatch):
+    if not available():
+        pytest.skip('needs numba')
+    import numba
+
+    compile_ = numba.njit
+
+    def unwritable(cache, **options):
+        if cache:
+            raise RuntimeError('no locator available')
+        return compile_(**options)
+
+    monkeypatch.setattr(numba, 'njit', unwritable)
+    assert compiled(lambda number: number + 1)(2) == 3

@@ -1,0 +1,99 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map of many references: what it needs of disk and memory."""
+
+import json
+import os
+import subprocess
+import sys
+
+from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map_writer import MapWriter
+from convseq_ros.core.pooled import pooled
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.types import Pose
+import cv2
+import numpy as np
+import pytest
+
+COUNT = 20_000
+DRAWN = 50
+
+
+def image(place):
+    rng = np.random.default_rng(place)
+    coarse = cv2.resize(rng.random((30, 40)).astype(np.float32), (640, 480))
+    return ((coarse + rng.random((480, 640)) / 4) * 200).astype(np.uint8)
+
+
+def drawn_cells(place):
+    """Return cells of fading texture, as those of an image are, at a fraction of the cost."""
+    rng = np.random.default_rng(place)
+    return rng.gamma(1.5, 20_000, (32, 32, 8)).astype(np.float32)
+
+
+@pytest.fixture(scope='module')
+def large(tmp_path_factory):
+    """Write a map of places that look like one of a few, each with a bit of its own."""
+    path = tmp_path_factory.mktemp('large') / 'map.db'
+    rng = np.random.default_rng(0)
+    cells = [pack_cells(drawn_cells(place)) for place in range(DRAWN)]
+    sights = [pooled(drawn_cells(place)).astype(np.float32) for place in range(DRAWN)]
+    pictures = [thumbnail(image(place), 128) for place in range(DRAWN)]
+    with MapWriter(path, ReferenceMap().encoding) as writer:
+        for index in range(COUNT):
+            place = Place(index * 10**8, '/camera/image_raw', Pose((index, 0, 0), (0, 0, 0, 1)))
+            like = index % DRAWN
+            sight = sights[like] + rng.normal(0, 0.01, len(sights[like]))
+            writer.add(place, cells[like], pictures[like], sight)
+    return path
+
+
+def test_a_reference_takes_at_most_twenty_kilobytes_of_disk(large):
+    assert large.stat().st_size / COUNT <= 20_000
+
+
+MEASURE = """
+import gc, json, os, sys
+from pathlib import Path
+import numpy as np
+from convseq_ros.core.map_file import open_map
+from convseq_ros.core.retrieval import Shortlist
+from convseq_ros.core.types import Descriptor
+
+def resident():
+    gc.collect()
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE')
+
+before = resident()
+reference_map = open_map(Path(sys.argv[1]))
+opened = resident()
+query = Descriptor(reference_map.cells(7), np.ones(1, bool), np.zeros((32, 32)), 1.0)
+shortlist = Shortlist(reference_map, 50, 10)
+for index in range(3000):
+    reference_map.cells(index * 6)
+    if index % 100 == 0:
+        row = shortlist.row(query)
+print(json.dumps([len(row), int(row.argmax()) % 50, opened - before, resident() - opened]))
+"""
+
+
+@pytest.mark.skipif(not os.path.exists('/proc/self/statm'), reason='needs /proc')
+def test_a_map_takes_little_more_memory_than_its_pooled_descriptors(large):
+    answer = subprocess.run(
+        [sys.executable, '-c', MEASURE, str(large)], capture_output=True, check=True, timeout=60
+    )
+    count, like, opened, used = json.loads(answer.stdout)
+    assert (count, like) == (COUNT, 7)
+    assert 1000 * COUNT < opened < 1600 * COUNT
+    assert used < 12e6
+
+
+def test_any_part_of_a_large_map_is_what_was_written(large):
+    opened = open_map(large)
+    for index in (0, 1, 4711, COUNT - 1):
+        assert opened.places[index].pose.position == (index, 0, 0)
+        assert (opened.packed(index) == pack_cells(drawn_cells(index % DRAWN))).all()
+        assert opened.thumbnail(index) == thumbnail(image(index % DRAWN), 128)

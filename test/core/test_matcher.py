@@ -1,0 +1,160 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The matcher: references, kernels and threads behind one interface."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.matching import choice, Matcher
+from convseq_ros.core.matching.kernels.instructions import float_tile, int8_tile
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Descriptor
+from convseq_ros.errors import ConfigError
+import numpy as np
+import pytest
+
+KERNELS = ['numpy', *(['float32'] if float_tile() else []), *(['int8'] if int8_tile() else [])]
+
+
+def drawn(seed):
+    rng = np.random.default_rng(seed)
+    cells = rng.random((32, 32, 8), np.float32) ** 3
+    return Descriptor(cells, rng.random(961) < 0.7, 3 + 2 * rng.random((32, 32)), 0.5)
+
+
+def drawn_map(count, blank=()):
+    reference_map = ReferenceMap()
+    for index in range(count):
+        cells = drawn(index).cells * (index not in blank)
+        reference_map.add(Place(index), pack_cells(cells))
+    return reference_map
+
+
+@pytest.fixture(params=['coherent', 'regional'])
+def way(request):
+    return request.param
+
+
+@pytest.fixture(params=KERNELS)
+def made(request, way):
+    """Return a function that makes a matcher of a map, with one kernel."""
+
+    def make(reference_map, kept=None, threads=1):
+        matching = MatchingConfig(matching=way, kernel=request.param, threads=threads)
+        return Matcher(reference_map, matching, 0.45, kept)
+
+    return make
+
+
+def test_a_reference_that_shows_nothing_has_no_score(made):
+    matcher = made(drawn_map(5, blank=(1, 3)))
+    query = matcher.see(drawn(4))
+    for scores in (matcher.scores, matcher.exact_scores):
+        found = scores(query, np.arange(5))
+        assert np.isnan(found).tolist() == [False, True, False, True, False]
+        assert np.nanargmax(found) == 4
+    assert np.isnan(matcher.scores(query, np.array([3]))).all()
+    assert matcher.shift(query, 1) is None
+    assert matcher.agreeing(query, 1, (0.0, 0.0)).shape == (0, 4)
+
+
+def test_no_references_have_no_scores(made):
+    matcher = made(drawn_map(1))
+    assert matcher.scores(matcher.see(drawn(0)), np.zeros(0, np.int64)).shape == (0,)
+
+
+def test_a_query_that_shows_nothing_is_not_seen(made):
+    blank = Descriptor(
+        np.zeros((32, 32, 8), np.float32), np.zeros(961, bool), np.zeros((32, 32)), 0.0
+    )
+    assert made(drawn_map(1)).see(blank) is None
+
+
+def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
+    reference_map = drawn_map(70, blank=(50,))
+    indices = np.random.default_rng(0).permutation(70)
+    plain = made(reference_map)
+    query = plain.see(drawn(9))
+    expected = plain.scores(query, indices)
+    for kept, threads in ((None, 2), (3, 1), (3, 4)):
+        matcher = made(reference_map, kept, threads)
+        found = matcher.scores(matcher.see(drawn(9)), indices)
+        assert np.array_equal(found, expected, equal_nan=True)
+    alone = [plain.scores(query, indices[place : place + 1])[0] for place in range(70)]
+    assert np.array_equal(alone, expected, equal_nan=True)
+
+
+def test_places_may_be_added_to_the_map_later(made):
+    reference_map = drawn_map(2)
+    matcher = made(reference_map)
+    query = matcher.see(drawn(5))
+    matcher.scores(query, np.arange(2))
+    reference_map.add(Place(2), pack_cells(drawn(5).cells))
+    assert matcher.scores(query, np.arange(3)).argmax() == 2
+
+
+def test_exact_scores_are_those_of_the_definition(made, way):
+    reference_map = drawn_map(6)
+    definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)
+    expected = definition.scores(definition.see(drawn(2)), np.arange(6))
+    matcher = made(reference_map)
+    query = matcher.see(drawn(2))
+    assert np.abs(matcher.exact_scores(query, np.arange(6)) - expected).max() < 1e-6
+    assert matcher.exact == (not matcher.kernel.startswith('int8'))
+    if matcher.exact:
+        assert np.abs(matcher.scores(query, np.arange(6)) - expected).max() < 1e-6
+
+
+def test_warming_up_changes_no_answer(made):
+    reference_map = drawn_map(4, blank=(0,))
+    cold, warm = made(reference_map), made(reference_map)
+    warm.warm_up()
+    found = [one.scores(one.see(drawn(1)), np.arange(4)) for one in (cold, warm)]
+    assert np.array_equal(*found, equal_nan=True)
+
+
+def test_an_empty_map_can_be_warmed_up(made):
+    made(ReferenceMap()).warm_up()
+
+
+def test_only_coherent_matching_tells_the_shift(made, way):
+    matcher = made(drawn_map(3))
+    query = matcher.see(drawn(1))
+    assert matcher.shift(query, 1) == ((0.0, 0.0) if way == 'coherent' else None)
+    assert (len(matcher.agreeing(query, 1, (0.0, 0.0))) > 300) == (way == 'coherent')
+
+
+def test_two_matchers_may_work_at_once(made):
+    reference_map = drawn_map(40)
+
+    def scored(seed):
+        matcher = made(reference_map, 8, 2)
+        return matcher.scores(matcher.see(drawn(seed)), np.arange(40)).argmax()
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(scored, range(8))) == list(range(8))
+
+
+@pytest.mark.parametrize(
+    ('missing', 'kernel', 'remedy'),
+    [
+        ('available', 'float32', 'numba'), ('available', 'int8', 'numba'),
+        ('int8_tile', 'int8', 'AVX2'), ('float_tile', 'float32', 'AVX'),
+    ],
+)  # fmt: skip
+def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, missing, kernel, remedy):
+    for name in ('available', 'float_tile', 'int8_tile'):
+        monkeypatch.setattr(choice, name, lambda there=name != missing: there)
+    with pytest.raises(ConfigError, match=rf'kernel: {kernel} .*{remedy}.*choose auto'):
+        Matcher(ReferenceMap(), MatchingConfig(kernel=kernel), 0.5)
+
+
+def test_auto_takes_the_fastest_kernel_that_there_is(way):
+    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
+    assert kernel.split()[0] == KERNELS[-1]
+
+
+def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
+    monkeypatch.setattr(choice, 'float_tile', lambda: None)
+    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
+    assert kernel == 'numpy'

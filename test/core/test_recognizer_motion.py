@@ -1,0 +1,189 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot that stops, whose camera loses frames, and who maps as it goes."""
+
+from dataclasses import replace
+
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    MatchingConfig,
+    OnlineConfig,
+    SequenceConfig,
+)
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
+import cv2
+import numpy as np
+import pytest
+
+STEP_NS = 100_000_000
+PLACES = 60
+SMALL = EncodingConfig(image_size_px=256)
+OWN = Config(
+    encoding=SMALL,
+    matching=MatchingConfig(matching='coherent', search='shortlist'),
+    sequence=SequenceConfig(fixed_length=4),
+)
+ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
+
+
+def image(place, seed=0):
+    rng = np.random.default_rng(place)
+    coarse = cv2.resize(rng.random((20, 20)).astype(np.float32), (160, 120))
+    return ((coarse + np.random.default_rng([place, seed]).random((120, 160)) / 2) * 150).astype(
+        np.uint8
+    )
+
+
+@pytest.fixture(scope='module')
+def reference_map():
+    made = ReferenceMap(SMALL)
+    for place in range(PLACES):
+        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+    return made
+
+
+def drive(recognizer, places, start_ns=0, seed=1):
+    """Show places, one a step; None is a frame that never comes."""
+    return [
+        recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
+        for index, place in enumerate(places)
+        if place is not None
+    ]
+
+
+def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map):
+    recognizer = PlaceRecognizer(reference_map, OWN)
+    matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
+    standing = matches[20:50]
+    assert matches[19].accepted.reference_index == 29
+    assert {(match.status, match.reason) for match in standing} == {
+        (Status.REJECTED, Reason.STATIONARY)
+    }
+    assert {match.best.reference_index for match in standing} == {29}
+    assert {match.pairs_scored for match in standing} == {0}
+    for place, match in enumerate(matches[50:], 30):
+        assert match.accepted.reference_index == place
+
+
+def test_a_robot_that_never_moved_has_no_answer(reference_map):
+    matches = drive(PlaceRecognizer(reference_map, OWN), [20] * 5)
+    assert [match.reason for match in matches] == [Reason.WARMING_UP] + [Reason.STATIONARY] * 4
+    assert {match.status for match in matches} == {Status.SKIPPED}
+
+
+def test_the_paper_takes_equal_frames_as_they_come(reference_map):
+    paper = replace(
+        OWN,
+        matching=MatchingConfig(matching='regional', search='exhaustive'),
+        sequence=SequenceConfig(),
+    )
+    matches = drive(PlaceRecognizer(reference_map, paper), [20] * 16)
+    assert Reason.STATIONARY not in {match.reason for match in matches}
+    assert matches[-1].sequence_length == 15
+
+
+def test_by_odometry_a_robot_stands_still_whatever_it_sees(reference_map):
+    recognizer = PlaceRecognizer(reference_map, OWN)
+    here = Pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    matches = [
+        recognizer.process(Frame(index * STEP_NS, image(10 + index), pose=here))
+        for index in range(4)
+    ]
+    assert [match.reason for match in matches] == [Reason.WARMING_UP] + [Reason.STATIONARY] * 3
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_frames_that_never_came_hold_their_places(reference_map, search):
+    config = replace(OWN, matching=MatchingConfig(matching='coherent', search=search))
+    places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
+    shown = [place for place in places if place is not None]
+    matches = drive(PlaceRecognizer(reference_map, config), places)
+    for place, match in zip(shown[14:], matches[14:], strict=True):
+        assert match.accepted.reference_index == place
+
+
+def test_after_a_long_gap_the_sequence_starts_anew(reference_map):
+    places = [None if 20 <= place < 30 else place for place in range(5, 50)]
+    matches = drive(PlaceRecognizer(reference_map, OWN), places)
+    assert [match.reason for match in matches[15:18]] == [Reason.WARMING_UP] * 3
+    assert matches[18].best.reference_index == 33
+
+
+def test_without_speed_search_gaps_are_not_filled(reference_map):
+    config = replace(OWN, matching=replace(OWN.matching, speed_search=False))
+    places = [None if 20 <= place < 30 else place for place in range(5, 50)]
+    matches = drive(PlaceRecognizer(reference_map, config), places)
+    assert Reason.WARMING_UP not in {match.reason for match in matches[3:]}
+
+
+def test_a_map_that_grows_recognises_the_second_lap():
+    grown = ReferenceMap(SMALL)
+    laps = [*range(PLACES)] * 2
+    matches = drive(PlaceRecognizer(grown, ONLINE), laps)
+    assert [match.reason for match in matches[:10]] == [Reason.RECENT] * 10
+    assert len(grown) == 2 * PLACES
+    assert not any(match.accepted for match in matches[:PLACES])
+    for index, match in enumerate(matches[PLACES + 12 :], 12):
+        assert match.accepted.reference_index == index
+        assert match.accepted.reference_stamp_ns == index * STEP_NS
+
+
+def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively():
+    answers = []
+    for search in ('shortlist', 'exhaustive'):
+        config = replace(ONLINE, matching=MatchingConfig(matching='coherent', search=search))
+        matches = drive(PlaceRecognizer(ReferenceMap(SMALL), config), [*range(30)] * 2)
+        answers.append([match.best and match.best.reference_index for match in matches[42:]])
+    assert answers[0] == answers[1]
+
+
+def test_the_second_session_knows_the_first_at_once_and_goes_on_adding():
+    grown = ReferenceMap(SMALL)
+    drive(PlaceRecognizer(grown, ONLINE), range(40))
+    later = PlaceRecognizer(grown, ONLINE)
+    assert later.session_start == 40
+    matches = drive(later, range(10, 30), start_ns=10**15, seed=2)
+    assert matches[-1].accepted.reference_index == 29
+    assert len(grown) == 60 and grown.places[40].stamp_ns == 10**15
+
+
+def test_a_clock_that_jumps_back_begins_another_session():
+    grown = ReferenceMap(SMALL)
+    recognizer = PlaceRecognizer(grown, ONLINE)
+    drive(recognizer, range(40), start_ns=10**12)
+    matches = drive(recognizer, range(10, 30), seed=2)
+    assert (recognizer.resets, recognizer.session_start) == (1, 40)
+    assert matches[-1].accepted.reference_index == 29
+
+
+def test_what_stands_still_does_not_grow_the_map():
+    grown = ReferenceMap(SMALL)
+    drive(PlaceRecognizer(grown, ONLINE), [*range(5), *[4] * 20, *range(5, 10)])
+    assert len(grown) == 10
+
+
+def test_matches_come_at_the_stated_rate(reference_map):
+    config = replace(OWN, acceptance=AcceptanceConfig(closure_interval_s=1.0))
+    matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
+    accepted = [match.query_index for match in matches if match.accepted]
+    assert accepted == list(range(accepted[0], 50, 10))
+    assert {match.reason for match in matches[accepted[0] :]} == {
+        Reason.ACCEPTED, Reason.COOL_DOWN
+    }  # fmt: skip
+
+
+def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map):
+    config = replace(OWN, sequence=SequenceConfig(fixed_length=1))
+    camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+    moved = np.roll(image(20), -20, axis=1)
+    match = PlaceRecognizer(reference_map, config).process(Frame(0, moved, camera=camera))
+    assert match.best.reference_index == 20
+    assert match.best.shift == (0.0, 2.0) and match.shift_px == (0.0, 20.0)
+    assert match.relative_yaw_rad == pytest.approx(-0.2, abs=0.01)
+    unknown = PlaceRecognizer(reference_map, config).process(Frame(0, moved))
+    assert unknown.shift_px == (0.0, 20.0) and unknown.relative_yaw_rad is None

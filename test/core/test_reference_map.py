@@ -1,0 +1,97 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The reference map in memory: what was added is there, whole, for every thread."""
+
+from threading import Thread
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.pooled import pooled
+from convseq_ros.core.reference_map import (
+    pack_cells,
+    Picture,
+    Place,
+    ReferenceMap,
+    unpack_cells,
+)
+from convseq_ros.core.types import Pose
+import numpy as np
+import pytest
+
+ENCODING = EncodingConfig(image_size_px=64)
+POSE = Pose((1.5, -2.0, 0.25), (0.0, 0.0, 0.6, 0.8))
+
+
+def cells(seed):
+    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
+
+
+class Stored:
+    def picture(self, index):
+        return Picture(cells(1000 + index), b'stored')
+
+
+def test_what_is_added_is_there():
+    reference_map = ReferenceMap(ENCODING)
+    places = [Place(2**62, 'a', POSE), Place(-5), Place(7, 'b.png')]
+    for index, place in enumerate(places):
+        reference_map.add(place, cells(index), b'%d' % index)
+    assert list(reference_map.places) == places == reference_map.places[:]
+    assert reference_map.places[-1] == places[2] and reference_map.places[1:] == places[1:]
+    assert (reference_map.packed(1) == cells(1)).all() and reference_map.thumbnail(2) == b'2'
+    for index in range(3):
+        assert (reference_map.pooled[index] == pooled(unpack_cells(cells(index)))).all()
+
+
+@pytest.mark.parametrize('index', [-1, 1])
+def test_a_place_that_is_not_there_is_an_index_error(index):
+    reference_map = ReferenceMap(ENCODING)
+    reference_map.add(Place(0), cells(0))
+    with pytest.raises(IndexError, match='of 1'):
+        reference_map.cells(index)
+
+
+def test_what_is_stored_is_let_go():
+    reference_map = ReferenceMap(ENCODING)
+    for index in range(5):
+        reference_map.add(Place(index), cells(index))
+    for count in (2, 4):
+        reference_map.let_go(count, Stored())
+        found = [reference_map.packed(index) for index in range(5)]
+        expected = [cells(index + 1000 * (index < count)) for index in range(5)]
+        assert (np.array(found) == expected).all()
+        assert len(reference_map._in_memory) == 5 - count
+    reference_map.add(Place(5), cells(5))
+    assert (reference_map.packed(5) == cells(5)).all()
+
+
+def test_whoever_reads_while_it_grows_finds_places_complete():
+    reference_map, problems = ReferenceMap(ENCODING), []
+    first_sight = np.zeros(reference_map.pooled.shape[1])
+
+    def read():
+        while len(reference_map) < 3000:
+            last = len(reference_map) - 1
+            if last < 0:
+                continue
+            views = reference_map.pooled
+            good = (
+                reference_map.places[last].stamp_ns == last
+                and reference_map.thumbnail(last) == b'%d' % last
+                and len(views) > last
+                and views[last, 0] == last
+            )
+            if not good:
+                problems.append(last)
+
+    readers = [Thread(target=read) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    packed = cells(0)
+    for index in range(3000):
+        first_sight[0] = index
+        reference_map.add(Place(index, pose=POSE), packed, b'%d' % index, first_sight)
+        if index % 700 == 699:
+            reference_map.let_go(0, Stored())
+    for reader in readers:
+        reader.join()
+    assert not problems

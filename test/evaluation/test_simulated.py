@@ -1,0 +1,97 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Data sets that are drawn, drives that go backwards, and drives against their own past."""
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation.bench import evaluate, Plan
+from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.drive import Images
+from convseq_ros.evaluation.material import open_material
+from convseq_ros.evaluation.simulated import read_simulated
+import numpy as np
+import pytest
+
+DRAWN = """
+name: drawn
+query: {simulated: {street: 3, num_frames: 6, width_px: 64, height_px: 48, noise: 5}}
+reference: {simulated: {street: 3, num_frames: 6, width_px: 64, height_px: 48, seed: 1}}
+truth: {kind: identity, tolerance: 1}
+"""
+
+
+def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, kept, quick):
+    material = open_material(
+        open_data_set(str(street.write(DRAWN, 'drawn.yaml'))), kept, quick.encoding
+    )
+    query, reference = material.drives(quick.encoding)
+    assert (len(query), len(reference)) == (6, 6)
+    first, second = (np.stack([one.gray for one in material.query]) for _ in range(2))
+    assert first.shape == (6, 48, 64) and (first == second).all()
+    assert (first != np.stack([one.gray for one in material.reference])).any()
+    assert query.stamps_ns[1] - query.stamps_ns[0] == 100_000_000
+
+
+def test_what_is_drawn_is_part_of_what_the_cache_goes_by(tmp_path):
+    one, same, other = (
+        Images(tmp_path, simulated=read_simulated({'street': 1, 'seed': seed}, tmp_path)).content
+        for seed in (1, 1, 2)
+    )
+    assert one == same != other
+
+
+@pytest.mark.parametrize(('said', 'problem'), [
+    ({'strete': 3}, "unknown parameter 'strete'; did you mean street"),
+    ({'noise': 'much'}, "noise: 'much' is not a number"),
+    ({'num_frames': 2.5}, 'num_frames: 2.5 is not a number'),
+    ({'light': 'dusk'}, "light: 'dusk' is not one of"),
+    ({'lane_offset_m': 9}, 'lane_offset_m: 9'),
+    ({'street': -1}, 'seed: -1 is negative'),
+])  # fmt: skip
+def test_a_drive_that_makes_no_sense_is_refused(tmp_path, said, problem):
+    with pytest.raises(ConfigError, match=problem) as caught:
+        read_simulated(said, tmp_path / 'set.yaml')
+    assert '\n' not in str(caught.value) and 'set.yaml' in str(caught.value)
+
+
+@pytest.mark.parametrize('query', ['{}', '{path: query, simulated: {}}'])
+def test_a_drive_is_read_or_drawn(street, query):
+    street.write(f'query: {query}\nreference: {{path: reference}}\ntruth: {{kind: none}}')
+    with pytest.raises(ConfigError, match='query has no path'):
+        street.open()
+
+
+def test_backwards_the_last_image_comes_first_at_the_same_pace(street, kept):
+    encoding = EncodingConfig(image_size_px=128, saliency_threshold=0.2)
+    forwards, _ = street.open().drives(encoding)
+    text = street.file.read_text()
+    street.write(text.replace('{path: query,', '{path: query, backwards: true,'))
+    backwards, _ = street.open().drives(encoding)
+    assert backwards.names == forwards.names[::-1]
+    assert backwards.stamps_ns == forwards.stamps_ns
+    for one, other in zip(backwards.descriptors, forwards.descriptors[::-1], strict=True):
+        assert (one.cells == other.cells).all()
+
+
+def test_poses_do_not_go_backwards(street):
+    street.write(
+        'query: {path: query, backwards: true}\nreference: {path: reference}\n'
+        'truth: {kind: poses, path: poses.csv, radius_m: 2}'
+    )
+    with pytest.raises(Exception, match='poses cannot go backwards'):
+        street.open()
+
+
+def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick, tmp_path):
+    summaries = evaluate(
+        [open_data_set(str(street.file))], quick, Plan(('convseq-k3',), protocols=('past',)),
+        tmp_path / 'out', street.cache,
+    )  # fmt: skip
+    assert [one['set'] for one in summaries] == [
+        'street-query-forwards', 'street-query-backwards', 'street-reference-forwards',
+        'street-reference-backwards',
+    ]  # fmt: skip
+    for one in summaries:
+        assert (one['protocol'], one['known'], one['queries']) == ('online', 0, 24)
+        assert one['accepted'] == one['false_closures']
+        assert one['matched'] == 2  # with k = 3, of 24 frames, the latest 20 left out

@@ -1,0 +1,171 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pose graph corrects a drifting path, and believes no false closure."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
+
+from comparison import compare, draw_false, error_m
+from graph import Closure, Noise, Odometry, optimise, Pose
+from record import read_record, write_record
+from trajectory_error import absolute_error_m, aligned, rmse_m
+
+SECOND = 1_000_000_000
+
+
+def square(side=10, laps=1, turn=math.pi / 2, length=1.0):
+    """Return odometry of a square, and the truth, a pose a second, side steps a side."""
+    odometry, truth = Odometry(0.5), {}
+    x = y = yaw = true_yaw = 0.0
+    true_x = true_y = 0.0
+    stamp_ns = 0
+    for step in range(4 * side * laps + 1):
+        odometry.add(stamp_ns, Pose(x, y, yaw))
+        truth[stamp_ns] = (true_x, true_y)
+        x, y = x + length * math.cos(yaw), y + length * math.sin(yaw)
+        true_x, true_y = true_x + math.cos(true_yaw), true_y + math.sin(true_yaw)
+        if step % side == side - 1:
+            yaw, true_yaw = yaw + turn, true_yaw + math.pi / 2
+        stamp_ns += SECOND
+    return odometry, truth
+
+
+def test_without_closures_the_path_is_the_odometry():
+    odometry, _ = square()
+    solution = optimise(odometry, [])
+    assert solution.after[:, :2] == pytest.approx(solution.before[:, :2])
+    assert solution.kept == ()
+
+
+def test_a_closure_that_the_odometry_agrees_with_changes_nothing():
+    odometry, truth = square()
+    solution = optimise(odometry, [Closure(40 * SECOND, 0)])
+    assert solution.kept == (True,)
+    assert np.abs(solution.after[:, :2] - solution.before[:, :2]).max() < 1e-6
+    assert error_m(solution, truth) < 1e-6
+
+
+@pytest.mark.parametrize('robust', [False, True])
+def test_one_closure_shares_out_the_drift_of_a_line(robust):
+    odometry = Odometry(0.5)
+    for second in range(11):
+        odometry.add(second * SECOND, Pose(0.1 * second, 0.0, 0.0))
+    noise = Noise(odometry_m=0.3, closure_m=0.3, closure_rad=0.1)
+    solution = optimise(odometry, [Closure(10 * SECOND, 0)], noise, robust)
+    steps = np.diff(solution.before[:, 0])
+    assert len(odometry) == 3 and steps == pytest.approx([0.5, 0.5])
+    # Three equally stiff springs in a line: two say 0.5 m apart, one says 0 m from end to end.
+    stiffness = 1 / (0.3**2 * 0.5), 1 / 0.3**2
+    end = stiffness[0] / 2 * 1.0 / (stiffness[0] / 2 + stiffness[1])
+    assert solution.after[-1, 0] == pytest.approx(end, abs=1e-4)
+    assert solution.after[1, 0] == pytest.approx(end / 2, abs=1e-4)
+
+
+def test_closures_bring_a_drifting_square_back():
+    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    solution = optimise(odometry, closures)
+    assert all(solution.kept)
+    assert error_m(solution, truth, before=True) > 2.0
+    assert error_m(solution, truth) < 0.4 * error_m(solution, truth, before=True)
+
+
+def test_a_false_closure_is_rejected_and_would_have_cost_a_lot():
+    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.03)
+    right = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    false = [Closure(120 * SECOND, 10 * SECOND)]
+    robust, plain = (optimise(odometry, right + false, robust=way) for way in (True, False))
+    alone = optimise(odometry, right)
+    assert robust.kept == (*[True] * len(right), False)
+    assert error_m(robust, truth) == pytest.approx(error_m(alone, truth), abs=0.01)
+    assert plain.kept[-1]
+    assert error_m(plain, truth) > 2 * error_m(robust, truth)
+
+
+def test_a_measured_turn_is_believed():
+    odometry = Odometry(0.5)
+    for second in range(5):
+        odometry.add(second * SECOND, Pose(float(second), 0.0, 0.0))
+    noise = Noise(odometry_rad=1.0, closure_m=50.0, turn_rad=0.001)
+    solution = optimise(odometry, [Closure(4 * SECOND, 0, 0.5)], noise, robust=False)
+    assert solution.after[-1, 2] == pytest.approx(0.5, abs=0.01)
+
+
+def test_closures_between_keyframes_count_from_where_the_robot_was():
+    odometry = Odometry(10.0)
+    for second in range(25):
+        odometry.add(second * SECOND, Pose(float(second), 0.0, 0.0))
+    assert odometry.stamps_ns == [0, 10 * SECOND, 20 * SECOND]
+    index, offset = odometry.place(13 * SECOND + SECOND // 2)
+    assert index == 1 and offset.x() == pytest.approx(3.5)
+    noise = Noise(odometry_m=0.3, closure_m=1e-3)
+    solution = optimise(odometry, [Closure(23 * SECOND, 4 * SECOND)], noise, robust=False)
+    # The place at 4 s is 4 m after keyframe 0, that at 23 s 3 m after keyframe 2.
+    assert solution.after[2, 0] + 3 == pytest.approx(solution.after[0, 0] + 4, abs=0.05)
+
+
+@pytest.mark.parametrize('closure', [
+    Closure(900 * SECOND, 0), Closure(5 * SECOND, -SECOND), Closure(5 * SECOND, 5 * SECOND),
+])
+def test_a_closure_outside_the_odometry_is_left_out(closure):
+    odometry, _ = square()
+    solution = optimise(odometry, [closure, Closure(40 * SECOND, 0)])
+    assert solution.kept == (False, True)
+
+
+def test_late_odometry_is_left_out_and_turning_makes_keyframes():
+    odometry = Odometry(1.0, 0.5)
+    assert odometry.add(SECOND, Pose(0, 0, 0))
+    assert not odometry.add(SECOND, Pose(9, 9, 0))
+    assert not odometry.add(2 * SECOND, Pose(0.5, 0, 0))
+    assert odometry.add(3 * SECOND, Pose(0.5, 0, 0.6))
+    assert odometry.add(4 * SECOND, Pose(1.5, 0, 0.6))
+    assert len(odometry) == 3
+
+
+def test_no_odometry_is_refused():
+    with pytest.raises(ValueError, match='no odometry'):
+        optimise(Odometry(), [])
+
+
+def test_a_record_tells_all_that_the_graph_was_told(tmp_path):
+    odometry, _ = square()
+    closures = [Closure(40 * SECOND, 0), Closure(39 * SECOND, SECOND, 0.1)]
+    write_record(tmp_path / 'graph.json', odometry, closures, [True, False])
+    assert read_record(tmp_path / 'graph.json') == (odometry.measured, closures, [True, False])
+    assert [path.name for path in tmp_path.iterdir()] == ['graph.json']
+
+
+def test_alignment_undoes_a_turn_and_a_shift_but_no_mirror():
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(0, 50, (30, 2))
+    cos, sin = math.cos(2.0), math.sin(2.0)
+    moved = truth @ np.array(((cos, sin), (-sin, cos))) + (7.0, -3.0)
+    assert aligned(moved, truth) == pytest.approx(truth)
+    assert absolute_error_m(moved, truth) < 1e-9
+    assert absolute_error_m(truth * (1, -1), truth) > 5
+    assert rmse_m(truth + np.array((3, 4)), truth) == pytest.approx(5.0)
+
+
+def test_false_closures_are_false_and_the_same_every_time():
+    _, truth = square(side=40, laps=2)
+    drawn, again = (draw_false(np.random.default_rng(2), truth, 12) for _ in range(2))
+    assert drawn == again and len(drawn) == 12
+    for closure in drawn:
+        assert math.dist(truth[closure.query_ns], truth[closure.reference_ns]) >= 20
+        assert closure.query_ns - closure.reference_ns >= 30 * SECOND
+
+
+def test_the_comparison_counts_what_each_way_keeps():
+    odometry, truth = square(side=25, laps=2, turn=math.pi / 2 + 0.02)
+    right = [Closure((100 + at) * SECOND, at * SECOND) for at in range(0, 100, 5)]
+    trials = {(t.false, t.robust): t for t in compare(odometry, right, truth, (0, 3), 2)}
+    assert trials[3, False].false_kept == (3, 3)
+    assert trials[3, True].false_kept == (0, 0)
+    assert trials[3, True].right_kept == (len(right), len(right))
+    assert len(trials[0, True].errors_m) == 1 and len(trials[3, True].errors_m) == 2
+    assert trials[3, True].median_m < trials[3, False].median_m

@@ -1,0 +1,127 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The whole example, small: over DDS, with vpr_node in online mode, and a listener as LIO-SAM."""
+
+import json
+import math
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+
+import pytest
+
+pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
+pytest.importorskip('rclpy', reason="needs ROS: pip install '.[ros]'")
+pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
+
+from convseq_ros.sources.recording import read_poses
+from graph import Odometry, optimise
+from live import environment, play
+import numpy as np
+from record import read_record
+from simulated import record, two_blocks
+from trajectory_error import absolute_error_m
+
+EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'pose_graph'
+SETTINGS = {
+    'mode': 'online', 'exclusion_s': 12.0, 'closure_interval_s': 1.0, 'matching': 'coherent',
+    'search': 'shortlist', 'queue_size': 1000,
+}  # fmt: skip
+SECOND = 1_000_000_000
+
+
+class Listener:
+    """Hears loop closures as LIO-SAM does: best effort, depth 1."""
+
+    def __init__(self, folder: Path) -> None:
+        from rclpy.context import Context
+        from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+        from rclpy.node import Node
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from std_msgs.msg import Float64MultiArray
+
+        self.heard: list[tuple[float, ...]] = []
+        self._context = Context()
+        self._context.init(domain_id=int(environment(folder)['ROS_DOMAIN_ID']))
+        self._node = Node('lio_sam', context=self._context)
+        self._node.create_subscription(
+            Float64MultiArray, '/vpr_node/loop_closure',
+            lambda message: self.heard.append(tuple(message.data)),
+            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+        )  # fmt: skip
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+
+        def spin() -> None:
+            try:
+                executor.spin()
+            except ExternalShutdownException:
+                pass
+            executor.shutdown()
+
+        self._thread = threading.Thread(target=spin)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Leave the graph."""
+        self._context.try_shutdown()
+        self._thread.join()
+        self._node.destroy_node()
+
+
+@pytest.mark.flaky(reruns=1)
+def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
+    record(tmp_path / 'drive', two_blocks(40.0, 30.0))
+    truth = {
+        stamp_ns: pose.position[:2]
+        for stamp_ns, pose in read_poses(tmp_path / 'drive', '/ground_truth')
+    }
+    first_ns = min(truth)
+    false = [(first_ns + 36 * SECOND, first_ns + 7 * SECOND)]
+    assert math.dist(truth[false[0][0]], truth[false[0][1]]) > 15
+    (tmp_path / 'false_closures.json').write_text(
+        json.dumps([[stamp_ns / 1e9 for stamp_ns in pair] for pair in false])
+    )
+    listener = Listener(tmp_path)
+    try:
+        play(tmp_path, len(truth), 8.0, SETTINGS)
+    finally:
+        listener.stop()
+
+    stamped, closures, kept = read_record(tmp_path / 'pose_graph.json')
+    assert [stamp_ns for stamp_ns, _ in stamped] == sorted(truth)
+    wrong = [abs(closure.query_ns - false[0][0]) < 1000 for closure in closures]
+    assert sum(wrong) == 1
+    assert not kept[wrong.index(True)]
+    assert sum(kept) >= 5
+    for closure in closures:
+        assert closure.query_ns - closure.reference_ns >= 12 * SECOND
+    told = {tuple(round(stamp_ns / 1000) for stamp_ns in closure[:2]) for closure in closures}
+    heard = {tuple(round(seconds * 1e6) for seconds in pair) for pair in listener.heard}
+    assert all(len(pair) == 2 for pair in listener.heard)
+    assert heard <= told and len(heard) >= 0.8 * len(told)
+
+    odometry = Odometry()
+    for stamp_ns, pose in stamped:
+        odometry.add(stamp_ns, pose)
+    solution = optimise(odometry, closures)
+    real = np.array([truth[stamp_ns] for stamp_ns in solution.stamps_ns.tolist()])
+    before, after = (absolute_error_m(p[:, :2], real) for p in (solution.before, solution.after))
+    assert after < 0.6 * before
+
+
+@pytest.mark.parametrize('script', ['demo.py', 'pose_graph_node.py'])
+@pytest.mark.parametrize('missing', ['gtsam', 'rclpy'])
+def test_what_is_missing_is_one_line_that_says_how_to_get_it(tmp_path, script, missing):
+    (tmp_path / f'{missing}.py').write_text(
+        f'raise ModuleNotFoundError("No module named {missing!r}", name={missing!r})\n'
+    )
+    result = subprocess.run(
+        [sys.executable, EXAMPLE / script], capture_output=True, text=True, check=False,
+        env=os.environ | {'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])},
+    )  # fmt: skip
+    assert result.returncode == 1
+    assert missing in result.stderr and 'pip install' in result.stderr
+    assert result.stderr.count('\n') == 1

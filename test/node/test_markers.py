@@ -1,0 +1,161 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What RViz and Foxglove draw."""
+
+from unittest.mock import Mock
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.descriptor import describe
+from convseq_ros.core.pose_estimate import PoseEstimate
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
+from convseq_ros.node import reference_path
+from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
+from convseq_ros.node.reference_path import path_message, ReferencePath
+import numpy as np
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker
+
+HEADER = Header(frame_id='map')
+ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
+REJECTED = Match(4, 10, Status.REJECTED, Reason.WEAK, (Candidate(5, 8, 0.75),), 2)
+BLANK = pack_cells(describe(np.zeros((64, 64), np.uint8)).cells)
+
+
+def pose(x, y=0.0):
+    return Pose((float(x), float(y), 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def map_of(*poses):
+    reference_map = ReferenceMap()
+    for stamp, each in enumerate(poses):
+        reference_map.add(Place(stamp, pose=each), BLANK)
+    return reference_map
+
+
+def estimate(x):
+    return PoseEstimate(pose(x), np.eye(6))
+
+
+def xs(marker):
+    return [point.x for point in marker.points]
+
+
+class Viewer:
+    """What a `MatchMarkers` publishes."""
+
+    def __init__(self, watchers=1):
+        self.publisher = Mock()
+        self.publisher.get_subscription_count.return_value = watchers
+        node = Mock()
+        node.create_publisher.return_value = self.publisher
+        self.markers = MatchMarkers(node)
+
+    def see(self, *args):
+        """Return the markers that are published for a frame, by namespace."""
+        self.publisher.publish.reset_mock()
+        self.markers.publish(*args, 'map')
+        if not self.publisher.publish.called:
+            return None
+        (message,) = self.publisher.publish.call_args.args
+        return {marker.ns: marker for marker in message.markers}
+
+
+def test_closures_are_drawn_as_lio_sam_does():
+    nodes, edges = closure_markers(HEADER, [((1, 0, 0), (2, 0, 0)), (None, (3, 0, 0))])
+    assert (nodes.ns, nodes.type) == ('loop_nodes', Marker.SPHERE_LIST)
+    assert (edges.ns, edges.type) == ('loop_edges', Marker.LINE_LIST)
+    assert xs(nodes) == [1, 2, 3]
+    assert xs(edges) == [1, 2]
+    assert all(marker.header.frame_id == 'map' for marker in (nodes, edges))
+    assert all(marker.action == Marker.ADD and marker.color.a == 1 for marker in (nodes, edges))
+
+
+def test_lists_without_points_are_removed():
+    assert [marker.action for marker in closure_markers(HEADER, [])] == [Marker.DELETE] * 2
+    assert places_marker(HEADER, map_of(None).places).action == Marker.DELETE
+
+
+def test_places_are_dots_as_large_as_fits():
+    places = places_marker(HEADER, map_of(pose(0), None, pose(0.6), pose(1.2)).places)
+    assert (places.ns, places.type) == ('places', Marker.POINTS)
+    assert xs(places) == [0, 0.6, 1.2]
+    assert places.scale.x == pytest.approx(0.2)
+
+
+def test_of_a_large_map_not_all_places_are_drawn(monkeypatch):
+    monkeypatch.setattr('convseq_ros.node.markers._MOST_PLACES', 4)
+    assert xs(places_marker(HEADER, map_of(*map(pose, range(10))).places)) == [0, 3, 6, 9]
+
+
+def test_nothing_is_built_for_nobody_and_closures_are_remembered():
+    viewer, reference_map = Viewer(watchers=0), map_of(pose(0))
+    assert viewer.see(ACCEPTED, reference_map, estimate(1), pose(2)) is None
+    viewer.publisher.get_subscription_count.return_value = 1
+    drawn = viewer.see(REJECTED, reference_map, None, None)
+    assert xs(drawn['loop_edges']) == [2, 1]
+    assert xs(drawn['places']) == [0]
+    assert drawn['match'].action == Marker.DELETE
+
+
+def test_only_news_is_drawn():
+    viewer, reference_map = Viewer(), map_of(pose(0))
+    assert len(viewer.see(REJECTED, reference_map, None, None)) == 4
+    assert viewer.see(REJECTED, reference_map, None, None).keys() == {'match'}
+    drawn = viewer.see(ACCEPTED, reference_map, estimate(7), None)
+    assert drawn.keys() == {'match', 'loop_nodes', 'loop_edges'}
+    assert drawn['match'].pose.position.x == 7
+    assert stamp_to_ns(drawn['match'].header.stamp) == ACCEPTED.query_stamp_ns
+    for index in range(10):
+        reference_map.add(Place(index, pose=pose(index)), BLANK)
+    assert xs(viewer.see(REJECTED, reference_map, None, None)['places']) == [0, *range(10)]
+    viewer.publisher.get_subscription_count.return_value = 2
+    assert len(viewer.see(REJECTED, reference_map, None, None)) == 4
+
+
+def test_another_map_has_no_closures_yet_and_there_are_never_too_many(monkeypatch):
+    monkeypatch.setattr('convseq_ros.node.markers._MOST_CLOSURES', 3)
+    viewer, reference_map = Viewer(), map_of(pose(0))
+    for x in range(5):
+        drawn = viewer.see(ACCEPTED, reference_map, estimate(x), None)
+    assert xs(drawn['loop_nodes']) == [2, 3, 4]
+    drawn = viewer.see(ACCEPTED, map_of(pose(9)), estimate(9), None)
+    assert xs(drawn['loop_nodes']) == [9]
+    assert xs(drawn['places']) == [9]
+
+
+def test_a_path_has_the_poses_and_stamps_of_the_places():
+    message = path_message(map_of(pose(1), None, pose(3)), 'site')
+    assert message.header.frame_id == 'site'
+    assert [stamp_to_ns(each.header.stamp) for each in message.poses] == [0, 2]
+    assert [each.pose.position.x for each in message.poses] == [1, 3]
+    assert {each.header.frame_id for each in message.poses} == {'site'}
+
+
+def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
+    now_s = 100.0
+    monkeypatch.setattr(reference_path.time, 'monotonic', lambda: now_s)
+    node = Mock()
+    publish = node.create_publisher.return_value.publish
+    path, reference_map = ReferencePath(node), map_of(pose(0))
+    path.follow(reference_map, 'map')
+    path.follow(reference_map, 'map')
+    reference_map.add(Place(1, pose=pose(1)), BLANK)
+    path.follow(reference_map, 'map')
+    assert publish.call_count == 1
+    now_s += 5.0
+    path.follow(reference_map, 'map')
+    path.follow(reference_map, 'map')
+    assert publish.call_count == 2
+    path.follow(map_of(None), 'map')
+    assert publish.call_args.args[0].poses == []
+
+
+def test_a_map_without_poses_has_no_path():
+    node = Mock()
+    ReferencePath(node).follow(map_of(None, None), 'map')
+    assert not node.create_publisher.return_value.publish.called

@@ -1,0 +1,265 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""In online mode the map grows from the node's own past, and is kept as it grows."""
+
+import os
+import threading
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.map_file import open_map, save_map
+from convseq_ros.core.map_keeper import MapKeeper
+from convseq_ros.core.session import Session
+from convseq_ros.errors import MapError
+from convseq_ros.node.conversions import candidates_from_message
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.srv import LoadMap
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Float64MultiArray, Int32, Int64MultiArray
+from std_srvs.srv import Trigger
+
+SECOND = 1_000_000_000
+LATER_S = 1000
+ONLINE = {'mode': 'online', 'exclusion_s': 5.0, 'fixed_length': 1, 'rival_distance': 2}
+
+
+def drive(camera, street, image, places, begin_s=LATER_S):
+    for number, place in enumerate(places):
+        camera.publish(image(street[place], (begin_s + number) * SECOND))
+
+
+def values_of(message):
+    return {item.key: item.value for item in message.status[0].values}
+
+
+def test_the_second_round_closes_the_loop_and_the_map_is_on_disk(
+    client, vpr, street, image, tmp_path
+):
+    path = tmp_path / 'new.db'
+    node = vpr(map_path=path, diagnostics_period_s=0.1, **ONLINE)
+    closures = client.listen(Float64MultiArray, '/vpr_node/loop_closure')
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    drive(client.camera(Image), street, image, [*range(10), *range(10)])
+    client.wait_for(lambda: len(indices) == 20, 'an answer to every frame')
+    assert [message.data for message in indices] == [-1] * 10 + list(range(10))
+    client.wait_for(lambda: len(closures) == 10)
+    assert [message.data.tolist() for message in closures] == [
+        [LATER_S + 10 + index, LATER_S + index] for index in range(10)
+    ]
+    client.wait_for(lambda: values_of(diagnostics[-1])['processed'] == '20')
+    values = values_of(diagnostics[-1])
+    assert (values['mode'], values['state'], values['kernel']) == ('online', 'enabled', 'numpy')
+    assert (values['places_added'], values['map_size']) == ('20', '20')
+    assert values['reason_recent'] == '5' and values['reason_accepted'] == '10'
+    assert diagnostics[-1].status[0].message == 'recognising places and adding to them'
+    node.context.try_shutdown()
+    client.wait_for(lambda: len(open_map(path)) == 20, 'the file to be complete')
+
+
+def test_keyframes_are_committed_as_it_goes(client, vpr, street, image, tmp_path):
+    path = tmp_path / 'new.db'
+    vpr(map_path=path, diagnostics_period_s=0.1, **ONLINE)
+    assert len(open_map(path)) == 0
+    camera = client.camera(Image)
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    sent = 0
+
+    def kept():
+        nonlocal sent
+        camera.publish(image(street[sent % 25], (LATER_S + sent) * SECOND))
+        sent += 1
+        return diagnostics and int(values_of(diagnostics[-1])['places_kept']) > 3
+
+    client.wait_for(kept)
+    assert len(open_map(path)) > 3
+    assert float(values_of(diagnostics[-1])['since_last_commit_s']) < 20
+
+
+def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(
+    client, vpr, street, street_map, image, tmp_path
+):
+    path = tmp_path / 'days.db'
+    save_map(street_map, path)
+    node = vpr(map_path=path, **ONLINE)
+    closures = client.listen(Float64MultiArray, '/vpr_node/loop_closure')
+    pairs = client.listen(Int64MultiArray, '/vpr_node/loop_closure_index')
+    poses = client.listen(PoseWithCovarianceStamped, '/vpr_node/pose')
+    clouds = client.listen(PointCloud2, '/vpr_node/candidates')
+    drive(client.camera(Image), street, image, [20, 21, 22, 23, 24])
+    client.wait_for(lambda: len(clouds) == 5)
+    client.wait_for(lambda: len(poses) == 5)
+    assert [candidates_from_message(cloud)['index'][0] for cloud in clouds] == [*range(20, 25)]
+    assert [message.data.tolist() for message in pairs] == [[i, 20 + i] for i in range(5)]
+    assert [message.pose.pose.position.x for message in poses] == [20, 21, 22, 23, 24]
+    assert closures == []
+    node.context.try_shutdown()
+    client.wait_for(lambda: len(open_map(path)) == 30, 'the places of today')
+
+
+def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
+    client, vpr, street, street_map, image, tmp_path, monkeypatch
+):
+    """Frames come all the while; the opening and the saving are held up until some have come."""
+    first, other, copy = tmp_path / 'first.db', tmp_path / 'other.db', tmp_path / 'copy.db'
+    save_map(street_map, other)
+    node = vpr(map_path=first, save_map_path=copy, **ONLINE)
+    held = threading.Event()
+
+    def slowly(function):
+        def run(*args):
+            assert held.wait(20)
+            return function(*args)
+
+        return run
+
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    sent = 0
+
+    def stream(condition):
+        """Send a frame for every answer until something holds."""
+
+        def step():
+            nonlocal sent
+            if len(indices) == sent:
+                camera.publish(image(street[sent % 25], (LATER_S + sent) * SECOND))
+                sent += 1
+            return condition()
+
+        client.wait_for(step)
+
+    stream(lambda: sent > 10)
+    for module, name, kind, request in (
+        ('map_services.save_map', 'save_map', Trigger, Trigger.Request()),
+        ('map_services.Session', 'load_map', LoadMap, LoadMap.Request(map_url=str(other))),
+    ):
+        target = f'convseq_ros.node.{module}'
+        held.clear()
+        with monkeypatch.context() as patch:
+            patch.setattr(target, slowly(save_map if kind is Trigger else Session))
+            service = client.node.create_client(kind, f'/vpr_node/{name}')
+            client.wait_for(service.service_is_ready)
+            future, before = service.call_async(request), sent
+            stream(lambda before=before: sent > before + 10)
+            assert not future.done()
+            held.set()
+            stream(future.done)
+        answer = future.result()
+        good = answer.success if kind is Trigger else not answer.result
+        assert good, answer
+    stream(lambda: sent > 60)
+    client.wait_for(lambda: len(indices) == sent)
+    assert node._worker.dropped == 0
+    assert node._statistics.processed == node._statistics.received == sent
+    assert 10 < len(open_map(copy)) < sent
+    total = len(open_map(first))
+    assert 20 < total < sent
+    # From here on, the other map grows.
+    assert len(node._recognition.session.recognizer.reference_map) == 25 + sent - total
+
+
+def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image, tmp_path):
+    path = tmp_path / 'new.db'
+    vpr(map_path=path, **ONLINE)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    drive(client.camera(Image), street, image, range(7))
+    client.wait_for(lambda: len(indices) == 7)
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message) == (True, str(path))
+    assert len(open_map(path)) == 7
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(path))
+    assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
+
+
+def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
+    client, vpr, street, image, tmp_path, monkeypatch
+):
+    node = vpr(map_path=tmp_path / 'new.db', diagnostics_period_s=0.1, **ONLINE)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+
+    def fail(keeper):
+        raise MapError('new.db: cannot write (database or disk is full)')
+
+    monkeypatch.setattr(MapKeeper, 'keep', fail)
+    drive(client.camera(Image), street, image, [*range(10), *range(10)])
+    client.wait_for(lambda: len(indices) == 20)
+    assert [message.data for message in indices][10:] == list(range(10))
+    client.wait_for(
+        lambda: any(message.status[0].level == DiagnosticStatus.ERROR for message in diagnostics)
+    )
+    (text,) = {message.status[0].message for message in diagnostics
+               if message.status[0].level == DiagnosticStatus.ERROR}
+    assert 'new.db: what the map gains cannot be written' in text
+    assert node._statistics.unkept == 20
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert not answer.success and 'disk is full' in answer.message
+
+
+def test_without_a_path_the_map_is_in_memory(client, vpr, street, image):
+    vpr(**ONLINE)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    drive(client.camera(Image), street, image, [*range(8), *range(8)])
+    client.wait_for(lambda: len(indices) == 16)
+    assert [message.data for message in indices][8:] == list(range(8))
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert answer.message.startswith('save_map_path is empty')
+
+
+def test_a_read_only_map_is_refused_at_the_start(vpr, street_map, tmp_path, monkeypatch):
+    path = tmp_path / 'map.db'
+    save_map(street_map, path)
+    monkeypatch.setattr(os, 'access', lambda file, mode: not (file == path and mode & os.W_OK))
+    with pytest.raises(MapError, match='cannot be written'):
+        vpr(map_path=path, **ONLINE)
+
+
+def test_a_map_that_cannot_be_made_is_one_line_and_exit_1(start, tmp_path):
+    process = start(
+        'vpr_node', '--ros-args', '-p', 'mode:=online', '-p', 'map_path:=absent/new.db'
+    )
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert len(errors.splitlines()) == 1 and 'absent' in errors
+
+
+def test_preloaded_never_writes(client, vpr, street, street_map, image, tmp_path):
+    path = tmp_path / 'map.db'
+    save_map(street_map, path)
+    before = path.read_bytes()
+    vpr(map_path=path, fixed_length=1)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    drive(client.camera(Image), street, image, range(5))
+    client.wait_for(lambda: len(indices) == 5)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_it_is_ready_when_it_is_warm(client, vpr, map_path, street, image, monkeypatch, capfd):
+    warm = threading.Event()
+    warm_up = Session.warm_up
+
+    def slowly(session):
+        assert warm.wait(20)
+        warm_up(session)
+
+    monkeypatch.setattr(Session, 'warm_up', slowly)
+    vpr(map_path=map_path, fixed_length=1, diagnostics_period_s=0.1)
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_for(lambda: diagnostics)
+    assert values_of(diagnostics[-1])['state'] == 'warming_up'
+    assert diagnostics[-1].status[0].message == 'warming up'
+    assert client.node.count_subscribers('/image') == 0
+    warm.set()
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    client.camera(Image).publish(image(street[3], SECOND))
+    client.wait_for(lambda: indices)
+    assert indices[0].data == 3
+    client.wait_for(lambda: values_of(diagnostics[-1])['state'] == 'enabled')
+    printed = ''.join(capfd.readouterr())
+    assert 'kernel numpy, ready after' in printed
+    assert printed.index('ready after') < printed.index('listening to /image')

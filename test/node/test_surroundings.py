@@ -1,0 +1,168 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry and camera_info complete the frames."""
+
+import threading
+import time
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.types import Camera
+from convseq_ros.node import odometry as module
+from convseq_ros.node.conversions import stamp_from_ns
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+K = [100.0, 0.0, 80.0, 0.0, 100.0, 60.0, 0.0, 0.0, 1.0]
+QUICK = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def odometry(x, stamp_ns, frame_id='odom'):
+    message = Odometry()
+    message.header.stamp = stamp_from_ns(stamp_ns)
+    message.header.frame_id = frame_id
+    message.pose.pose.position.x = float(x)
+    message.pose.pose.orientation.w = 1.0
+    return message
+
+
+def camera_info(k=K, width=160, height=120):
+    return CameraInfo(k=k, width=width, height=height)
+
+
+@pytest.fixture
+def frames(vpr, map_path, monkeypatch):
+    """Return a node, and the frames that its recogniser gets."""
+    from convseq_ros.core.recognizer import PlaceRecognizer
+
+    seen = []
+    process = PlaceRecognizer.process
+
+    def record(recognizer, frame):
+        seen.append(frame)
+        return process(recognizer, frame)
+
+    monkeypatch.setattr(PlaceRecognizer, 'process', record)
+    return vpr(map_path=map_path, fixed_length=1), seen
+
+
+@pytest.mark.parametrize('qos', [10, QUICK])
+def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
+    client, frames, street, image, qos
+):
+    node, seen = frames
+    odom = client.camera(Odometry, '/odom', qos)
+    info = client.camera(CameraInfo, '/camera_info', qos)
+    surroundings = node._surroundings
+
+    def heard():
+        for x in (0, 1, 2):
+            odom.publish(odometry(x, (10 + x) * SECOND))
+        info.publish(camera_info([2 * value for value in K], 320, 240))
+        return surroundings.odometry.heard and surroundings.camera.known
+
+    client.wait_for(heard)
+    camera = client.camera(Image)
+    camera.publish(image(street[0], 10 * SECOND + 250 * MS))
+    camera.publish(image(street[1], 20 * SECOND))
+    client.wait_for(lambda: len(seen) == 2)
+    assert seen[0].pose.position == (0.25, 0.0, 0.0)
+    assert seen[0].camera == Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+    assert seen[1].pose is None
+    client.wait_for(lambda: node._situation().without_pose == 1)
+    assert surroundings.odometry.frame_id == 'odom'
+
+
+def test_without_odometry_and_camera_info_frames_are_as_ever(client, frames, street, image):
+    node, seen = frames
+    camera = client.camera(Image)
+    begun_s = time.monotonic()
+    for index in range(5):
+        camera.publish(image(street[index], (index + 1) * SECOND))
+    client.wait_for(lambda: len(seen) == 5)
+    assert all(frame.pose is frame.camera is None for frame in seen)
+    assert node._situation().without_pose == 0
+    assert time.monotonic() - begun_s < 5
+
+
+def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, image, capfd):
+    node, seen = frames
+    info = client.camera(CameraInfo, '/camera_info')
+    info.publish(camera_info())
+    client.wait_for(lambda: node._surroundings.camera.known)
+    for _ in range(3):
+        info.publish(camera_info(width=0))
+    client.wait_for(lambda: not node._surroundings.camera.known)
+    client.camera(Image).publish(image(street[0], SECOND))
+    client.wait_for(lambda: seen)
+    assert seen[0].camera is None
+    assert ''.join(capfd.readouterr()).count('are not those of a camera') == 1
+
+
+class Tracked:
+    """An Odometry that hears what the test says, without a graph."""
+
+    def __init__(self, monkeypatch, publishers=1):
+        from unittest.mock import Mock
+
+        self.subscription = Mock()
+        monkeypatch.setattr(module, 'FollowingSubscription', self.subscription)
+        self.node = Mock()
+        self.node.count_publishers.return_value = publishers
+        self.odometry = module.Odometry(self.node)
+        self.hear = self.subscription.call_args.args[3]
+
+
+def test_an_image_waits_for_its_odometry(monkeypatch):
+    monkeypatch.setattr(module, '_PATIENCE_S', 20.0)
+    tracked = Tracked(monkeypatch)
+    tracked.hear(odometry(0, SECOND))
+    found = []
+    waiting = threading.Thread(
+        target=lambda: found.append(tracked.odometry.pose_at(SECOND + 50 * MS))
+    )
+    waiting.start()
+    tracked.hear(odometry(1, SECOND + 100 * MS))
+    waiting.join(10)
+    assert found[0].position[0] == 0.5
+
+
+def test_it_waits_a_moment_only_and_goes_on_from_the_last_two():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, '_PATIENCE_S', 0.001)
+        tracked = Tracked(patch)
+        tracked.hear(odometry(0, SECOND))
+        tracked.hear(odometry(1, SECOND + 100 * MS))
+        assert tracked.odometry.pose_at(SECOND + 150 * MS).position[0] == pytest.approx(1.5)
+        assert tracked.odometry.pose_at(SECOND + 400 * MS) is None
+        assert tracked.odometry.missing == 1
+
+
+def test_odometry_that_stopped_or_never_came_holds_up_nothing(monkeypatch):
+    monkeypatch.setattr(module, '_PATIENCE_S', 3600.0)
+    stopped = Tracked(monkeypatch)
+    stopped.hear(odometry(0, SECOND))
+    assert stopped.odometry.pose_at(3 * SECOND) is None
+    silent = Tracked(monkeypatch, publishers=0)
+    assert silent.odometry.pose_at(SECOND) is None
+    assert silent.odometry.missing == 0
+    monkeypatch.setattr(module, '_PATIENCE_S', 0.0)
+    announced = Tracked(monkeypatch)
+    for _ in range(module._UNHEARD_FRAMES):
+        announced.odometry.pose_at(SECOND)
+    monkeypatch.setattr(module, '_PATIENCE_S', 3600.0)
+    assert announced.odometry.pose_at(SECOND) is None
+
+
+def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch):
+    tracked = Tracked(monkeypatch)
+    tracked.hear(odometry(float('nan'), SECOND))
+    tracked.hear(odometry(1, 0))
+    assert not tracked.odometry.heard
+    warning = tracked.node.get_logger.return_value.warning
+    assert all(call.kwargs['once'] for call in warning.call_args_list)

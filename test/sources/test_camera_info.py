@@ -1,0 +1,109 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording says of its camera and of where its frames were taken."""
+
+from convseq_ros.core.types import Camera, Pose
+from convseq_ros.errors import SourceError
+from convseq_ros.sources import open_annotated, open_source
+from convseq_ros.sources.camera_info import camera_from_info, fitted
+from convseq_ros.sources.recording import read_camera
+import numpy as np
+import pytest
+
+K = (500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0)
+P = (400.0, 0.0, 300.0, 0.0, 0.0, 410.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
+
+
+@pytest.fixture
+def info(recorder):
+    """Return a maker of CameraInfo messages."""
+    kinds = recorder.ros2.types
+
+    def make(k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0)):
+        stamp = kinds['builtin_interfaces/msg/Time'](1, 0)
+        x, y, height, width = roi
+        return kinds['sensor_msgs/msg/CameraInfo'](
+            kinds['std_msgs/msg/Header'](stamp, 'camera'), size[1], size[0], 'plumb_bob',
+            np.zeros(5), np.array(k), np.eye(3).ravel(), np.array(p), *binning,
+            kinds['sensor_msgs/msg/RegionOfInterest'](x, y, height, width, False),
+        )  # fmt: skip
+
+    return make
+
+
+def test_k_is_taken_and_p_where_it_is_zero(info):
+    assert camera_from_info(info()) == CAMERA
+    rectified = camera_from_info(info(k=(0.0,) * 9))
+    assert rectified == Camera(640, 480, 400.0, 410.0, 300.0, 230.0)
+
+
+def test_zero_means_not_calibrated(info):
+    assert camera_from_info(info(k=(0.0,) * 9, p=(0.0,) * 12)) is None
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'k': (-500.0, *K[1:])},
+        {'k': (float('nan'), *K[1:])},
+        {'k': (0.0, *K[1:])},
+        {'size': (0, 480)},
+    ],
+)
+def test_an_impossible_camera_is_refused_in_one_line(info, change):
+    with pytest.raises(SourceError, match='calibrate it') as caught:
+        camera_from_info(info(**change))
+    assert '\n' not in str(caught.value)
+
+
+def test_binning_and_a_region_of_interest_count(info):
+    assert camera_from_info(info(binning=(2, 2))) == Camera(320, 240, 250.0, 255.0, 160.0, 120.0)
+    part = camera_from_info(info(roi=(100, 40, 200, 400)))
+    assert part == Camera(400, 200, 500.0, 510.0, 220.0, 200.0)
+
+
+def test_a_recording_tells_of_its_first_calibrated_camera(info, recorder, pictures):
+    rows = [
+        ('/camera_info', 1, info(k=(0.0,) * 9, p=(0.0,) * 12)),
+        ('/camera_info', 2, info(size=(0, 0))),
+        ('/camera_info', 3, info()),
+    ]
+    path = recorder.write('mcap folder', [*recorder.drive(pictures), *rows])
+    assert read_camera(path) == CAMERA
+    with pytest.raises(SourceError, match='--camera-info /camera_info'):
+        read_camera(path, '/other')
+
+
+def test_a_recording_without_a_usable_camera_says_why(info, recorder):
+    path = recorder.write('mcap folder', [('/info', 1, info(size=(0, 0)))])
+    with pytest.raises(SourceError, match=r'of /info can be used: .*calibrate'):
+        read_camera(path)
+
+
+def test_frames_know_their_pose_and_a_camera_of_their_size(info, recorder, pictures):
+    step = recorder.step_ns
+    rows = [
+        *recorder.drive(pictures),
+        ('/info', 1, info()),
+        *(
+            ('/odom', i, recorder.odometry(float(i), recorder.start_ns + 2 * i * step))
+            for i in range(3)
+        ),
+    ]
+    path = recorder.write('mcap folder', rows)
+    source = open_annotated(path, odom='/odom', camera_info='/info')
+    frames = list(source)
+    assert len(source) == len(frames) == 12
+    assert source.topic == open_source(path).topic
+    poses = [frame.pose for frame in frames]
+    assert [pose.position[0] for pose in poses[:6]] == pytest.approx([0, 0.5, 1, 1.5, 2, 2.5])
+    assert poses[0] == Pose((0.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+    assert poses[6:] == [None] * 6
+    assert {frame.camera for frame in frames} == {fitted(CAMERA, 24, 32)}
+    assert fitted(CAMERA, 24, 32).fx_px == 25.0
+
+
+def test_frames_of_nothing_but_images_are_as_ever(recorder, pictures):
+    path = recorder.write('mcap folder', recorder.drive(pictures))
+    assert all(frame.pose is frame.camera is None for frame in open_annotated(path))
