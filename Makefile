@@ -61,7 +61,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/demo.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,plot]'
+	.venv/$(INSTALL) '.[ros,plot,fast]'
 	touch $@
 
 .venv/slam.stamp: $(SOURCES) | .venv/bin/python

@@ -24,7 +24,7 @@ _ABOUT = {
     'encoding': (
         'A gray image of 640 x 480, drawn, to cells, salient regions and entropy. *Released '
         'steps*: the same steps restated with OpenCV, NumPy and scikit-image; the histograms are '
-        'summed by NumPy, which takes less time than the compiled code of the script.'
+        'summed by NumPy, as the compiled code of the script was not run.'
     ),
     'pairs': (
         'One query with G salient regions against one reference; the query is prepared, and so '
@@ -61,8 +61,8 @@ called once before it counts, and *times faster* is the median of the ratios, ro
 Every part runs in a process of its own with as many BLAS threads as the column says. Images are
 drawn (`convseq_ros/simulation`): a street by day is the map, the same street in the evening the
 query. Maps of all sizes are written by the map's own writer from the day's descriptors, lap by
-lap; every lap but one is varied at random until it is another street. Speed does not depend on
-what streets look like, accuracy does: it is in [RESULTS.md](RESULTS.md), measured on real images.
+lap; every lap but one is varied at random until it is another street. How often answers are right
+is another question: [RESULTS.md](RESULTS.md) has it, from real images.
 
     make bench                                # everything, then this page
     python -m bench pairs frames              # some parts, table and JSON alone
@@ -79,7 +79,7 @@ published |
 | float32 kernels | {float32} | nothing needs to |
 | the shortlist (`search: shortlist`): references are scored only where a sequence may end that \
 looks alike at first sight, by a reduced descriptor | what it does not list is not found: see \
-*shortlist* in [RESULTS.md](RESULTS.md) | `search: exhaustive` scores every reference |
+[RESULTS.md](RESULTS.md) | `search: exhaustive` scores every reference |
 | cells in half precision, in maps | {half} | a map answers alike before it was saved and after \
 it was opened |
 
@@ -94,11 +94,10 @@ _ADVICE = """\
   for themselves if it is not set.
 * `pip install 'convseq_ros[fast]'` brings numba; `ros2 topic echo /diagnostics` tells the kernel
   that is in use. Without numba everything works, more slowly.
-* `threads: 0` takes the cores that the process may use, two at most. A frame with the shortlist
-  hardly gains from a second one; `search: exhaustive` does. `taskset -c 3` keeps the node to a
-  core.
-* `search: shortlist`, the default, for maps of more than a few hundred places. `exhaustive` is the
-  paper's, and costs what the table says.
+* `threads: 0` takes the cores that the process may use, two at most; *pair scores* and *the
+  paper's row* show what the second one is worth. `taskset -c 3` keeps the node to one.
+* `search: shortlist` is the default; the cost of `exhaustive`, the paper's, grows with the map as
+  the picture shows.
 * The first start compiles for some seconds; later ones load what was compiled. The node says
   *warming up* on /diagnostics until it is ready, and does not listen before.
 
@@ -107,8 +106,8 @@ _ADVICE = """\
 * At first sight every reference is looked at, one short product each. Above about a million places
   that alone would fill a frame's time, and an index is needed: `Shortlist` in
   `convseq_ros/core/retrieval.py` is the only place that would know of it.
-* Measured on one machine. Its instructions are named above; a processor without 8-bit dot products
-  runs the float32 kernel, and ARM has not been measured.
+* Measured on one machine. Its instructions are named above; a processor older than AVX2 has no
+  8-bit kernel, and neither has ARM, which has not been measured.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.
 """
 

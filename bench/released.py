@@ -27,8 +27,7 @@ def encode(gray: npt.NDArray[np.uint8]) -> tuple[Rows, Rows]:
     """
     Return the regions (961, 32) of an image, and which are salient, as numbers 0 or 1.
 
-    Its histograms are summed by NumPy here, which takes less time than the compiled code of the
-    script does: the comparison favours the script.
+    Histograms are summed by NumPy, where the script uses compiled code of its own.
     """
     resized = cv2.resize(gray, (_SIDE_PX, _SIDE_PX))
     return _regions(_histograms(resized)), _salient(resized)

@@ -6,7 +6,6 @@ from contextlib import suppress
 import csv
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from convseq_ros.core.types import Match
@@ -93,12 +92,7 @@ class ResultWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, _error: object, _trace: object) -> None:
         if kind is None:
             self.close()
         else:

@@ -35,12 +35,13 @@ METHODS = {
     'seqslam': 'seqslam',
     'hog': 'hog',
 }
-DECIDING = {
-    'coherent': 'coherent=convseq',
-    'whole rows': 'whole_rows=convseq+search=exhaustive',
-    '30 references': 'listed_30=convseq+shortlist_length=30',
-    '80 references': 'listed_80=convseq+shortlist_length=80',
-}
+SHIPPED = 'coherent=convseq'
+LISTED = ('30', '50', '80')
+DECIDING = (
+    SHIPPED,
+    'whole_rows=convseq+search=exhaustive',
+    *(f'listed_{number}=convseq+search=shortlist+shortlist_length={number}' for number in LISTED),
+)
 STUDIES = ('k_ablation', 'thresholds', 'speed', 'dropped_frames', 'stops', 'image_size',
            'appearance')  # fmt: skip
 QUICK_STUDIES = STUDIES[:5]
@@ -98,9 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     steps = [
         ('.', *there, *_methods(*METHODS.values(), 'published'), '--protocol', 'closed',
          '--protocol', 'open', '--threshold-from-others'),
-        ('decisions', *there, *short, *_methods(*DECIDING.values()), '--protocol', 'open',
+        ('decisions', *there, *short, *_methods(*DECIDING), '--protocol', 'open',
          '--protocol', 'past'),
-        ('long', *long, *_methods(DECIDING['coherent'])),
+        ('long', *long, *_methods(SHIPPED)),
         *(('.', '--study', study) for study in chosen.study),
     ]  # fmt: skip
     if any(evaluate(*step) for step in steps):
@@ -192,14 +193,14 @@ def _decisions(results: Path) -> Iterable[str]:
         [run.set, *(_cell(run.summary, key) for key in DECISION_FIGURES)] for run in shipped
     ))  # fmt: skip
     yield AGREEMENT
-    others = ('listed_30', 'coherent', 'listed_80')
-    yield _table(['set', '30 references', '50, as shipped', '80 references'], (
+    others = [f'listed_{number}' for number in LISTED]
+    yield _table(['set', *(f'{number} references' for number in LISTED)], (
         [name, *(f'{agreement(of[name, "whole_rows"], of[name, other]):.3f}' for other in others)]
         for name in names
     ))  # fmt: skip
     yield _table(['references', 'recall', 'slips', 'false', 'pairs a frame'], (
         [label, *_sum([of[name, other] for name in names])]
-        for label, other in zip(('30', '50', '80', 'all'), (*others, 'whole_rows'), strict=True)
+        for label, other in zip((*LISTED, 'all'), (*others, 'whole_rows'), strict=True)
     ))  # fmt: skip
     yield RELIABILITY
     told = [run.summary['calibration'] or {} for run in shipped]

@@ -16,7 +16,7 @@ PACKAGE = REPOSITORY / 'convseq_ros'
 MODULES = sorted(PACKAGE.rglob('*.py'))
 SCRIPTS = [
     path
-    for folder in ('bench', 'launch', 'scripts', 'test')
+    for folder in ('bench', 'examples', 'launch', 'scripts', 'test')
     for path in sorted((REPOSITORY / folder).rglob('*.py'))
 ]
 HEADER = [
@@ -24,7 +24,7 @@ HEADER = [
     '# SPDX-License-Identifier: Apache-2.0',
 ]
 MOST_LINES = 300
-OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'tqdm', 'yaml', 'zstandard')
+OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'numba', 'rosbags', 'tqdm', 'yaml', 'zstandard')
 STANDARD_ONLY = ('config.py', 'errors.py', 'parameter.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.

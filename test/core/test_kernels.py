@@ -17,7 +17,7 @@ from convseq_ros.core.matching.kernels.instructions import features, float_tile,
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
 import cv2
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -78,6 +78,7 @@ def test_scores_are_those_of_the_definition(pair):
     side=st.integers(4, 40), share=st.floats(0, 1), seed=st.integers(0, 1000),
     which=st.sampled_from(sorted(TOLERANCE)),
 )  # fmt: skip
+@example(side=4, share=0.0, seed=567, which=('regional', 'float32'))
 def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, which):
     way, name = which
     needs(name)
@@ -90,7 +91,7 @@ def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, whic
     if name == 'int8':
         # Few regions: one rounded product, or one vote, is much of the mean.
         count = max(1, share * (side - 2) ** 2)
-        tolerance += 2 / count if way == 'coherent' else 5e-3 / count**0.5
+        tolerance += 3 / count if way == 'coherent' else 5e-3 / count**0.5
     assert np.abs(found[0] - expected[0]).max() < tolerance
 
 

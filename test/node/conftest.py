@@ -55,6 +55,20 @@ def quick_discovery(tmp_path_factory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def slow(monkeypatch) -> None:
+    """Let every frame take a tenth of a second."""
+    from convseq_ros.core.recognizer import PlaceRecognizer
+
+    quick = PlaceRecognizer.process
+
+    def process(recognizer: PlaceRecognizer, frame: Any) -> Any:
+        time.sleep(0.1)
+        return quick(recognizer, frame)
+
+    monkeypatch.setattr(PlaceRecognizer, 'process', process)
+
+
 @pytest.fixture(scope='session')
 def street() -> list[np.ndarray]:
     """Return grey pictures (120, 160) that have nothing in common."""

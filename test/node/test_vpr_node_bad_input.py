@@ -105,7 +105,7 @@ def test_images_without_a_stamp_get_the_time_of_the_node(client, vpr, street, im
 
 
 def test_frames_that_do_not_fit_the_queue_are_dropped_and_counted(
-    client, vpr, street, image, map_path
+    client, vpr, street, image, map_path, slow
 ):
     node = vpr(map_path=map_path, queue_size=1)
     heard = client.listen(Int32, '/vpr_node/match_index')
