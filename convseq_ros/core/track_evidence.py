@@ -142,7 +142,6 @@ class TrackEvidence:
         elsewhere = _beyond(heights, ends, best, _NEIGHBOURHOOD)
         margin = 0.0
         if len(elsewhere) >= _FEWEST_RIVALS:
-            self._start = frame if self._start is None else self._start
             if len(window) == WINDOW:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
@@ -165,16 +164,19 @@ class TrackEvidence:
         float or None
             Mean margin of those frames whose own best diagonal is this one, in units of the
             scatter; frames that are missing or point elsewhere count as 0. Early in a drive the
-            mean is over the frames since there were rivals, 10 at least. No more, however, than
-            the standard deviations by which the newest frame alone speaks for the place; and a
-            quarter less at another slope than 1, of which there are many. None while the scatter
-            is unknown.
+            mean is over the frames since it was first asked for and there were rivals, 10 at
+            least. No more, however, than the standard deviations by which the newest frame alone
+            speaks for the place; and a quarter less at another slope than 1, of which there are
+            many. None while the scatter is unknown.
 
         """
-        if self.scatter is None or self._start is None:
+        if self.scatter is None:
             return None
+        if self._start is None and self._sights and self._sights[-1].enough_rivals:
+            self._start = frame
+        started = frame if self._start is None else self._start
         margins = [sight.margin for sight in self._along(frame, reference, slope)]
-        frames = min(max(frame - self._start + 1, _SHORTEST_DRIVE), MEMORY)
+        frames = min(max(frame - started + 1, _SHORTEST_DRIVE), MEMORY)
         along = sum(margins) / (frames * self.scatter)
         along = min(along, self._newest_alone(reference))
         return along if slope == 1.0 else along / _DOUBT_OF_OTHER_SLOPES
