@@ -170,10 +170,10 @@ class TrackEvidence:
             many. None while the scatter is unknown.
 
         """
-        if self.scatter is None:
-            return None
         if self._start is None and self._sights and self._sights[-1].enough_rivals:
             self._start = frame
+        if self.scatter is None:
+            return None
         started = frame if self._start is None else self._start
         margins = [sight.margin for sight in self._along(frame, reference, slope)]
         frames = min(max(frame - started + 1, _SHORTEST_DRIVE), MEMORY)

@@ -43,7 +43,7 @@ def run(scores, evidence=None, slope=1.0):
 def slowly(scores):
     """Return the last evidence, worked out loop by loop as the documentation says."""
     frames, places = scores.shape
-    sights, variances, learnt = [], [], scores.copy()
+    sights, variances, learnt, start = [], [], scores.copy(), None
     for frame in range(frames):
         past = learnt[:frame]
         overall = np.nanmean(past) if np.isfinite(past).any() else 0.0
@@ -67,6 +67,7 @@ def slowly(scores):
         if len(far) >= 5 and window == 8:
             variances.append(np.var(far))
         inside = best < places - 2 and len(far) >= 5
+        start = frame if start is None and len(far) >= 5 else start
         sights.append((frame, best, height[best] - max(off_peak) if inside else 0.0))
         lately = [abs((best - frame) - (place - then)) <= 2 for then, place, _ in sights[-8:]]
         if sum(lately) >= 4:
@@ -78,7 +79,7 @@ def slowly(scores):
         if abs((best - frame) - (place - then)) <= 2
     ]
     variance = (sum(variances) + 10 * 0.01**2) / (len(variances) + 10)
-    along = sum(on_track) / (min(frames, 30) * (np.sqrt(variance) + FLOOR))
+    along = sum(on_track) / (min(frames - start, 30) * (np.sqrt(variance) + FLOOR))
     now = scores[-1] - usual
     others = [now[place] for place in range(places) if abs(place - best) > 10]
     near = np.nanmax(now[max(0, best - 2) : best + 3])
