@@ -125,7 +125,7 @@ class MapKeeper:
     def _refuse_other_map(self) -> None:
         last = self._writer.committed - 1
         if last >= len(self._map) or not np.array_equal(
-            self._pictures.picture(last).packed, self._map.packed(last)
+            self._pictures.pictures([last])[0].packed, self._map.packed(last)
         ):
             raise MapError(
                 f'{self._path}: holds another map than the one that grows; open that one first, '

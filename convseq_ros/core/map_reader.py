@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading a map file: the whole of what is held in memory, and the rest on demand."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -23,6 +23,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 
 _ROWS_AT_ONCE = 2048
+_PICTURES_AT_ONCE = 256
 _DAMAGE = (OverflowError, UnicodeDecodeError, ValueError, TypeError, zlib.error)
 
 
@@ -90,17 +91,25 @@ class MapReader:
                 raise self._damaged(f'reference {len(columns.sources)} is missing')
         return columns
 
-    def picture(self, index: int) -> Picture:
-        """Return the cells and the thumbnail of a place, checked."""
-        columns = 'SELECT cells, thumbnail, crc32 FROM pictures WHERE reference_index = ?'
+    def pictures(self, indices: Sequence[int]) -> list[Picture]:
+        """Return the cells and the thumbnails of places, in the order asked for, checked."""
+        found: dict[int, Picture] = {}
         with self._explained():
-            found = self._database.execute(columns, (index,)).fetchone()
-            if found is None:
-                raise self._damaged(f'reference {index} is missing')
-            cells, thumbnail, crc = found
-            if crc != picture_crc(index, cells, thumbnail):
-                raise self._damaged(f'reference {index} fails its checksum')
-            return Picture(decode_cells(cells, self._cell_shape), thumbnail)
+            for start in range(0, len(indices), _PICTURES_AT_ONCE):
+                some = indices[start : start + _PICTURES_AT_ONCE]
+                # One statement for many: what a read costs is mostly the lock on the file.
+                statement = f'SELECT * FROM pictures WHERE reference_index IN ({_marks(some)})'
+                for row in self._database.execute(statement, some):
+                    found[row[0]] = self._picture(*row)
+            for index in indices:
+                if index not in found:
+                    raise self._damaged(f'reference {index} is missing')
+        return [found[index] for index in indices]
+
+    def _picture(self, index: int, cells: bytes, thumbnail: bytes, crc: int) -> Picture:
+        if crc != picture_crc(index, cells, thumbnail):
+            raise self._damaged(f'reference {index} fails its checksum')
+        return Picture(decode_cells(cells, self._cell_shape), thumbnail)
 
     def _check(self, rows: list[tuple[Any, ...]], start: int) -> None:
         for index, (*plain, pooled, crc) in enumerate(rows, start):
@@ -136,6 +145,10 @@ class MapReader:
             raise self._damaged(error) from error
         except _DAMAGE as error:
             raise self._damaged(error) from error
+
+
+def _marks(values: Sequence[int]) -> str:
+    return ','.join('?' * len(values))
 
 
 def _connected(path: Path) -> sqlite3.Connection:

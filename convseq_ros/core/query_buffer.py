@@ -110,9 +110,14 @@ class QueryBuffer:
             References that pass while one frame does.
 
         """
-        for one, row, met in _diagonals(self.outward[:count], ends, slope):
-            missing = met[np.isnan(row[met])]
-            row[missing] = self._matcher.scores(one.query, missing)
+        lacking = [
+            (one.query, row, met[np.isnan(row[met])])
+            for one, row, met in _diagonals(self.outward[:count], ends, slope)
+        ]
+        if len(lacking) > 1:
+            self._matcher.make_ready(np.concatenate([missing for _, _, missing in lacking]))
+        for query, row, missing in lacking:
+            row[missing] = self._matcher.scores(query, missing)
             self.pairs_scored += len(missing)
 
     def rough_scores(

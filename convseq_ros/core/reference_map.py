@@ -84,8 +84,8 @@ class Picture:
 class Pictures(Protocol):
     """Where the pictures of places are, if not in memory."""
 
-    def picture(self, index: int) -> Picture:
-        """Return that of a place."""
+    def pictures(self, indices: Sequence[int]) -> list[Picture]:
+        """Return those of places."""
 
 
 def pack_cells(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
@@ -203,15 +203,19 @@ class ReferenceMap:
             If they are stored and damaged.
 
         """
-        return self._picture(index).packed
+        return self._pictures_of([index])[0].packed
 
     def cells(self, index: int) -> npt.NDArray[np.float32]:
         """Return the cells of a place, float32 of shape `cell_shape`; fails as `packed` does."""
         return unpack_cells(self.packed(index))
 
+    def cells_of(self, indices: Sequence[int]) -> list[npt.NDArray[np.float32]]:
+        """Return what `cells` does for several places, which are read in one go."""
+        return [unpack_cells(one.packed) for one in self._pictures_of(indices)]
+
     def thumbnail(self, index: int) -> bytes:
         """Return the JPEG of a place, empty if it has none; fails as `packed` does."""
-        return self._picture(index).thumbnail
+        return self._pictures_of([index])[0].thumbnail
 
     def let_go(self, count: int, pictures: Pictures) -> None:
         """Rely on what is stored of the first places, instead of holding it in memory."""
@@ -219,14 +223,19 @@ class ReferenceMap:
             del self._in_memory[: max(0, count - self._stored)]
             self._stored, self._pictures = count, pictures
 
-    def _picture(self, index: int) -> Picture:
-        if not 0 <= index < len(self):
-            raise IndexError(f'reference {index} of {len(self)}')
+    def _pictures_of(self, indices: Sequence[int]) -> list[Picture]:
+        for index in indices:
+            if not 0 <= index < len(self):
+                raise IndexError(f'reference {index} of {len(self)}')
         with self._moving:
-            pictures = self._pictures
-            if pictures is None or index >= self._stored:
-                return self._in_memory[index - self._stored]
-        return pictures.picture(index)
+            pictures, stored = self._pictures, self._stored
+            found = {
+                index: self._in_memory[index - stored] for index in indices if index >= stored
+            }
+        missing = [index for index in indices if index not in found]
+        if pictures and missing:
+            found.update(zip(missing, pictures.pictures(missing), strict=True))
+        return [found[index] for index in indices]
 
 
 class _Places(Sequence[Place]):

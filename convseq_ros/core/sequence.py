@@ -181,7 +181,12 @@ def _scores_at(
 
 
 def _mean(row: Row | None) -> float:
-    known = row[np.isfinite(row)] if row is not None else ()
+    if row is None or not len(row):
+        return 0.0
+    mean = float(np.mean(row))
+    if np.isfinite(mean):
+        return mean
+    known = row[np.isfinite(row)]
     return float(np.mean(known)) if len(known) else 0.0
 
 

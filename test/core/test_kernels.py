@@ -12,7 +12,11 @@ from convseq_ros.core.compiled import available, compiled
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.choice import chosen_kernels
-from convseq_ros.core.matching.coherent import coherent_score, CoherentQuery
+from convseq_ros.core.matching.coherent import (
+    coherent_score,
+    CoherentQuery,
+    projected_regions,
+)  # fmt: skip
 from convseq_ros.core.matching.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
@@ -126,6 +130,35 @@ def test_a_reference_half_of_which_is_flat_is_scored(pair):
     assert 0.3 < found[0] < 1
     # All flat regions are alike: which of them is a counterpart, rounding may decide in NumPy.
     assert np.abs(found - expected).max() < max(tolerance, 1e-2)
+
+
+@pytest.mark.parametrize('side', [3, 4, 5, 14, 15, 31, 32, 128])
+def test_compiled_regions_are_those_of_the_definition(side):
+    needs('float32')
+    from convseq_ros.core.matching.kernels.projection import projected
+
+    cells = np.random.default_rng(side).random((side, side + 1, 8), np.float32)[:, 1:] ** 3
+    cells[side // 2 :, : side // 2] = 0
+    for scale in (1e-3, 1, 391_754):
+        found, expected = (
+            project(cells * np.float32(scale)) for project in (projected, projected_regions)
+        )
+        assert found.shape == expected.shape and found.dtype == np.float32
+        assert np.abs(found - expected).max() < 1e-6
+    assert np.abs(projected(np.zeros_like(cells)) - projected_regions(0 * cells)).max() < 1e-6
+
+
+@pytest.mark.parametrize('side', [3, 7, 32])
+def test_compiled_bytes_are_the_regions_quantised(side):
+    needs('int8')
+    from convseq_ros.core.matching.kernels.panel import quantised, reference_words
+    from convseq_ros.core.matching.kernels.projection import BYTES, projected, projected_bytes
+
+    cells = drawn(side, side).cells
+    for scale in (160, 1000):
+        found = projected_bytes(cells, scale, 63, 64).array
+        rows = quantised(projected(cells), scale, 63, 64)
+        assert np.array_equal(found, reference_words(rows, BYTES).array)
 
 
 def test_of_equal_counterparts_the_first_is_taken():

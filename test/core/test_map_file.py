@@ -207,6 +207,27 @@ def test_rows_that_changed_places_are_found(map_path, table):
         open_map(map_path).packed(1)
 
 
+@pytest.mark.parametrize('count', [300, 40_000])
+def test_many_places_are_read_in_the_order_asked_for(map_path, count):
+    whole, opened = make(), open_map(map_path)
+    indices = np.random.default_rng(0).integers(0, 5, count).tolist()
+    found = opened.cells_of(indices)
+    assert len(found) == count
+    expected = map(whole.cells, indices)
+    assert all((one == other).all() for one, other in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize('statement', ['DELETE FROM', 'UPDATE'])
+def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statement):
+    opened = open_map(map_path)
+    values = ' SET crc32 = 1' if statement == 'UPDATE' else ''
+    with sqlite3.connect(map_path) as database:
+        database.execute(f'{statement} pictures{values} WHERE reference_index = 3')
+    with pytest.raises(MapError, match=r'reference 3 (is missing|fails its checksum)'):
+        opened.cells_of([0, 3, 1])
+    assert len(opened.cells_of([0, 1])) == 2
+
+
 @pytest.mark.parametrize('scale', [0, 1e-3, 1, 391_754])
 def test_stored_cells_are_the_cells(scale):
     drawn = np.random.default_rng(0).normal(0, scale, (6, 6, 8)).astype(np.float32)

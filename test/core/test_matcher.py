@@ -84,6 +84,67 @@ def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
     assert np.array_equal(alone, expected, equal_nan=True)
 
 
+class Watched(ReferenceMap):
+    """Remembers which places were read together."""
+
+    def __init__(self):
+        super().__init__()
+        self.reads = []
+
+    def cells_of(self, indices):
+        self.reads.append(list(indices))
+        return super().cells_of(indices)
+
+
+@pytest.fixture
+def watched():
+    reference_map = Watched()
+    for index in range(40):
+        reference_map.add(Place(index), pack_cells(drawn(index).cells * (index != 7)))
+    return reference_map
+
+
+@pytest.mark.parametrize('threads', [1, 3])
+def test_references_are_read_in_one_go_and_once(made, watched, threads):
+    matcher = made(watched, threads=threads)
+    query = matcher.see(drawn(9))
+    matcher.make_ready(np.array([3, 7, 3, 30, 9]))
+    assert watched.reads == [[3, 7, 30, 9]]
+    for _ in range(2):
+        found = matcher.scores(query, np.array([9, 7, 3]))
+        assert found.argmin() == 1 and np.isnan(found[1]) and found[0] > found[2]
+    assert len(watched.reads) == 1
+    matcher.scores(query, np.array([30, 31, 32]))
+    assert watched.reads[1:] == [[31, 32]]
+
+
+def test_references_that_were_used_last_are_kept(made, watched):
+    matcher = made(watched, kept=3)
+    for asked, read in (([1, 2, 3], [1, 2, 3]), ([1], []), ([4], [4]), ([1, 3], []), ([2], [2])):
+        watched.reads.clear()
+        matcher.make_ready(np.array(asked))
+        assert watched.reads == [read] * bool(read)
+
+
+def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
+    few, all_ = made(watched, kept=2), made(watched)
+    for _ in range(2):
+        found, expected = (
+            one.scores(one.see(drawn(5)), np.arange(40)) for one in (few, all_)
+        )
+        assert np.array_equal(found, expected, equal_nan=True)
+
+
+def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
+    matcher = made(watched, threads=3)
+    with monkeypatch.context() as patch:
+        patch.setattr(watched, 'cells_of', lambda indices: [None] * len(indices))
+        with pytest.raises(AttributeError):
+            matcher.make_ready(np.arange(40))
+    matcher.make_ready(np.arange(40))
+    assert watched.reads == [list(range(40))]
+
+
 def test_places_may_be_added_to_the_map_later(made):
     reference_map = drawn_map(2)
     matcher = made(reference_map)

@@ -26,8 +26,8 @@ def cells(seed):
 
 
 class Stored:
-    def picture(self, index):
-        return Picture(cells(1000 + index), b'stored')
+    def pictures(self, indices):
+        return [Picture(cells(1000 + index), b'stored') for index in indices]
 
 
 def test_what_is_added_is_there():
@@ -48,6 +48,8 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
     reference_map.add(Place(0), cells(0))
     with pytest.raises(IndexError, match='of 1'):
         reference_map.cells(index)
+    with pytest.raises(IndexError, match='of 1'):
+        reference_map.cells_of([0, index])
 
 
 def test_what_is_stored_is_let_go():
@@ -62,6 +64,22 @@ def test_what_is_stored_is_let_go():
         assert len(reference_map._in_memory) == 5 - count
     reference_map.add(Place(5), cells(5))
     assert (reference_map.packed(5) == cells(5)).all()
+
+
+def test_several_places_are_read_in_one_go_wherever_they_are():
+    reference_map = ReferenceMap(ENCODING)
+    for index in range(5):
+        reference_map.add(Place(index), cells(index))
+    asked, stored = [], Stored()
+    stored.pictures = lambda indices: asked.append(indices) or Stored().pictures(indices)
+    for count in (0, 2, 5):
+        reference_map.let_go(count, stored)
+        found = reference_map.cells_of([3, 0, 4, 0])
+        expected = [reference_map.cells(index) for index in (3, 0, 4, 0)]
+        assert (np.array(found) == expected).all()
+        assert (found[1][0, 0, 0] == unpack_cells(cells(0))[0, 0, 0]) == (count == 0)
+    assert [len(indices) for indices in asked if len(indices) > 1] == [2, 4]
+    assert reference_map.cells_of([]) == []
 
 
 def test_whoever_reads_while_it_grows_finds_places_complete():

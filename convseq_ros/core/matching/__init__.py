@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to score a pair of images, and the matcher that scores a query in a map with one."""
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
 import os
 from typing import Any, TYPE_CHECKING
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.entropy import MAX_BITS
 from convseq_ros.core.matching.choice import chosen_kernels
+from convseq_ros.core.matching.lots import Lots
 from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.prepared import Prepared
 from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
@@ -21,7 +21,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from convseq_ros.core.reference_map import ReferenceMap
 
-_AT_ONCE = 16
 _MOST_THREADS = 2
 _KEPT_TO_RESCORE = 64
 
@@ -74,16 +73,15 @@ class Matcher:
         self._fast, self._exact = chosen_kernels(matching)
         self._map = reference_map
         self._least_bits = saliency_threshold * MAX_BITS
-        self._reference = lru_cache(kept)(partial(self._prepared, self._fast))
-        self._exact_reference = self._reference
-        if self._exact is not self._fast:
-            self._exact_reference = lru_cache(_KEPT_TO_RESCORE)(
-                partial(self._prepared, self._exact)
-            )
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
         self._keeps_all = kept is None
-        self._helpers = (matching.threads or usable) - 1
-        self._pool = ThreadPoolExecutor(self._helpers, 'pairs') if self._helpers else None
+        self._lots = Lots((matching.threads or usable) - 1)
+        self._prepared = Prepared(reference_map, self._fast.prepare, self._lots, kept)
+        self._prepared_to_rescore = self._prepared
+        if self._exact is not self._fast:
+            self._prepared_to_rescore = Prepared(
+                reference_map, self._exact.prepare, self._lots, _KEPT_TO_RESCORE
+            )
         self.kernel = self._fast.name
         self.exact = self._fast.exact
 
@@ -94,6 +92,10 @@ class Matcher:
             return None
         exact = fast if self.exact else self._exact.see(descriptor, self._least_bits)
         return _Seen(fast, exact)
+
+    def make_ready(self, indices: npt.NDArray[np.int64]) -> None:
+        """Read and prepare, all in one go, references that will be scored soon."""
+        self._prepared.of(indices.tolist())
 
     def scores(self, query: Any, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """
@@ -112,17 +114,18 @@ class Matcher:
             In [0, 1]; NaN for a reference that shows nothing.
 
         """
-        return self._scored(self._fast, query.fast, self._reference, indices)
+        return self._scored(self._fast, query.fast, self._prepared.of(indices.tolist()))
 
     def exact_scores(
         self, query: Any, indices: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.float32]:
         """Return what `scores` does, by the definition."""
-        return self._scored(self._exact, query.exact, self._exact_reference, indices)
+        prepared = self._prepared_to_rescore.of(indices.tolist())
+        return self._scored(self._exact, query.exact, prepared)
 
     def shift(self, query: Any, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
-        reference = self._exact_reference(index)
+        reference, = self._prepared_to_rescore.of([index])
         if reference is None:
             return None
         shifts = self._exact.compare(query.exact, [reference])[1]
@@ -147,35 +150,18 @@ class Matcher:
         for pair, own in ((self._fast, query.fast), (self._exact, query.exact)):
             pair.compare(own, [pair.prepare(cells)])
         if self._keeps_all:
-            for index in range(len(self._map)):
-                self._reference(index)
-
-    def _prepared(self, pair: PairScore, index: int) -> Any:
-        cells = self._map.cells(index)
-        return pair.prepare(cells) if cells.any() else None
+            self._prepared.of(range(len(self._map)))
 
     def _scored(
-        self, pair: PairScore, own: Any, reference: Callable[[int], Any],
-        indices: npt.NDArray[np.int64],
-    ) -> npt.NDArray[np.float32]:  # fmt: skip
-        """Score references in small lots, which this thread and the helpers take in turn."""
-        scores = np.full(len(indices), np.nan, np.float32)
-        starts = iter(range(0, len(indices), _AT_ONCE))
+        self, pair: PairScore, own: Any, references: Sequence[Any]
+    ) -> npt.NDArray[np.float32]:
+        scores = np.full(len(references), np.nan, np.float32)
 
-        def work() -> None:
-            for start in starts:
-                prepared = [reference(index) for index in indices[start:][:_AT_ONCE].tolist()]
-                lot = [place for place, one in enumerate(prepared) if one is not None]
-                if lot:
-                    found, _ = pair.compare(own, [prepared[place] for place in lot])
-                    scores[start + np.array(lot)] = found
+        def score(lot: slice) -> None:
+            some = references[lot]
+            shown = [one for one in some if one is not None]
+            if shown:
+                scores[lot][[one is not None for one in some]] = pair.compare(own, shown)[0]
 
-        lots = -(-len(indices) // _AT_ONCE)
-        helpers = [
-            self._pool.submit(work) for _ in range(min(self._helpers, lots - 1)) if self._pool
-        ]
-        work()
-        for helper in helpers:
-            if not helper.cancel():
-                helper.result()
+        self._lots.run(len(references), score)
         return scores

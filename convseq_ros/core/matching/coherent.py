@@ -8,7 +8,7 @@ however similar the best counterparts are, their shifts scatter. So where each c
 asked, not how similar it is, which survives night, seasons and another viewpoint.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -88,7 +88,11 @@ def projected_regions(cells: npt.NDArray[np.float32]) -> Regions:
     return unit((joined_regions(cells) - mean) @ axes)
 
 
-def see(query: Descriptor, least_bits: float) -> CoherentQuery | None:
+def see(
+    query: Descriptor,
+    least_bits: float,
+    project: Callable[[npt.NDArray[np.float32]], Regions] = projected_regions,
+) -> CoherentQuery | None:
     """
     Return what is compared of a query; None if no region of it is salient.
 
@@ -98,13 +102,15 @@ def see(query: Descriptor, least_bits: float) -> CoherentQuery | None:
         Of any image.
     least_bits : float
         Mean entropy over its 3 x 3 cells that makes a region salient.
+    project : callable
+        Computes `projected_regions`.
 
     """
     entropy = cv2.boxFilter(query.cell_entropy, -1, (_SPAN, _SPAN))[1:-1, 1:-1]
     index = np.flatnonzero(entropy >= least_bits)
     if not index.size or not query.cells.any():
         return None
-    return CoherentQuery(projected_regions(query.cells)[index], index, len(entropy))
+    return CoherentQuery(project(query.cells)[index], index, len(entropy))
 
 
 def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:

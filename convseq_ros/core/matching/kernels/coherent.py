@@ -10,7 +10,6 @@ from convseq_ros.core.compiled import compiled
 from convseq_ros.core.matching.coherent import (
     agreeing_regions,
     CoherentQuery,
-    projected_regions,
     REACH,
     see,
     WINDOW,
@@ -24,6 +23,7 @@ from convseq_ros.core.matching.kernels.panel import (
     query_words,
     reference_words,
 )  # fmt: skip
+from convseq_ros.core.matching.kernels.projection import projected, projected_bytes
 from convseq_ros.core.matching.kernels.tile import (
     best_word,
     BYTE_WORDS,
@@ -89,14 +89,13 @@ def _byte_query(query: CoherentQuery) -> _Query:
 
 
 def _float_reference(cells: npt.NDArray[np.float32]) -> Panel:
-    return reference_words(projected_regions(cells), FLOATS)
+    return reference_words(projected(cells), FLOATS)
 
 
 def _byte_reference(cells: npt.NDArray[np.float32]) -> Panel:
     # As fine as the range above the offset lets it be; hardly any number is clipped.
     scale, most = _SCALE * BYTES.offset / 128, BYTES.offset - 1
-    found = quantised(projected_regions(cells), scale, most, BYTES.offset)
-    return reference_words(found, BYTES)
+    return projected_bytes(cells, scale, most, BYTES.offset)
 
 
 def _compare_floats(query: _Query, references: Sequence[Panel]) -> Scores:
@@ -223,13 +222,13 @@ def _pair_score(
     compare: Callable[[_Query, Sequence[Panel]], Scores],
 ) -> PairScore:  # fmt: skip
     def seen(query: Descriptor, least_bits: float) -> _Query | None:
-        found = see(query, least_bits)
+        found = see(query, least_bits, projected)
         return None if found is None else pack(found)
 
     def agree(
         query: _Query, cells: npt.NDArray[np.float32], shift: Shift
     ) -> npt.NDArray[np.float64]:
-        return agreeing_regions(query.seen, projected_regions(cells), shift)
+        return agreeing_regions(query.seen, projected(cells), shift)
 
     return PairScore(name, exact, seen, prepare, compare, agree)
 

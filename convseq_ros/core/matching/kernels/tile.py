@@ -18,6 +18,7 @@ from convseq_ros.core.matching.kernels.vectors import Vectors
 FLOATS = float_tile() or Tile('none', 4, 6)
 BYTES = int8_tile() or FLOATS
 BYTE_WORDS, CELL_WORDS, FLOAT_WORDS = 8, 8, 32
+SPAN = 3
 DOT_BIT, ROW_BIT = 15, 11
 
 
@@ -164,6 +165,46 @@ def keep_cell_dots(builder: Any, query: Any, reference: Any, dots: Any, stride: 
             write.store(pair[half], own, half * FLOATS.lanes)
 
 
+@emitted('none')
+def keep_region_dots(builder: Any, cells: Any, width: Any, axes: Any, dots: Any) -> None:
+    """
+    Write the dot products of neighbouring 3 x 3-cell regions, [rows][FLOAT_WORDS].
+
+    Every number of a cell is loaded once for all three regions that it belongs to.
+
+    Parameters
+    ----------
+    builder : IRBuilder
+        Of the compiled function.
+    cells, width : int64
+        Address of the first region's first cell, and bytes from a row of cells to the next.
+    axes, dots : int64
+        Addresses of two vectors of axes for each word of a region, and of the first result.
+
+    """
+    write, lanes = Vectors(builder, FLOATS), FLOATS.lanes
+    zero = write.ir.Constant(write.numbers, None)
+    sums = [[zero, zero] for _ in range(FLOATS.rows)]
+    for down in range(SPAN):
+        for number in range(CELL_WORDS):
+            words = [(down * SPAN + right) * CELL_WORDS + number for right in range(SPAN)]
+            pairs = [
+                [write.load(write.numbers, axes, (2 * word + half) * lanes) for half in (0, 1)]
+                for word in words
+            ]
+            for cell in range(FLOATS.rows + SPAN - 1):
+                own = write.splat(write.load(write.number, cells, cell * CELL_WORDS + number))
+                for right, pair in enumerate(pairs):
+                    if 0 <= cell - right < FLOATS.rows:
+                        kept = sums[cell - right]
+                        for half in (0, 1):
+                            kept[half] = write.added(kept[half], pair[half], own)
+        cells = builder.add(cells, width)
+    for row, kept in enumerate(sums):
+        for half in (0, 1):
+            write.store(kept[half], dots, row * FLOAT_WORDS + half * lanes)
+
+
 @emitted('float32')
 def best_block(
     builder: Any, left: Any, right: Any, above: Any, inverse: Any, kept: Any, vectors: Any
@@ -197,3 +238,22 @@ def best_block(
         similarity = builder.fmul(builder.fadd(upper, lower), factor)
         builder.store(write.larger(similarity, builder.load(best)), best)
     return write.largest(builder.load(best))
+
+
+@emitted('none')
+def place_region(builder: Any, dots: Any, factor: Any, origin: Any, region: Any) -> None:
+    """Write dot products times a factor less those of an origin, at unit length; addresses."""
+    write, lanes = Vectors(builder, FLOATS), FLOATS.lanes
+    scale = write.splat(write.load(write.number, factor))
+    moved = []
+    squares = write.ir.Constant(write.numbers, None)
+    for start in range(0, FLOAT_WORDS, lanes):
+        scaled = builder.fmul(write.load(write.numbers, dots, start), scale)
+        moved.append(builder.fsub(scaled, write.load(write.numbers, origin, start)))
+        squares = builder.fadd(squares, builder.fmul(moved[-1], moved[-1]))
+    length = write.call('sqrt.f32', write.number, write.total(squares))
+    one, zero = (write.ir.Constant(write.number, value) for value in (1.0, 0.0))
+    flat = builder.fcmp_ordered('==', length, zero)
+    inverse = write.splat(builder.fdiv(one, builder.select(flat, one, length)))
+    for place, vector in enumerate(moved):
+        write.store(builder.fmul(vector, inverse), region, place * lanes)

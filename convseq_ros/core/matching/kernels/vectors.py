@@ -65,6 +65,23 @@ class Vectors:
         kind = 'smax' if self.tile.bytes else 'fmax'
         return self.call(f'vector.reduce.{kind}.{self._suffix}', self.number, vector)
 
+    def total(self, vector: Any) -> Any:
+        """Return the sum of a vector's numbers, half and half, as no order is prescribed."""
+        count = self.tile.lanes
+        while count > 1:
+            count //= 2
+            halves = (
+                self.builder.shuffle_vector(
+                    vector, vector,
+                    self.ir.Constant(
+                        self.ir.VectorType(self.word, count), list(range(first, first + count))
+                    ),
+                )
+                for first in (0, count)
+            )  # fmt: skip
+            vector = self.builder.fadd(*halves)
+        return self.builder.extract_element(vector, self.ir.Constant(self.word, 0))
+
     def dots(
         self, query: Any, reference: Any, words: int, start: Any = None
     ) -> list[tuple[Any, Any]]:
@@ -79,7 +96,7 @@ class Vectors:
             for row in rows:
                 own = self.splat(self.load(self.number, query, row * words + word))
                 sums[row] = (
-                    self._added(sums[row][0], left, own), self._added(sums[row][1], right, own)
+                    self.added(sums[row][0], left, own), self.added(sums[row][1], right, own)
                 )
         return sums
 
@@ -91,7 +108,7 @@ class Vectors:
         offset = self.ir.Constant(address.type, 4 * words)
         return self.builder.inttoptr(self.builder.add(address, offset), kind.as_pointer())
 
-    def _added(self, sums: Any, reference: Any, query: Any) -> Any:
+    def added(self, sums: Any, reference: Any, query: Any) -> Any:
         """Add the products of four bytes, or of one float32 number, in each word."""
         lanes, bits = self.tile.lanes, 32 * self.tile.lanes
         if not self.tile.bytes:
