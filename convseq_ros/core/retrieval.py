@@ -111,8 +111,9 @@ class Shortlist:
         if length:
             return np.array(sorted(self._best(scores, length)), np.int64)
         before = self._continued(rows, slope, len(scores))
-        if len(before):
-            scores[before] += _LOYALTY * scores.std(where=np.isfinite(scores))
+        finite = np.isfinite(scores)
+        if len(before) and finite.any():
+            scores[before] += _LOYALTY * scores.std(where=finite)
         listed = self._best(scores, self._length)
         if len(before):
             newcomers = [index for index in listed if index not in before]

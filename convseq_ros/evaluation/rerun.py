@@ -78,5 +78,8 @@ class _Remembered(Matcher):
     def shift(self, _query: int, _index: int) -> None:
         return None
 
+    def make_ready(self, indices: npt.NDArray[np.int64]) -> None:
+        pass
+
     def warm_up(self) -> None:
         pass

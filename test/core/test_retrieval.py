@@ -232,3 +232,11 @@ def test_a_look_at_another_number_of_ends_is_not_remembered(reference_map):
         window = rows[frame : frame - 5 : -1]
         assert len(one.ends(window, 2.0, 12)) == 12
         assert (one.ends(window) == other.ends(window)).all()
+
+
+def test_where_no_sequence_finds_room_nothing_is_listed(reference_map):
+    rows = list(drawn_rows(PLACES, 8))
+    shortlist = Shortlist(reference_map, 20, 5)
+    assert len(shortlist.ends(rows[:2]))
+    lost = [np.full(PLACES, np.nan, np.float32), *rows]
+    assert len(shortlist.ends(lost)) == 0
