@@ -49,8 +49,8 @@ _ABOUT = {
     ),
     'node': (
         'The real `vpr_node` with default parameters in a process of its own; another process '
-        'publishes bgr8 images with the default settings of the middleware and clocks the '
-        'answers: from the call that publishes an image to the arrival of `~/candidates`, so both '
+        'publishes bgr8 images and clocks the answers, both with the settings of '
+        'config/fastdds_large_images.xml: from the call that publishes an image to the arrival of `~/candidates`, so both '
         'ways through DDS are in it. With one thread, the node has one core and the camera '
         'another.'
     ),
@@ -96,6 +96,8 @@ _ADVICE = """\
   that is in use. Without numba everything works, more slowly.
 * `threads: 0` takes the cores that the process may use, two at most; *pair scores* and *the
   paper's row* show what the second one is worth. `taskset -c 3` keeps the node to one.
+* Give camera and node `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`: raw images
+  then go through shared memory.
 * `search: shortlist` is the default; the cost of `exhaustive`, the paper's, grows with the map as
   the picture shows.
 * The first start compiles for some seconds; later ones load what was compiled. The node says

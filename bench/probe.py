@@ -22,6 +22,7 @@ TOPIC = '/bench/image'
 _PATIENCE_S = 60.0
 _LAST_ANSWERS_S = 2.0
 _TICKS_S = os.sysconf('SC_CLK_TCK')
+_PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds_large_images.xml'
 
 
 @dataclass(slots=True)
@@ -136,6 +137,7 @@ def isolate(folder: Path) -> None:
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_LOG_DIR'] = str(folder / 'log')
+    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(_PROFILE))
 
 
 def _message(image: npt.NDArray[np.uint8]) -> Image:
