@@ -51,8 +51,8 @@ _ABOUT = {
         'The real `vpr_node` with default parameters in a process of its own; another process '
         'publishes bgr8 images and clocks the answers, both with the settings of '
         'config/fastdds_large_images.xml: from the call that publishes an image to the arrival of '
-        '`~/candidates`, so both ways through DDS are in it. With one thread, the node has one core and the camera '
-        'another.'
+        '`~/candidates`, so both ways through DDS are in it. With one thread, the node has one '
+        'core and the camera another.'
     ),
 }
 _HOW = """\
