@@ -13,7 +13,7 @@ from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
-_SETTLED_ENDS = 4
+_SETTLED_ENDS = 8
 
 Indices = npt.NDArray[np.int64]
 
@@ -143,7 +143,7 @@ class QueryBuffer:
     def sequence_scores(
         self, length: int, ends: Indices, slope: float = 1.0
     ) -> npt.NDArray[np.float64]:
-        """Return `rough_scores`, but exact for the best 4 where the kernel approximates."""
+        """Return `rough_scores`, but exact for the best 8 where the kernel approximates."""
         scores = self.rough_scores(length, ends, slope)
         if self._matcher.exact:
             return scores

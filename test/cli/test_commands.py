@@ -207,11 +207,17 @@ def test_no_space_left_for_results_is_one_line_and_keeps_the_rows(drive, map_pat
     assert len(read_results(Path(f'{output}.part'))) > 5
 
 
+def _hear_sigint():
+    """Undo what a shell does to programs that it starts in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
     folder, path = draw(tmp_path / 'drive', range(1500)), tmp_path / 'map.db'
     with subprocess.Popen(
         [*START, 'build-map', str(folder), str(path)], stderr=subprocess.PIPE, text=True,
         stdout=subprocess.DEVNULL, env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
+        preexec_fn=_hear_sigint,
     ) as process:  # fmt: skip
         deadline = time.monotonic() + 60
         while not path.exists() or path.stat().st_size < 100_000:
