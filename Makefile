@@ -7,7 +7,7 @@
 
 PYTHON ?= python3
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
-	$(shell find convseq_ros config launch resource scripts -type f -not -name '*.pyc')
+	$(shell find convseq_ros config launch resource scripts -type f -not -path '*/__pycache__/*')
 INSTALL := bin/python -m pip install -qq --no-input
 # setuptools would install what an earlier build left behind.
 CLEAN_BUILD := rm -rf build/lib build/bdist.* *.egg-info

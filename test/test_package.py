@@ -65,7 +65,7 @@ def find_executable(prefix: Path, name: str) -> Path:
 
 def files_of(folder: Path) -> set[str]:
     paths = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
-    return {path.as_posix() for path in paths if path.suffix != '.pyc'}
+    return {path.as_posix() for path in paths if '__pycache__' not in path.parts}
 
 
 def assert_shared_files_are_in(prefix: Path) -> None:
