@@ -3,6 +3,7 @@
 """The matcher: references, kernels and threads behind one interface."""
 
 from concurrent.futures import ThreadPoolExecutor
+import weakref
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.matching import choice, Matcher
@@ -219,3 +220,27 @@ def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
     monkeypatch.setattr(choice, 'float_tile', lambda: None)
     kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
     assert kernel == 'numpy'
+
+
+def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
+    if not int8_tile():
+        pytest.skip('needs numba, and a processor with 8-bit products')
+    from convseq_ros.core.matching.kernels import coherent
+
+    kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
+    shown = drawn(0)
+    query, reference, made = kernel.see(shown, 3.5), kernel.prepare(shown.cells), []
+
+    def uncached(side):
+        panel = places(side)
+        made.append(weakref.ref(panel.array))
+        return panel
+
+    def checked(*arguments):
+        assert all(array() is not None for array in made)
+        score(*arguments)
+
+    monkeypatch.setattr(coherent, '_places', uncached)
+    monkeypatch.setattr(coherent, '_byte_scores', checked)
+    kernel.compare(query, [reference])
+    assert made

@@ -107,9 +107,11 @@ def _compare_floats(query: _Query, references: Sequence[Panel]) -> Scores:
 
 def _compare_bytes(query: _Query, references: Sequence[Panel]) -> Scores:
     found = np.empty((len(references), 3))
+    # Held by name: what two threads make at once is not what the cache keeps of both.
+    places = _places(query.side)
     _byte_scores(
         query.words.address, query.start, query.spots, _spots(query.side),
-        _places(query.side).address, query.side, addresses(references), found,
+        places.address, query.side, addresses(references), found,
     )  # fmt: skip
     return found[:, 0].astype(np.float32), found[:, 1:]
 
