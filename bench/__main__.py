@@ -46,7 +46,9 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
     prepare(folder, sizes, about['frames'])
     findings = []
     for name in chosen.parts or PARTS:
-        for setting in PARTS[name][:1] if chosen.quick and name != 'encoding' else PARTS[name]:
+        for setting in PARTS[name]:
+            if chosen.quick and setting.threads != PARTS[name][0].threads:
+                continue
             _say(f'{name}, {setting.threads} threads{"" if setting.compiled else ", no numba"}')
             findings += run(name, setting, folder, sizes, chosen.quick)
     about['seconds'] = round(time.monotonic() - start_s)

@@ -44,6 +44,7 @@ def in_turn(
     fewest: int = 3,
     most: int = 200,
     sample_ms: float = _SAMPLE_MS,
+    rest_s: float = 0.0,
 ) -> dict[str, Times]:
     """
     Return the times of some sides, each called once before it counts.
@@ -60,6 +61,9 @@ def in_turn(
         Short work is repeated for so long. Were samples shorter than what a busy system gives to a
         process at once, those of a fast side would suffer less from others than those of a slow
         one.
+    rest_s : float
+        Seconds between two sides: threads of BLAS wait for more work by spinning for a while, and
+        take a core from whoever comes next.
 
     """
     repeats, expected_ms = {}, 0.0
@@ -74,6 +78,7 @@ def in_turn(
     order = list(sides)
     for _ in range(rounds):
         for name in order:
+            time.sleep(rest_s)
             samples[name].append(_elapsed_ms(sides[name], repeats[name]))
         order = [*order[1:], order[0]]
     return {name: Times(tuple(own)) for name, own in samples.items()}

@@ -58,11 +58,13 @@ _ABOUT = {
 _HOW = """\
 **How it was measured.** Medians; the sides of a comparison are taken in turn in one process, each
 called once before it counts, and *times faster* is the median of the ratios, round by round.
-Every part runs in a process of its own with as many BLAS threads as the column says. Images are
-drawn (`convseq_ros/simulation`): a street by day is the map, the same street in the evening the
-query. Maps of all sizes are written by the map's own writer from the day's descriptors, lap by
-lap; every lap but one is varied at random until it is another street. How often answers are right
-is another question: [RESULTS.md](RESULTS.md) has it, from real images.
+Where there are two threads, a fifth of a second lies between two sides: BLAS's threads wait for
+more work by spinning, and would take a core from the next side. Every part runs in a process of
+its own with as many BLAS threads as the column says. Images are drawn (`convseq_ros/simulation`):
+a street by day is the map, the same street in the evening the query. Maps of all sizes are written
+by the map's own writer from the day's descriptors, lap by lap; every lap but one is varied at
+random until it is another street. How often answers are right is another question:
+[RESULTS.md](RESULTS.md) has it, from real images.
 
     make bench                                # everything, then this page
     python -m bench pairs frames              # some parts, table and JSON alone
@@ -73,8 +75,8 @@ _APPROXIMATE = """\
 
 | what | how far off | what settles it |
 | --- | --- | --- |
-| 8-bit kernels (`kernel: int8`, what `auto` takes where the processor can) | {int8} | the \
-sequences that end at the best 8 candidates are scored again in float32 before anything is \
+| 8-bit kernels (`kernel: int8`, what `auto` takes where the processor can) | {int8} | what is \
+within 0.05 of the best candidate, 8 at most, is scored again in float32 before anything is \
 published |
 | float32 kernels | {float32} | nothing needs to |
 | the shortlist (`search: shortlist`): references are scored only where a sequence may end that \

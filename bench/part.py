@@ -42,10 +42,10 @@ class Setting:
 
 ONE, TWO, ONE_CORE = Setting(1), Setting(2), Setting(1, pinned=True)
 PARTS = {
-    'encoding': (ONE, Setting(compiled=False)),
+    'encoding': (ONE, Setting(1, compiled=False)),
     'pairs': (ONE, TWO),
     'rows': (ONE, TWO),
-    'frames': (ONE_CORE,),
+    'frames': (ONE_CORE, Setting(1, pinned=True, compiled=False)),
     'sequence': (ONE,),
     'memory': (ONE,),
     'node': (TWO, ONE),

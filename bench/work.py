@@ -20,6 +20,7 @@ from bench import material
 from bench.clock import in_turn, Times
 from bench.finding import Finding
 
+_REST_S = 0.2
 KERNELS = ('int8', 'float32', 'numpy')
 
 
@@ -52,7 +53,7 @@ class Work:
         """Return the times of some sides, as `clock.in_turn` does; of one round if quick."""
         if self.quick:
             return in_turn(sides, 0, fewest=1, sample_ms=0)
-        return in_turn(sides, budget_s)
+        return in_turn(sides, budget_s, rest_s=_REST_S if self.threads > 1 else 0.0)
 
     def map_path(self, size: int) -> Path:
         """Return the map of a size."""

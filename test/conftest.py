@@ -13,6 +13,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 HIGHEST_DOMAIN = 101
+OVER_DDS = 'test_demo', 'test_live', 'test_parity'
 
 
 def isolate_ros() -> None:
@@ -41,5 +42,5 @@ def shared_data() -> Path:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Try again what two processes say over DDS: on a busy machine discovery may come late."""
     for item in items:
-        if item.path.parent.name == 'node' or item.path.stem in ('test_parity', 'test_demo'):
+        if item.path.parent.name == 'node' or item.path.stem in OVER_DDS:
             item.add_marker(pytest.mark.flaky(reruns=2))

@@ -8,6 +8,7 @@ from pathlib import Path
 import time
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
+from convseq_ros.core.compiled import available
 from convseq_ros.core.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
@@ -20,10 +21,14 @@ from bench.released import encode, frame_ms, ReleasedLoop
 from bench.work import Work
 
 LENGTH = 10
+_LISTED = MatchingConfig().shortlist_length
 _WARM_FRAMES = LENGTH + 5
+_ROUNDS = 60
+_FEWER_LISTED = 30
 _RELEASED_PAIRS = 10
 _TOLERANCE = 2
 _MOST_UNCOMPILED = 1000
+_MOST_UNCOMPILED_MS = 150
 _INT8_KB, _FLOAT32_KB = 30, 120
 _WANTED = {1000: (15, 400), 10_000: (15, 4000), 100_000: (25, 20_000)}
 _WANTED_GROWTH = 2
@@ -32,6 +37,8 @@ _PERIOD_NS = 100_000_000
 
 def measure(work: Work) -> list[Finding]:
     """Measure frames with the shortlist and with the whole map, and the script's steps between."""
+    if not available():
+        return [_uncompiled(work, work.sizes[0])]
     findings: list[Finding] = []
     medians: list[float] = []
     for size in work.sizes:
@@ -48,16 +55,30 @@ def measure(work: Work) -> list[Finding]:
 class _Drive:
     """Gives a recogniser one frame after another."""
 
-    def __init__(self, work: Work, size: int, search: str) -> None:
-        chosen = MatchingConfig(matching='coherent', search=search, threads=work.threads)
+    def __init__(self, work: Work, size: int, search: str, listed: int = _LISTED) -> None:
+        chosen = MatchingConfig(
+            matching='coherent', search=search, shortlist_length=listed, threads=work.threads
+        )
         config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=LENGTH))
         self._recognizer = PlaceRecognizer(open_map(work.map_path(size)), config)
         self._recognizer.matcher.warm_up()
         self._images, self._size = work.images, size
         self._numbers = count()
-        self.matches: list[Match] = []
+        self._matches: list[Match] = []
+        self._right = 0
         self.kernel = self._recognizer.matcher.kernel
-        self.right = 0
+
+    def warm_up(self) -> None:
+        """Process frames until sequences are long enough; what was right so far does not count."""
+        for _ in range(_WARM_FRAMES):
+            self.frame_ms()
+        self._matches.clear()
+        self._right = 0
+
+    def note(self) -> str:
+        """Return what computed pairs, how many, and how many frames were right."""
+        scored = int(np.median([match.pairs_scored for match in self._matches]))
+        return f'{self.kernel}; {scored} pairs; {self._right} of {len(self._matches)} right'
 
     def frame_ms(self) -> float:
         """Return how long the next frame took."""
@@ -68,8 +89,8 @@ class _Drive:
         took_ms = (time.perf_counter_ns() - start_ns) / 1e6
         wanted = truth(index, self._size, len(self._images))
         best = match.best
-        self.right += best is not None and abs(best.reference_index - wanted) <= _TOLERANCE
-        self.matches.append(match)
+        self._right += best is not None and abs(best.reference_index - wanted) <= _TOLERANCE
+        self._matches.append(match)
         return took_ms
 
 
@@ -78,16 +99,15 @@ def _frames(work: Work, size: int) -> list[Finding]:
     shortlist = _Drive(work, size, 'shortlist')
     obstacle = _obstacle(shortlist.kernel, size)
     exhaustive = None if obstacle else _Drive(work, size, 'exhaustive')
-    for _ in range(_WARM_FRAMES):
-        shortlist.frame_ms()
-    shortlist.right = 0
-    rounds = 3 if work.quick else 60
+    shortlist.warm_up()
+    rounds = 3 if work.quick else _ROUNDS
     every = min(rounds, max(1, size // 500))
     # Frames that compare the whole map take seconds; those before the sequence is long enough
     # take the same time, but the first, which prepares all references.
-    if exhaustive:
-        for _ in range(_WARM_FRAMES if size <= 1000 else 1):
-            exhaustive.frame_ms()
+    if exhaustive and size <= 1000:
+        exhaustive.warm_up()
+    elif exhaustive:
+        exhaustive.frame_ms()
     script = _Script(work)
     own, full, encodes, pairs = [], [], [], []
     for number in range(rounds):
@@ -98,6 +118,18 @@ def _frames(work: Work, size: int) -> list[Finding]:
         pairs.append(script.pair_ms())
     released = frame_ms(float(np.median(encodes)), float(np.median(pairs)), size, LENGTH)
     return list(_told(work, what, size, shortlist, own, full, released, obstacle))
+
+
+def _uncompiled(work: Work, size: int) -> Finding:
+    """Measure frames without numba, with fewer candidates."""
+    drive = _Drive(work, size, 'shortlist', _FEWER_LISTED)
+    drive.warm_up()
+    times = Times(tuple(drive.frame_ms() for _ in range(3 if work.quick else _ROUNDS)))
+    finding = Finding(
+        what=f'frame, k = {LENGTH}, R = {size:,}, {_FEWER_LISTED} candidates',
+        side='coherent, shortlist, no numba', threads=work.threads, note=drive.note(),
+    )  # fmt: skip
+    return finding.timed(times).aiming(at_most(times.median, _MOST_UNCOMPILED_MS, 'ms'))
 
 
 def _obstacle(kernel: str, size: int) -> str:
@@ -121,11 +153,11 @@ def _told(
     obstacle: str,
 ) -> Iterator[Finding]:
     against, threads = 'released script, computed', work.threads
-    scored = int(np.median([match.pairs_scored for match in shortlist.matches]))
-    note = f'{shortlist.kernel}; {scored} pairs; {shortlist.right} of {len(own)} right'
     times = Times(tuple(own))
     faster = released / times.median
-    finding = Finding(what=what, side='coherent, shortlist', threads=threads, note=note)
+    finding = Finding(
+        what=what, side='coherent, shortlist', threads=threads, note=shortlist.note()
+    )
     finding = finding.timed(times).compared(faster, against)
     if size in _WANTED:
         most_ms, least = _WANTED[size]

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import csv
 from dataclasses import dataclass
 from pathlib import Path
-import shutil
 import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
 from convseq_ros.cli.live import recognise_live
 from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.cli.replay import replay
+from convseq_ros.cli.side_topics import side_topics
 from convseq_ros.core.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError, SourceError
@@ -24,13 +25,15 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.light import LIGHTS
 from convseq_ros.simulation.recording import nearest_reference, write_recording
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources import open_source
+from convseq_ros.sources import open_annotated, open_source
 import numpy as np
 import numpy.typing as npt
 
 _TOLERANCE = 2
 _MARKER = '.convseq-demo'
-_COMPARED = ('sequence_length', 'best_index', 'best_score', 'reference_index', 'reason')
+_COMPARED = (
+    'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +77,18 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Map the first drive, recognise the second one live and offline, and show both."""
     folder, config = chosen.output, chosen_config(chosen)
-    _make_empty(folder)
+    make_empty(folder, _MARKER)
     drives = _given_drives(chosen.data) if chosen.data else _drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(drives.reference, map_path, encoding=config.encoding)
+    build(
+        drives.reference, map_path, odom=side_topics(drives.reference).odom,
+        encoding=config.encoding,
+    )  # fmt: skip
 
     _say('replaying the second drive offline')
-    source = open_source(drives.query)
+    beside = side_topics(drives.query)
+    source = open_annotated(drives.query, '', *beside)
     recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
     offline, scores = [], np.zeros((len(source), len(recognizer.reference_map)), np.float32)
     for match, duration_ms in replay(source, recognizer):
@@ -96,7 +103,9 @@ def run(chosen: argparse.Namespace) -> int:
     position = {each['query_stamp_ns']: each['query_index'] for each in offline}
     live = [
         each | {'query_index': position[each['query_stamp_ns']]}
-        for each in recognise_live(drives.query, len(source), map_path, folder, rate, config)
+        for each in recognise_live(
+            drives.query, len(source), map_path, folder, rate, config, **beside._asdict()
+        )
     ]
 
     print(f'\n{drives.told}\n')
@@ -105,16 +114,6 @@ def run(chosen: argparse.Namespace) -> int:
     _draw(picture, drives, live, scores)
     print(f'\nresults  {folder / "live.csv"}\npicture  {picture}')
     return 0
-
-
-def _make_empty(folder: Path) -> None:
-    """Make the folder anew if a demo made it; refuse to delete what somebody else made."""
-    marker = folder / _MARKER
-    if folder.exists() and any(folder.iterdir()) and not marker.is_file():
-        raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    marker.touch()
 
 
 def _drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
@@ -128,7 +127,8 @@ def _drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
     )  # fmt: skip
     distances = []
     for name, drive in (('first', first), ('second', second)):
-        write_recording(folder / name, draw(street, drive))
+        shots = draw(street, drive)
+        write_recording(folder / name, shots, info_topic='/camera/camera_info')
         distances.append([drive.distance_m(index) for index in range(drive.num_frames)])
     truth = nearest_reference(np.array(distances[1]), np.array(distances[0]))
     told = (

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 
+from convseq_ros.cli.processes import for_large_images
 from convseq_ros.errors import ConvseqError
 
 
@@ -27,4 +28,4 @@ def main(arguments: Sequence[str]) -> int:
         )
     player = [sys.executable, '-m', 'convseq_ros.node.player', *arguments]
     sys.stdout.flush()
-    os.execv(sys.executable, player)
+    os.execve(sys.executable, player, {**os.environ, **for_large_images()})

@@ -12,7 +12,8 @@ from convseq_ros.core.types import Candidate, Reason
 
 Verdict = tuple[Reason, float | None]
 
-_CONFIDENCE = (-0.8, 3.0)
+_CONFIDENCE = (-0.2, 2.1)
+_LEAST_EVIDENCE = 0.1
 
 
 class Acceptance:
@@ -151,7 +152,9 @@ def confidence(evidence: float) -> float:
     """
     Return the probability that a candidate is right, in [0, 1], given its track evidence.
 
-    A logistic function of the logarithm, fitted on coherent scores.
+    A logistic function of the logarithm, fitted on drawn streets (scripts/fit_acceptance.py), some
+    of whose buildings repeat.
     """
     offset, slope = _CONFIDENCE
-    return 1.0 / (1.0 + math.exp(-(offset + slope * math.log(max(evidence, 0.0) + 0.02))))
+    log_odds = offset + slope * math.log(max(evidence, 0.0) + _LEAST_EVIDENCE)
+    return 1.0 / (1.0 + math.exp(-log_odds))

@@ -1,11 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a map is laid out in its SQLite file, format 2.
+How a map is laid out in its SQLite file, format 3.
 
 `places` is read when a map is opened; `pictures` holds what is read when it is needed. The cells
-are float16, divided by 64: the lower bytes as they are, then the upper ones, bin after bin, as a
-zlib stream, which loses nothing and saves a sixth. A row of either table has its CRC-32.
+are float16, divided by 64, in planes of one byte a cell: the lower bytes of the 8 bins, then the
+upper ones of the first 7. No number is negative, so the upper byte of the eighth bin fits into
+their top bits, the lowest bit into that of the first. A row of either table has its CRC-32.
 """
 
 import json
@@ -15,12 +16,13 @@ from typing import Any
 import zlib
 
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core.compiled import available
 from convseq_ros.core.hog import BINS
 from convseq_ros.errors import ConfigError, MapError
 import numpy as np
 import numpy.typing as npt
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 APPLICATION_ID = 0x43565351
 SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
@@ -37,6 +39,9 @@ CREATE TABLE pictures (
 );
 """
 
+_TOP = np.uint8(128)
+_TOP_BITS = np.arange(BINS - 1, 0, -1, dtype=np.uint8)[:, None]
+
 
 def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
     """Return the settings that the stored cells depend on."""
@@ -44,22 +49,30 @@ def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
 
 
 def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
-    """Return packed cells (S, S, 8) as they are stored."""
-    parts = packed.astype('<f2', copy=False).reshape(-1, BINS, 1).view(np.uint8)
-    # Huffman codes alone: searching for repetitions takes three times as long and finds none.
-    code = zlib.compressobj(1, strategy=zlib.Z_HUFFMAN_ONLY)
-    return parts[..., 0].tobytes() + code.compress(parts[..., 1].T.tobytes()) + code.flush()
+    """Return packed cells (S, S, 8) as they are stored; ValueError if one is negative."""
+    halves = packed.reshape(-1, BINS).view(np.uint16).T
+    upper = (halves >> 8).astype(np.uint8)
+    if (upper & _TOP).any():
+        raise ValueError('cells are sums of strengths, which are not negative')
+    upper[:-1] |= upper[-1] << _TOP_BITS & _TOP
+    return halves.astype(np.uint8).tobytes() + upper[:-1].tobytes()
 
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray[np.float16]:
-    """Return stored cells, packed; ValueError or zlib.error if they are not of that shape."""
-    rows, columns, bins = cell_shape
-    count = rows * columns * bins
-    parts = np.empty((rows * columns, bins, 2), np.uint8)
-    parts[..., 0] = np.frombuffer(stored, np.uint8, count).reshape(-1, bins)
-    upper = zlib.decompress(memoryview(stored)[count:])
-    parts[..., 1] = np.frombuffer(upper, np.uint8).reshape(bins, -1).T
-    return parts.view('<f2').reshape(cell_shape)
+    """Return stored cells, packed; ValueError if they are not of that shape."""
+    planes = np.frombuffer(stored, np.uint8).reshape(2 * BINS - 1, -1)
+    halves = np.empty((planes.shape[1], BINS), np.uint16)
+    if available():
+        from convseq_ros.core.cell_kernels import join_bytes
+
+        join_bytes(planes, halves)
+    else:
+        upper = planes[BINS:]
+        halves[:, :-1] = (upper & ~_TOP).T
+        halves[:, -1] = np.packbits(upper >= _TOP, axis=0, bitorder='little')[0]
+        halves <<= 8
+        halves |= planes[:BINS].T
+    return halves.view(np.float16).reshape(cell_shape)
 
 
 def place_crc(plain: tuple[Any, ...], pooled: bytes) -> int:

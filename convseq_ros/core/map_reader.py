@@ -13,7 +13,6 @@ import tempfile
 from threading import Lock
 from typing import Any
 import weakref
-import zlib
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.hog import BINS, CELL_PX
@@ -24,7 +23,7 @@ import numpy as np
 
 _ROWS_AT_ONCE = 2048
 _PICTURES_AT_ONCE = 256
-_DAMAGE = (OverflowError, UnicodeDecodeError, ValueError, TypeError, zlib.error)
+_DAMAGE = (OverflowError, UnicodeDecodeError, ValueError, TypeError)
 
 
 class MapReader:

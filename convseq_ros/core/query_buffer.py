@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 _SETTLED_ENDS = 8
+# Ten times the largest error that was seen, of single pairs; sequences average theirs away.
+_WITHIN = 0.05
 
 Indices = npt.NDArray[np.int64]
 
@@ -111,13 +113,12 @@ class QueryBuffer:
 
         """
         lacking = [
-            (one.query, row, met[np.isnan(row[met])])
+            (row, one.query, met[np.isnan(row[met])])
             for one, row, met in _diagonals(self.outward[:count], ends, slope)
         ]
-        if len(lacking) > 1:
-            self._matcher.make_ready(np.concatenate([missing for _, _, missing in lacking]))
-        for query, row, missing in lacking:
-            row[missing] = self._matcher.scores(query, missing)
+        found = self._matcher.scores_of([(query, missing) for _, query, missing in lacking])
+        for (row, _, missing), scores in zip(lacking, found, strict=True):
+            row[missing] = scores
             self.pairs_scored += len(missing)
 
     def rough_scores(
@@ -143,12 +144,17 @@ class QueryBuffer:
     def sequence_scores(
         self, length: int, ends: Indices, slope: float = 1.0
     ) -> npt.NDArray[np.float64]:
-        """Return `rough_scores`, but exact for the best 8 where the kernel approximates."""
+        """
+        Return `rough_scores`, but exact for whatever may be the best.
+
+        Where the kernel approximates, these are those within 0.05 of the best, and 8 at most.
+        """
         scores = self.rough_scores(length, ends, slope)
         if self._matcher.exact:
             return scores
-        best = ends[np.argsort(-scores, kind='stable')[:_SETTLED_ENDS]]
-        for one, row, met in _diagonals(self.outward[:length], best, slope):
+        best = np.argsort(-scores, kind='stable')[:_SETTLED_ENDS]
+        best = best[scores[best] >= scores.max(initial=-np.inf) - _WITHIN]
+        for one, row, met in _diagonals(self.outward[:length], ends[best], slope):
             rough = np.array([index for index in met if index not in one.settled], np.int64)
             row[rough] = self._matcher.exact_scores(one.query, rough)
             one.settled.update(rough.tolist())

@@ -4,14 +4,19 @@
 How strongly the last frames together speak for one place, in units that need no site's threshold.
 
 One frame alone can look like another place by chance; at a true place the best diagonal stays the
-best, frame after frame. So the margins over other places are summed along the diagonal and divided
-by how much other places scatter on this drive. And a track ends where its newest frame ends it:
-where a road forks, nine frames of ten still show the known one.
+best, frame after frame. So the margins over other places, less what chance gives, are summed along
+the diagonal and divided by how much other places scatter on this drive; the fewer of them there
+are, the less it means to beat them. And a track ends where its newest frame ends it: where a road
+forks, nine frames of ten still show the known one.
+
+What chance gives, the fewest rivals, the share of the newest frame, the prior of the scatter and
+the least evidence were chosen on drawn drives that are not reported: scripts/fit_acceptance.py.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from convseq_ros.core.sequence import diagonal, Row
 import numpy as np
@@ -22,14 +27,16 @@ MEMORY = 30
 SAME_TRACK = 2
 _OWN_PEAK = 5
 _NEIGHBOURHOOD = 10
-_FEWEST_RIVALS = 5
+_FEWEST_RIVALS = 8
+_CHANCE = 6.0
 _RIM = 2
 _PRIOR_FRAMES = 5
 _SMALLEST_SCATTER = 0.002
 _USUAL_SCATTER = 0.01
-_PRIOR_WINDOWS = 10
+_PRIOR_WINDOWS = 2
 _SHORTEST_DRIVE = 10
 _DOUBT_OF_OTHER_SLOPES = 4 / 3
+_SHARE_OF_NEWEST = 0.7
 
 Values = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -47,8 +54,8 @@ class Sight:
     reference : int
         The reference at which the best diagonal ends.
     margin : float
-        By how much that diagonal beats those of other places; 0 at the rim of the map, where the
-        peak may lie beyond, and among too few rivals.
+        By how much that diagonal beats those of other places, beyond what chance gives; 0 at the
+        rim of the map, where the peak may lie beyond, and among too few rivals.
     rivals : int
         Diagonals further than 10 references from the best.
 
@@ -147,7 +154,8 @@ class TrackEvidence:
                 self._windows += 1
             if best < len(newest) - _RIM:
                 rivals = _beyond(heights, ends, best, _OWN_PEAK)
-                margin = float(heights[top] - rivals.max())
+                chance = _CHANCE * (self.scatter or 0.0) / math.sqrt(len(elsewhere))
+                margin = max(0.0, float(heights[top] - rivals.max()) - chance)
         sight = Sight(frame, best, margin, len(elsewhere))
         self._sights.append(sight)
         lately = [one for one in self._along(frame, best, slope) if one.frame > frame - WINDOW]
@@ -165,20 +173,24 @@ class TrackEvidence:
             Mean margin of those frames whose own best diagonal is this one, in units of the
             scatter; frames that are missing or point elsewhere count as 0. Early in a drive the
             mean is over the frames since it was first asked for and there were rivals, 10 at
-            least. No more, however, than the standard deviations by which the newest frame alone
-            speaks for the place; and a quarter less at another slope than 1, of which there are
-            many. None while the scatter is unknown.
+            least. No more, however, than .7 of the standard deviations by which the newest frame
+            alone speaks for the place; and a quarter less at another slope than 1, of which there
+            are many. 0 for the last two references if the query drives more slowly than the map:
+            so it looks to a drive that has left the map and still sees its end. None while the
+            scatter is unknown.
 
         """
         if self._start is None and self._sights and self._sights[-1].enough_rivals:
             self._start = frame
         if self.scatter is None:
             return None
+        if slope < 1.0 and reference >= len(self._sums) - _RIM:
+            return 0.0
         started = frame if self._start is None else self._start
         margins = [sight.margin for sight in self._along(frame, reference, slope)]
         frames = min(max(frame - started + 1, _SHORTEST_DRIVE), MEMORY)
         along = sum(margins) / (frames * self.scatter)
-        along = min(along, self._newest_alone(reference))
+        along = min(along, _SHARE_OF_NEWEST * self._newest_alone(reference))
         return along if slope == 1.0 else along / _DOUBT_OF_OTHER_SLOPES
 
     def _along(self, frame: int, reference: int, slope: float) -> list[Sight]:

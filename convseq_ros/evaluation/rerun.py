@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recogniser once more over a drive, with what an earlier pass computed of its images."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
@@ -78,8 +78,10 @@ class _Remembered(Matcher):
     def shift(self, _query: int, _index: int) -> None:
         return None
 
-    def make_ready(self, indices: npt.NDArray[np.int64]) -> None:
-        pass
+    def scores_of(
+        self, asked: Sequence[tuple[int, npt.NDArray[np.int64]]]
+    ) -> list[npt.NDArray[np.float32]]:
+        return [self.scores(query, indices) for query, indices in asked]
 
     def warm_up(self) -> None:
         pass

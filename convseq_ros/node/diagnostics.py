@@ -93,6 +93,7 @@ class Diagnostics:
         self._advice = advice
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
+        self._stuck: tuple[Session, int] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._timer = node.create_timer(
             period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -128,20 +129,39 @@ class Diagnostics:
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
+        if self._cannot_keep(situation):
+            return DiagnosticStatus.ERROR, (
+                f'{situation.session.path}: what the map gains cannot be written; see the log'
+            )
         if silence:
             return DiagnosticStatus.WARN, silence
+        if self._has_twin():
+            return DiagnosticStatus.WARN, (
+                f'another node is named {self._node.get_fully_qualified_name()}; end it, or '
+                'rename one: -r __node:=NAME'
+            )
         if dropped_now:
             return DiagnosticStatus.WARN, (
                 f'{dropped_now} frames dropped: they come faster than they are processed'
             )
-        if self._statistics.unkept > self._unkept:
-            self._unkept = self._statistics.unkept
-            return DiagnosticStatus.ERROR, (
-                f'{situation.session.path}: what the map gains cannot be written; see the log'
-            )
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'
+
+    def _has_twin(self) -> bool:
+        names = self._node.get_node_names_and_namespaces()
+        return names.count((self._node.get_name(), self._node.get_namespace())) > 1
+
+    def _cannot_keep(self, situation: Situation) -> bool:
+        """Return whether what the map gains is not written, since the last failure to do so."""
+        session = situation.session
+        if self._statistics.unkept > self._unkept:
+            self._unkept = self._statistics.unkept
+            self._stuck = session, session.kept
+            return True
+        if self._stuck and (self._stuck != (session, session.kept) or not session.is_kept):
+            self._stuck = None
+        return self._stuck is not None and session.kept < situation.map_size
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""

@@ -3,10 +3,13 @@
 """Loading and saving maps while frames come in, without losing one."""
 
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import partial
+import os
+from os.path import exists, isdir, isfile
 from pathlib import Path
 import time
+import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
@@ -14,7 +17,7 @@ from convseq_ros.core.map_file import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.services import in_background
+from convseq_ros.node.services import Background, settle
 from convseq_ros.node.worker import Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -62,6 +65,7 @@ class MapServices:
         self._worker = worker
         self._recognition = recognition
         self._config = config
+        self._background = Background()
         # Its own group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
         node.create_service(LoadMap, '~/load_map', self._on_load_map, callback_group=group)
@@ -80,6 +84,10 @@ class MapServices:
             text = 'no map yet; waiting for ~/load_map'
         self._logger.info(text)
 
+    def finish(self, timeout_s: float) -> bool:
+        """Wait for what services have begun; return whether it ended in time."""
+        return self._background.finish(timeout_s)
+
     async def _on_load_map(
         self, request: LoadMap.Request, response: LoadMap.Response
     ) -> LoadMap.Response:
@@ -87,17 +95,18 @@ class MapServices:
         try:
             if not path:
                 raise MapError('map_url is empty; give the path of a map')
-            session = await in_background(partial(self._open, Path(path)))
-        except (ConvseqError, OSError) as error:
-            self._logger.error(str(error))
+            session = await self._background.result_of(partial(self._open, Path(path)))
+            swap = partial(self._recognition.swap, session)
+            await self._background.result_of(partial(self._between_frames, swap))
+        except Exception as error:
+            self._logger.error(f'load_map: {_told(error)}')
+            # Unlike that of Path, it never raises.
             response.result = (
                 LoadMap.Response.RESULT_INVALID_MAP_DATA
-                if Path(path).is_file()
+                if isfile(path)
                 else LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
             )
             return response
-        swap = partial(self._recognition.swap, session)
-        await in_background(partial(self._between_frames, swap))
         self.announce()
         response.result = LoadMap.Response.RESULT_SUCCESS
         return response
@@ -114,10 +123,10 @@ class MapServices:
         self, _request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
-            response.message = await in_background(self._save)
-        except (ConvseqError, OSError) as error:
+            response.message = await self._background.result_of(self._save)
+        except Exception as error:
             response.success, response.message = False, str(error)
-            self._logger.error(f'save_map: {error}')
+            self._logger.error(f'save_map: {_told(error)}')
             return response
         response.success = True
         return response
@@ -131,6 +140,7 @@ class MapServices:
             target = Path(self.save_path)
             if session.is_kept and target.exists() and target.samefile(session.path or ''):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
+            _refuse_target(target)
             save_map(session.recognizer.reference_map, target)
             return self.save_path
         if session.is_kept:
@@ -141,15 +151,36 @@ class MapServices:
     def _between_frames(self, work: Callable[[], Result]) -> Result:
         """Return what the worker's thread returns for some work; not to be called in it."""
         future: Future[Result] = Future()
+        self._worker.between_items(partial(settle, future, work))
+        deadline_s = time.monotonic() + _ANSWER_S
+        while not future.done():
+            if self._worker.is_stopping:
+                raise MapError('the node is ending')
+            if time.monotonic() > deadline_s:
+                raise MapError(
+                    f'the frame at hand takes more than {_ANSWER_S:g} s; the map is exchanged '
+                    'after it'
+                )
+            wait([future], _POLL_S)
+        return future.result()
 
-        def run() -> None:
-            try:
-                future.set_result(work())
-            except BaseException as error:
-                future.set_exception(error)
 
-        self._worker.between_items(run)
-        return future.result(_ANSWER_S)
+def _refuse_target(target: Path) -> None:
+    """Say what would else be told of a neighbour of the file, or undone by replacing it."""
+    folder = target.absolute().parent
+    if not isdir(folder):
+        raise MapError(f'{target}: there is no folder {folder}; make it, or set save_map_path')
+    if not os.access(folder, os.W_OK):
+        raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
+    if exists(target) and not isfile(target):
+        raise MapError(f'{target}: is not a file; set save_map_path to one')
+
+
+def _told(error: Exception) -> str:
+    """Return what went wrong; of what nobody foresaw, where."""
+    if isinstance(error, ConvseqError | OSError):
+        return str(error)
+    return ''.join(traceback.format_exception(error))
 
 
 def _complete(session: Session) -> None:

@@ -16,6 +16,9 @@ _DEPTH = 200
 _KEPT = 20_000
 _PATIENCE_S = 0.05
 _UNHEARD_FRAMES = 20
+_VAIN_WAITS = 3
+_LOST_FRAMES = 20
+_LOG_PERIOD_S = 10.0
 
 
 class Odometry:
@@ -24,7 +27,8 @@ class Odometry:
 
     An image often comes before the odometry of its moment. It waits for it, in the worker's
     thread, but for 50 ms at most, and only while odometry comes at all: a pose between two of the
-    odometry is what an offline run finds, one that is extrapolated is a guess.
+    odometry is what an offline run finds, one that is extrapolated is a guess. After three images
+    that waited in vain, none waits before odometry comes again.
 
     Parameters
     ----------
@@ -46,18 +50,24 @@ class Odometry:
         self._node = node
         self._topic = node.resolve_topic_name('odom')
         self._track = PoseTrack(kept=_KEPT)
-        self._unheard = 0
+        self._unheard = self._waited_in_vain = self._lost_in_a_row = 0
         self._changed = threading.Condition()
         FollowingSubscription(node, OdometryMessage, 'odom', self._on_odometry, _DEPTH)
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time; None if odometry does not tell."""
         with self._changed:
-            if self._worth_waiting():
-                self._changed.wait_for(lambda: self._has_reached(stamp_ns), _PATIENCE_S)
+            if self._worth_waiting() and not self._changed.wait_for(
+                lambda: self._has_reached(stamp_ns), _PATIENCE_S
+            ):
+                self._waited_in_vain += 1
             pose = self._track.at(stamp_ns)
-            if pose is None and self._track.last_stamp_ns is not None:
-                self.missing += 1
+            self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
+            last_ns = self._track.last_stamp_ns
+        if pose is None and last_ns is not None:
+            self.missing += 1
+            if self._lost_in_a_row >= _LOST_FRAMES:
+                self._tell(last_ns - stamp_ns)
         return pose
 
     @property
@@ -67,7 +77,7 @@ class Odometry:
 
     def _worth_waiting(self) -> bool:
         if self.heard:
-            return True
+            return self._waited_in_vain < _VAIN_WAITS
         # Somebody who only announces odometry shall not slow down every frame.
         self._unheard += 1
         return self._unheard <= _UNHEARD_FRAMES and self._node.count_publishers(self._topic) > 0
@@ -76,6 +86,15 @@ class Odometry:
         """Return whether there is nothing more to wait for."""
         last_ns = self._track.last_stamp_ns
         return last_ns is not None and not 0 < stamp_ns - last_ns <= LONGEST_GAP_NS
+
+    def _tell(self, ahead_ns: int) -> None:
+        """Say how far the newest odometry is from an image."""
+        self._node.get_logger().warning(
+            f'{self._topic}: tells no pose at the time of the images; its newest stamp is '
+            f'{abs(ahead_ns) / 1e9:.1f} s {"later" if ahead_ns > 0 else "earlier"}; check that it '
+            'comes and that both clocks agree',
+            throttle_duration_sec=_LOG_PERIOD_S,
+        )
 
     def _on_odometry(self, message: Any) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)
@@ -90,4 +109,5 @@ class Odometry:
         with self._changed:
             self.frame_id = message.header.frame_id
             self._track.add(stamp_ns, pose)
+            self._waited_in_vain = 0
             self._changed.notify()

@@ -32,7 +32,7 @@ _DEPTH_WHOLE = 1000
 _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
 _COMPRESSED = '/compressed'
 _SIDES = {ODOM: Odometry, CAMERA_INFO: CameraInfo}
-_SIDES_WAIT_S = 2.0
+_SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
 
 
 class Player(Node):
@@ -92,6 +92,7 @@ class Player(Node):
             if not self._options.loop:
                 break
         self._acknowledge()
+        self._acknowledge_sides()
 
     def _wait_for_subscriber(self) -> None:
         limit_s = self._options.wait_subscribers
@@ -114,6 +115,9 @@ class Player(Node):
         for cue in self._playlist:
             is_image = cue.what == IMAGE
             if is_image and not sent:
+                if not self._sent:
+                    # All that follows waits for what is lost at the beginning, up to 3 s.
+                    self._acknowledge_sides()
                 timeline = Timeline(cue.stamp_ns, self._options.rate)
             while timeline and (left_s := self._tick(timeline, cue.stamp_ns)) > 0:
                 time.sleep(min(left_s, _TICK_S))
@@ -154,6 +158,12 @@ class Player(Node):
                 raise ConvseqError(
                     f'{self._images.topic_name}: a subscriber does not acknowledge what was sent'
                 )
+
+    def _acknowledge_sides(self) -> None:
+        """Wait a moment until the subscribers of the other topics have what was sent."""
+        for side in self._sides.values():
+            if self.context.ok():
+                side.wait_for_all_acked(Duration(seconds=_SIDES_ACKNOWLEDGE_S))
 
 
 def _progress(sent: int, total: int, loop: bool) -> None:

@@ -12,34 +12,45 @@ Result = TypeVar('Result')
 _POLL_S = 0.005
 
 
-async def in_background(work: Callable[[], Result]) -> Result:
+class Background:
     """
-    Return the result of work done in another thread, while the executor serves other callbacks.
+    Does work in other threads, which do not outlive the process.
 
     An executor of rclpy polls a waiting coroutine without a pause; this one sleeps a moment at
     every poll, so that the thread gets the processor. The service needs a callback group of its
     own: the default one is held until the coroutine ends.
-
-    Parameters
-    ----------
-    work : callable
-        Its errors are raised here. The thread does not outlive the process.
-
     """
-    future: Future[Result] = Future()
 
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:
-            future.set_exception(error)
+    def __init__(self) -> None:
+        self._threads: set[threading.Thread] = set()
 
-    thread = threading.Thread(target=run, name='service', daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(_POLL_S)
-        await _Turn()
-    return future.result()
+    async def result_of(self, work: Callable[[], Result]) -> Result:
+        """Return the result of work, or raise its error, while other callbacks are served."""
+        future: Future[Result] = Future()
+        thread = threading.Thread(
+            target=settle, args=(future, work), name='service', daemon=True
+        )
+        self._threads.add(thread)
+        thread.start()
+        while thread.is_alive():
+            thread.join(_POLL_S)
+            await _Turn()
+        self._threads.discard(thread)
+        return future.result()
+
+    def finish(self, timeout_s: float) -> bool:
+        """Wait for all work to end; return whether it did."""
+        for thread in self._threads:
+            thread.join(timeout_s)
+        return not any(thread.is_alive() for thread in self._threads)
+
+
+def settle(future: Future[Result], work: Callable[[], Result]) -> None:
+    """Do some work, and give what it returns or raises to whoever waits for it."""
+    try:
+        future.set_result(work())
+    except BaseException as error:
+        future.set_exception(error)
 
 
 class _Turn:

@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.event_handler import (
     QoSMessageLostInfo,
     QoSRequestedIncompatibleQoSInfo,
+    QoSSubscriptionMatchedInfo,
     SubscriptionEventCallbacks,
 )
 from rclpy.node import Node
@@ -17,6 +18,8 @@ from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 class FollowingSubscription:
     """
     Asks for reliable delivery, and gives way to best effort when a publisher offers no better.
+
+    When the last publisher is gone it asks for reliable delivery again: the next may offer it.
 
     Parameters
     ----------
@@ -65,12 +68,14 @@ class FollowingSubscription:
         return str(self._subscription.topic_name)
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
+        self._is_following = False
         self._subscription = self._node.create_subscription(
             *self._asked,
             QoSProfile(depth=self._depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=self._on_incompatible_qos,
                 message_lost=self._on_lost,
+                matched=self._on_matched,
                 use_default_callbacks=False,
             ),
         )
@@ -83,11 +88,17 @@ class FollowingSubscription:
             logger.info(f'{self.topic}: its publisher sends best effort; following it')
             self._node.destroy_subscription(self._subscription)
             self._subscribe(ReliabilityPolicy.BEST_EFFORT)
+            self._is_following = True
         else:
             logger.warning(
                 f'{self.topic}: a publisher sends best effort only and is not heard; '
                 'set image_reliability to auto'
             )
+
+    def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
+        if self._is_following and not info.current_count and info.current_count_change < 0:
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(ReliabilityPolicy.RELIABLE)
 
     def _on_lost(self, info: QoSMessageLostInfo) -> None:
         self.lost += info.total_count_change

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
+import os
 from pathlib import Path
 import signal
 import sys
+import threading
 import time
 from typing import Any
 
@@ -30,6 +32,7 @@ from rclpy.utilities import ok, try_shutdown
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
+_MAPS_TIMEOUT_S = 2.0
 
 
 class VprNode(Node):
@@ -105,6 +108,8 @@ class VprNode(Node):
             self._recognition.close()
         else:
             self.get_logger().warning('stopped in the middle of a frame')
+        if not self._maps.finish(_MAPS_TIMEOUT_S):
+            self.get_logger().warning('stopped before a map was saved or opened')
         self._results.close()
         super().destroy_node()
 
@@ -213,6 +218,7 @@ def main(args: list[str] | None = None) -> int:
         # Python gives signals back their deadly default before it is gone.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
+    _leave_what_is_at_work()
     return 0
 
 
@@ -223,6 +229,14 @@ def _run() -> None:
         rclpy.spin(node, executor)
     finally:
         node.destroy_node()
+
+
+def _leave_what_is_at_work() -> None:
+    """End at once if threads are still at work: Python would tidy up what they are using."""
+    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _refuse(error: Exception) -> int:

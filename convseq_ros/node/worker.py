@@ -64,6 +64,11 @@ class Worker(Generic[Item]):
         """Items in the queue."""
         return len(self._items)
 
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it begins nothing any more."""
+        return self._stopping
+
     def stop(self, timeout_s: float) -> bool:
         """
         Leave what waits, finish the item at hand and end the thread.

@@ -57,8 +57,8 @@ class Recording:
     def __init__(self, path: Path, topic: str = '') -> None:
         self._path = path
         self._storages, self.warnings = open_storage(path)
-        topics = merge_topics(storage.topics for storage in self._storages)
-        chosen = choose_topic(path, topics, topic, IMAGE_TYPES, '--topic')
+        self._topics = merge_topics(storage.topics for storage in self._storages)
+        chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
         self.name = path.resolve().name
         self.topic = chosen.name
         self.type_name = chosen.type_name
@@ -85,6 +85,14 @@ class Recording:
                     'the time of recording was taken instead'
                 )
             yield Frame(message.stamp_ns, gray, self.topic)
+
+    def topics_of(self, types: tuple[str, ...]) -> list[str]:
+        """Return the topics of these types that have messages, by name."""
+        return sorted(
+            topic.name
+            for topic in self._topics.values()
+            if topic.type_name in types and topic.count > 0
+        )
 
     def messages(self) -> Iterator[RawMessage]:
         """

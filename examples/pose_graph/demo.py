@@ -5,6 +5,7 @@
 import argparse
 from collections.abc import Mapping, Sequence
 import json
+import math
 from pathlib import Path
 import shutil
 import sys
@@ -17,7 +18,9 @@ except ModuleNotFoundError as error:
     sys.exit(
         f"demo: {error.name} is not installed; run `pip install 'convseq_ros[slam,ros,plot]'`"
     )
-from comparison import compare, draw_false, error_m, Trial, Truth
+from comparison import compare, draw_false, error_m, Trial
+from convseq_ros.cli.output_folder import make_empty
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.sources.recording import read_poses
 from graph import Closure, Odometry, optimise
@@ -29,7 +32,7 @@ from simulated import DRIFT, record, two_blocks
 
 _MARKER = '.convseq-demo-slam'
 _COUNTS = (0, 1, 3, 6, 12)
-_SAME_PLACE_M = 5.0
+_SAME_PLACE_M, _SAME_PLACE_DEG = 5.0, 30.0
 _VPR = {
     'mode': 'online', 'exclusion_s': 30.0, 'closure_interval_s': 2.0,
     'matching': 'coherent', 'search': 'shortlist', 'queue_size': 1000,
@@ -59,14 +62,13 @@ def main() -> int:
 
 def _run(chosen: argparse.Namespace) -> None:
     folder: Path = chosen.output.absolute()
-    _make_empty(folder)
+    make_empty(folder, _MARKER)
     _say('drawing a drive through a town')
     route = two_blocks(*chosen.block)
     recording = folder / 'drive'
     record(recording, route)
-    truth = {
-        stamp_ns: pose.position[:2] for stamp_ns, pose in read_poses(recording, '/ground_truth')
-    }
+    poses = dict(read_poses(recording, '/ground_truth'))
+    truth = {stamp_ns: pose.position[:2] for stamp_ns, pose in poses.items()}
     false = draw_false(np.random.default_rng(0), truth, chosen.false)
     (folder / 'false_closures.json').write_text(
         json.dumps([[query / 1e9, reference / 1e9] for query, reference, _ in false])
@@ -81,7 +83,7 @@ def _run(chosen: argparse.Namespace) -> None:
     odometry = Odometry()
     for stamp_ns, pose in stamped:
         odometry.add(stamp_ns, pose)
-    right = [closure for closure in ours if _apart_m(truth, closure) <= _SAME_PLACE_M]
+    right = [closure for closure in ours if _is_same_place(*_apart(poses, closure))]
     _say(f'adding false closures, {chosen.draws} times each number')
     trials = compare(odometry, right, truth, _COUNTS, chosen.draws)
 
@@ -95,7 +97,7 @@ def _run(chosen: argparse.Namespace) -> None:
         'live, with the false ones, GNC': error_m(live, truth),
     }
     print(f'\n{_told(route.length_m, len(truth))}\n')
-    print(_summary(truth, ours, kept, is_false))
+    print(_summary(poses, ours, kept, is_false))
     print()
     print(_table(errors, trials, len(right)))
     picture = folder / 'demo_slam.png'
@@ -111,16 +113,6 @@ def _run(chosen: argparse.Namespace) -> None:
     print(f'\nresults  {folder / "results.json"}\npicture  {chosen.picture or picture}')
 
 
-def _make_empty(folder: Path) -> None:
-    """Make the folder anew if a demo made it; refuse to delete what somebody else made."""
-    marker = folder / _MARKER
-    if folder.exists() and any(folder.iterdir()) and not marker.is_file():
-        raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    marker.touch()
-
-
 def _micro(stamp_ns: int) -> int:
     """Return microseconds, as exactly as seconds in a float64 keep them."""
     return round(stamp_ns / 1000)
@@ -134,26 +126,40 @@ def _told(length_m: float, frames: int) -> str:
 
 
 def _summary(
-    truth: Truth, ours: Sequence[Closure], kept: Sequence[bool], is_false: Sequence[bool]
+    poses: Mapping[int, Pose],
+    ours: Sequence[Closure],
+    kept: Sequence[bool],
+    is_false: Sequence[bool],
 ) -> str:
-    apart = [_apart_m(truth, closure) for closure in ours]
-    right = sum(distance <= _SAME_PLACE_M for distance in apart)
+    apart = [_apart(poses, closure) for closure in ours]
+    right = sum(_is_same_place(*each) for each in apart)
+    median_m = np.median([metres for metres, _ in apart]) if apart else 0.0
     ours_kept = sum(k and not f for k, f in zip(kept, is_false, strict=True))
     false_kept = sum(k and f for k, f in zip(kept, is_false, strict=True))
     lines = [
-        f'vpr_node sent {len(ours)} closures, {right} of them of places within '
-        f'{_SAME_PLACE_M:g} m (median {np.median(apart) if apart else 0:.1f} m)',
+        f'vpr_node sent {len(ours)} closures, {right} of them of the same place: within '
+        f'{_SAME_PLACE_M:g} m and {_SAME_PLACE_DEG:g} degrees (median {median_m:.1f} m)',
         f'the pose graph, live, kept {ours_kept} of these, and {false_kept} of '
         f'{sum(is_false)} false ones sent in between',
     ]
     return '\n'.join(lines)
 
 
-def _apart_m(truth: Truth, closure: Closure) -> float:
+def _apart(poses: Mapping[int, Pose], closure: Closure) -> tuple[float, float]:
+    """Return metres and degrees between both poses of a closure, by the truth."""
     query, reference = (
-        truth[min(truth, key=lambda known: abs(known - stamp_ns))] for stamp_ns in closure[:2]
+        poses[min(poses, key=lambda known: abs(known - stamp_ns))] for stamp_ns in closure[:2]
     )
-    return float(np.hypot(query[0] - reference[0], query[1] - reference[1]))
+    turn = math.remainder(_yaw(query) - _yaw(reference), 2 * math.pi)
+    return math.dist(query.position, reference.position), abs(math.degrees(turn))
+
+
+def _yaw(pose: Pose) -> float:
+    return 2 * math.atan2(pose.orientation[2], pose.orientation[3])
+
+
+def _is_same_place(metres: float, degrees: float) -> bool:
+    return metres <= _SAME_PLACE_M and degrees <= _SAME_PLACE_DEG
 
 
 def _table(errors: Mapping[str, float], trials: Sequence[Trial], right: int) -> str:

@@ -2,23 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The drive played to vpr_node and to the pose graph, each in a process of its own, over DDS."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-import os
+from collections.abc import Mapping
 from pathlib import Path
-import signal
 import subprocess
-import sys
 import time
 
+from convseq_ros.cli.processes import running, wait_for_rows
 from convseq_ros.errors import ConvseqError
-from convseq_ros.results import read_results
 
 _HERE = Path(__file__).resolve().parent
 _CLOSURES = ['-r', 'loop_closure:=/vpr_node/loop_closure']
 _POSES = ['-r', 'pose:=/vpr_node/pose']
 _STALLED_S = 30.0
-_HIGHEST_DOMAIN = 101
 _END_S = 60.0
 
 
@@ -60,10 +55,10 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
     ]
     # The player waits for vpr_node, which is the last of the others to listen.
     with (
-        _running('pose_graph', graph, folder) as back_end,
-        _running('false_closures', liar, folder) as injector,
-        _running('vpr_node', vpr, folder) as node,
-        _running('player', player, folder) as playing,
+        running('pose_graph', graph, folder, _END_S) as back_end,
+        running('false_closures', liar, folder, _END_S) as injector,
+        running('vpr_node', vpr, folder, _END_S) as node,
+        running('player', player, folder, _END_S) as playing,
     ):
         nodes = {'pose_graph': back_end, 'false_closures': injector, 'vpr_node': node}
         while playing.poll() is None:
@@ -71,7 +66,7 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
             time.sleep(0.2)
         if playing.returncode:
             raise ConvseqError(f'the player failed; see {folder / "player.log"}')
-        rows = _wait_for_rows(table.with_name(table.name + '.part'), frames)
+        rows = wait_for_rows(table, frames, _STALLED_S)
         _check(nodes, folder)
         if rows < frames:
             raise ConvseqError(f'{rows} of {frames} frames were recognised; see {folder}/*.log')
@@ -81,47 +76,6 @@ def _check(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> No
     for name, process in processes.items():
         if process.poll() is not None:
             raise ConvseqError(f'{name} stopped; see {folder / name}.log')
-
-
-def _wait_for_rows(table: Path, wanted: int) -> int:
-    """Wait until the table has as many rows, or stops growing; return how many it has."""
-    rows, changed_s = 0, time.monotonic()
-    while rows < wanted and time.monotonic() - changed_s < _STALLED_S:
-        now = len(read_results(table)) if table.exists() else 0
-        if now > rows:
-            rows, changed_s = now, time.monotonic()
-        time.sleep(0.2)
-    return rows
-
-
-def environment(folder: Path) -> dict[str, str]:
-    """Return an environment in which the processes of this one hear each other and nobody else."""
-    return {
-        **os.environ,
-        'ROS_DOMAIN_ID': str(os.getpid() % (_HIGHEST_DOMAIN + 1)),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_LOG_DIR': str(folder / 'log'),
-    }
-
-
-@contextmanager
-def _running(name: str, arguments: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run Python with these arguments until the block ends; then ask the process to end."""
-    with (folder / f'{name}.log').open('wb') as log:
-        process = subprocess.Popen(
-            [sys.executable, *arguments], env=environment(folder),
-            stdout=log, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        try:
-            yield process
-        finally:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-            try:
-                process.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
 
 
 def _parameters(settings: Mapping[str, object], result_file: Path) -> list[str]:

@@ -91,6 +91,9 @@ def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, d
         assert match.sequence_length == golden['lengths'][index]
         expected = golden['sequence_scores'][index]
         for candidate in match.candidates:
-            assert candidate.score == pytest.approx(expected[candidate.reference_index], abs=1e-4)
+            # Of 8-bit kernels, rivals that cannot win are left as they are.
+            allowed = 1e-4 if candidate is match.best else 1e-3
+            score = expected[candidate.reference_index]
+            assert candidate.score == pytest.approx(score, abs=allowed)
         if match.best:
             assert match.best.reference_index == expected.argmax()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from convseq_ros.config import MatchingConfig
+from convseq_ros.core import retrieval
 from convseq_ros.core.compiled import available, compiled
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.matching import Matcher
@@ -223,6 +224,7 @@ MACHINES = {
 SCORE_ONE = """
 import numpy as np
 from convseq_ros.config import MatchingConfig
+from convseq_ros.core import retrieval
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
@@ -285,3 +287,20 @@ def test_where_no_folder_can_be_written_code_is_compiled_all_the_same(monkeypatc
 
     monkeypatch.setattr(numba, 'njit', unwritable)
     assert compiled(lambda number: number + 1)(2) == 3
+
+
+@pytest.mark.parametrize('numbers', [1, 12, 15, 16, 17, 31, 32, 252])
+@pytest.mark.parametrize('compiled', [True, False])
+def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypatch):
+    if not compiled:
+        monkeypatch.setattr(retrieval, 'float_tile', lambda: None)
+    rng = np.random.default_rng(numbers)
+    rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
+    rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]
+    direction = rng.normal(0, 1, numbers).astype(np.float32)
+    found = retrieval.products(rows, direction)
+    expected = rows.astype(np.float64) @ direction
+    size = np.abs(rows.astype(np.float64)) @ np.abs(direction)
+    assert found.dtype == np.float32
+    assert (np.abs(found - expected) <= 1e-6 * size).all()
+    assert retrieval.products(rows[:0], direction).shape == (0,)

@@ -11,6 +11,9 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core import map_format
+from convseq_ros.core import reference_map as reference_map_module
+from convseq_ros.core.compiled import available
 from convseq_ros.core.map_file import describe_file, open_map, save_map
 from convseq_ros.core.map_format import decode_cells, encode_cells, FORMAT_VERSION
 from convseq_ros.core.map_writer import MapWriter
@@ -123,8 +126,8 @@ def test_a_newer_format_is_refused_with_both_versions(map_path):
 
 def test_an_older_format_is_refused_with_the_remedy(map_path):
     with sqlite3.connect(map_path) as database:
-        database.execute('PRAGMA user_version = 1')
-    with pytest.raises(MapError, match=r'map format 1, this program reads 2; build the map again'):
+        database.execute('PRAGMA user_version = 2')
+    with pytest.raises(MapError, match=r'map format 2, this program reads 3; build the map again'):
         open_map(map_path)
 
 
@@ -228,11 +231,53 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statemen
     assert len(opened.cells_of([0, 1])) == 2
 
 
-@pytest.mark.parametrize('scale', [0, 1e-3, 1, 391_754])
-def test_stored_cells_are_the_cells(scale):
-    drawn = np.random.default_rng(0).normal(0, scale, (6, 6, 8)).astype(np.float32)
-    packed = pack_cells(drawn)
-    assert decode_cells(encode_cells(packed), packed.shape).tobytes() == packed.tobytes()
+@pytest.fixture(params=['compiled', 'plain'])
+def way(request, monkeypatch):
+    """Have cells decoded by compiled code, or without it."""
+    if request.param == 'compiled' and not available():
+        pytest.skip('needs numba')
+    for module in (map_format, reference_map_module):
+        monkeypatch.setattr(module, 'available', lambda: request.param == 'compiled')
+
+
+FINITE = 0x7C00
+
+
+@pytest.mark.usefixtures('way')
+@pytest.mark.parametrize('seed', range(3))
+def test_stored_cells_are_the_cells_whatever_they_are(seed):
+    halves = np.random.default_rng(seed).permutation(FINITE).astype(np.uint16)
+    packed = halves[: 62**2 * 8].view(np.float16).reshape(62, 62, 8)
+    stored = encode_cells(packed)
+    assert len(stored) == 62**2 * 15
+    assert decode_cells(stored, packed.shape).tobytes() == packed.tobytes()
+
+
+def test_hand_worked_stored_cells():
+    packed = np.array([0x0102, 3, 4, 5, 6, 7, 8, 0x0509], np.uint16).view(np.float16)
+    stored = [2, 3, 4, 5, 6, 7, 8, 9, 128 + 1, 0, 128, 0, 0, 0, 0]
+    assert list(encode_cells(packed.reshape(1, 1, 8))) == stored
+
+
+def test_negative_cells_are_not_stored():
+    with pytest.raises(ValueError, match='not negative'):
+        encode_cells(np.full((1, 1, 8), -1, np.float16))
+
+
+@pytest.mark.usefixtures('way')
+@pytest.mark.parametrize('length', [0, 100, 239, 241, 480])
+def test_stored_cells_of_another_shape_are_refused(length):
+    with pytest.raises(ValueError, match='reshape'):
+        decode_cells(bytes(length), (4, 4, 8))
+
+
+@pytest.mark.usefixtures('way')
+def test_unpacked_cells_are_64_times_the_packed_ones():
+    halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
+    packed = halves[np.isfinite(halves)]
+    expected = packed.astype(np.float32) * 64
+    assert unpack_cells(packed).tobytes() == expected.tobytes()
+    assert unpack_cells(packed[: 16 * 8].reshape(4, 4, 8)).shape == (4, 4, 8)
 
 
 def test_any_thread_may_read(map_path):

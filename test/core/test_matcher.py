@@ -109,8 +109,10 @@ def watched():
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
     matcher = made(watched, threads=threads)
     query = matcher.see(drawn(9))
-    matcher.make_ready(np.array([3, 7, 3, 30, 9]))
+    other = matcher.see(drawn(3))
+    found = matcher.scores_of([(query, np.array([3, 7, 3])), (other, np.array([30, 9, 3]))])
     assert watched.reads == [[3, 7, 30, 9]]
+    assert [len(one) for one in found] == [3, 3] and found[1].argmax() == 2
     for _ in range(2):
         found = matcher.scores(query, np.array([9, 7, 3]))
         assert found.argmin() == 1 and np.isnan(found[1]) and found[0] > found[2]
@@ -121,9 +123,10 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
 
 def test_references_that_were_used_last_are_kept(made, watched):
     matcher = made(watched, kept=3)
+    query = matcher.see(drawn(0))
     for asked, read in (([1, 2, 3], [1, 2, 3]), ([1], []), ([4], [4]), ([1, 3], []), ([2], [2])):
         watched.reads.clear()
-        matcher.make_ready(np.array(asked))
+        matcher.scores(query, np.array(asked))
         assert watched.reads == [read] * bool(read)
 
 
@@ -138,12 +141,24 @@ def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
 
 def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
+    query = matcher.see(drawn(0))
     with monkeypatch.context() as patch:
         patch.setattr(watched, 'cells_of', lambda indices: [None] * len(indices))
         with pytest.raises(AttributeError):
-            matcher.make_ready(np.arange(40))
-    matcher.make_ready(np.arange(40))
+            matcher.scores(query, np.arange(40))
+    matcher.scores(query, np.arange(40))
     assert watched.reads == [list(range(40))]
+
+
+@pytest.mark.parametrize('threads', [1, 2])
+def test_several_queries_have_the_scores_that_each_has_alone(made, threads):
+    matcher = made(drawn_map(40, blank=(3,)), threads=threads)
+    queries = [matcher.see(drawn(seed)) for seed in range(4)]
+    asked = [np.arange(40), np.zeros(0, np.int64), np.array([3]), np.array([7, 3, 7])]
+    found = matcher.scores_of(list(zip(queries, asked, strict=True)))
+    for query, indices, scores in zip(queries, asked, found, strict=True):
+        assert np.array_equal(scores, matcher.scores(query, indices), equal_nan=True)
+    assert matcher.scores_of([]) == []
 
 
 def test_places_may_be_added_to_the_map_later(made):

@@ -16,7 +16,6 @@ from convseq_ros.core.descriptor import describe
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
-import cv2
 import numpy as np
 import pytest
 
@@ -31,32 +30,29 @@ OWN = Config(
 ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
 
 
-def image(place, seed=0):
-    rng = np.random.default_rng(place)
-    coarse = cv2.resize(rng.random((20, 20)).astype(np.float32), (160, 120))
-    return ((coarse + np.random.default_rng([place, seed]).random((120, 160)) / 2) * 150).astype(
-        np.uint8
-    )
-
-
 @pytest.fixture(scope='module')
-def reference_map():
+def reference_map(image):
     made = ReferenceMap(SMALL)
     for place in range(PLACES):
         made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
     return made
 
 
-def drive(recognizer, places, start_ns=0, seed=1):
-    """Show places, one a step; None is a frame that never comes."""
-    return [
-        recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
-        for index, place in enumerate(places)
-        if place is not None
-    ]
+@pytest.fixture(scope='module')
+def drive(image):
+    """Return a way to show places, one a step; None is a frame that never comes."""
+
+    def show(recognizer, places, start_ns=0, seed=1):
+        return [
+            recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
+            for index, place in enumerate(places)
+            if place is not None
+        ]
+
+    return show
 
 
-def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map):
+def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map, drive):
     recognizer = PlaceRecognizer(reference_map, OWN)
     matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
     standing = matches[20:50]
@@ -70,13 +66,13 @@ def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference
         assert match.accepted.reference_index == place
 
 
-def test_a_robot_that_never_moved_has_no_answer(reference_map):
+def test_a_robot_that_never_moved_has_no_answer(reference_map, drive):
     matches = drive(PlaceRecognizer(reference_map, OWN), [20] * 5)
     assert [match.reason for match in matches] == [Reason.WARMING_UP] + [Reason.STATIONARY] * 4
     assert {match.status for match in matches} == {Status.SKIPPED}
 
 
-def test_the_paper_takes_equal_frames_as_they_come(reference_map):
+def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
     paper = replace(
         OWN,
         matching=MatchingConfig(matching='regional', search='exhaustive'),
@@ -87,7 +83,7 @@ def test_the_paper_takes_equal_frames_as_they_come(reference_map):
     assert matches[-1].sequence_length == 15
 
 
-def test_by_odometry_a_robot_stands_still_whatever_it_sees(reference_map):
+def test_by_odometry_a_robot_stands_still_whatever_it_sees(reference_map, image):
     recognizer = PlaceRecognizer(reference_map, OWN)
     here = Pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     matches = [
@@ -98,7 +94,7 @@ def test_by_odometry_a_robot_stands_still_whatever_it_sees(reference_map):
 
 
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
-def test_frames_that_never_came_hold_their_places(reference_map, search):
+def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
     config = replace(OWN, matching=MatchingConfig(matching='coherent', search=search))
     places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
     shown = [place for place in places if place is not None]
@@ -107,21 +103,21 @@ def test_frames_that_never_came_hold_their_places(reference_map, search):
         assert match.accepted.reference_index == place
 
 
-def test_after_a_long_gap_the_sequence_starts_anew(reference_map):
+def test_after_a_long_gap_the_sequence_starts_anew(reference_map, drive):
     places = [None if 20 <= place < 30 else place for place in range(5, 50)]
     matches = drive(PlaceRecognizer(reference_map, OWN), places)
     assert [match.reason for match in matches[15:18]] == [Reason.WARMING_UP] * 3
     assert matches[18].best.reference_index == 33
 
 
-def test_without_speed_search_gaps_are_not_filled(reference_map):
+def test_without_speed_search_gaps_are_not_filled(reference_map, drive):
     config = replace(OWN, matching=replace(OWN.matching, speed_search=False))
     places = [None if 20 <= place < 30 else place for place in range(5, 50)]
     matches = drive(PlaceRecognizer(reference_map, config), places)
     assert Reason.WARMING_UP not in {match.reason for match in matches[3:]}
 
 
-def test_a_map_that_grows_recognises_the_second_lap():
+def test_a_map_that_grows_recognises_the_second_lap(drive):
     grown = ReferenceMap(SMALL)
     laps = [*range(PLACES)] * 2
     matches = drive(PlaceRecognizer(grown, ONLINE), laps)
@@ -133,7 +129,7 @@ def test_a_map_that_grows_recognises_the_second_lap():
         assert match.accepted.reference_stamp_ns == index * STEP_NS
 
 
-def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively():
+def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively(drive):
     answers = []
     for search in ('shortlist', 'exhaustive'):
         config = replace(ONLINE, matching=MatchingConfig(matching='coherent', search=search))
@@ -142,7 +138,7 @@ def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively():
     assert answers[0] == answers[1]
 
 
-def test_the_second_session_knows_the_first_at_once_and_goes_on_adding():
+def test_the_second_session_knows_the_first_at_once_and_goes_on_adding(drive):
     grown = ReferenceMap(SMALL)
     drive(PlaceRecognizer(grown, ONLINE), range(40))
     later = PlaceRecognizer(grown, ONLINE)
@@ -152,7 +148,7 @@ def test_the_second_session_knows_the_first_at_once_and_goes_on_adding():
     assert len(grown) == 60 and grown.places[40].stamp_ns == 10**15
 
 
-def test_a_clock_that_jumps_back_begins_another_session():
+def test_a_clock_that_jumps_back_begins_another_session(drive):
     grown = ReferenceMap(SMALL)
     recognizer = PlaceRecognizer(grown, ONLINE)
     drive(recognizer, range(40), start_ns=10**12)
@@ -161,13 +157,13 @@ def test_a_clock_that_jumps_back_begins_another_session():
     assert matches[-1].accepted.reference_index == 29
 
 
-def test_what_stands_still_does_not_grow_the_map():
+def test_what_stands_still_does_not_grow_the_map(drive):
     grown = ReferenceMap(SMALL)
     drive(PlaceRecognizer(grown, ONLINE), [*range(5), *[4] * 20, *range(5, 10)])
     assert len(grown) == 10
 
 
-def test_matches_come_at_the_stated_rate(reference_map):
+def test_matches_come_at_the_stated_rate(reference_map, drive):
     config = replace(OWN, acceptance=AcceptanceConfig(closure_interval_s=1.0))
     matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
     accepted = [match.query_index for match in matches if match.accepted]
@@ -177,7 +173,7 @@ def test_matches_come_at_the_stated_rate(reference_map):
     }  # fmt: skip
 
 
-def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map):
+def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
     config = replace(OWN, sequence=SequenceConfig(fixed_length=1))
     camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
     moved = np.roll(image(20), -20, axis=1)

@@ -3,6 +3,7 @@
 """The shortlist."""
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
+from convseq_ros.core import retrieval
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.pooled import pooled
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -11,42 +12,45 @@ from convseq_ros.core.retrieval import Shortlist
 from convseq_ros.core.sequence import sequence_scores
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
-import cv2
 import numpy as np
 import pytest
 
 PLACES = 80
 
 
-def image(place, seed=0):
-    rng = np.random.default_rng(place)
-    coarse = cv2.resize(rng.random((20, 20)).astype(np.float32), (160, 120))
-    return ((coarse + np.random.default_rng([place, seed]).random((120, 160)) / 2) * 150).astype(
-        np.uint8
-    )
+@pytest.fixture(scope='module')
+def described(image):
+    """Return a maker of descriptors."""
+    return lambda place, seed=0: describe(image(place, seed))
 
 
 @pytest.fixture(scope='module')
-def reference_map():
+def reference_map(described):
     made = ReferenceMap()
     for place in range(PLACES):
-        made.add(Place(place), pack_cells(describe(image(place)).cells))
+        made.add(Place(place), pack_cells(described(place).cells))
     return made
 
 
-def run(reference_map, search, places, **more):
-    config = Config(
-        matching=MatchingConfig(matching='coherent', search=search, **more),
-        sequence=SequenceConfig(fixed_length=5),
-    )
-    recognizer = PlaceRecognizer(reference_map, config)
-    return [
-        recognizer.process(Frame(index, image(place, seed=1)))
-        for index, place in enumerate(places)
-    ]
+@pytest.fixture(scope='module')
+def run(image):
+    """Return a way to drive past places."""
+
+    def drive_past(reference_map, search, places, **more):
+        config = Config(
+            matching=MatchingConfig(matching='coherent', search=search, **more),
+            sequence=SequenceConfig(fixed_length=5),
+        )
+        recognizer = PlaceRecognizer(reference_map, config)
+        return [
+            recognizer.process(Frame(index, image(place, seed=1)))
+            for index, place in enumerate(places)
+        ]
+
+    return drive_past
 
 
-def test_the_shortlist_finds_what_exhaustive_search_finds_with_fewer_pairs(reference_map):
+def test_the_shortlist_finds_what_exhaustive_search_finds_with_fewer_pairs(reference_map, run):
     places = range(20, 40)
     listed = run(reference_map, 'shortlist', places, shortlist_length=12)
     scored = run(reference_map, 'exhaustive', places)
@@ -59,44 +63,43 @@ def test_the_shortlist_finds_what_exhaustive_search_finds_with_fewer_pairs(refer
     assert all(match.pairs_scored == PLACES for match in scored)
 
 
-def test_rivals_are_on_the_shortlist(reference_map):
+def test_rivals_are_on_the_shortlist(reference_map, run):
     listed = run(reference_map, 'shortlist', range(30, 45), shortlist_length=12)
     assert all(len(match.candidates) > 1 for match in listed[4:])
 
 
-def test_ends_lie_where_the_window_fits_and_are_ascending(reference_map):
+def test_ends_lie_where_the_window_fits_and_are_ascending(reference_map, described):
     shortlist = Shortlist(reference_map, 12, 10)
-    rows = [shortlist.row(describe(image(place))) for place in (5, 6, 7)]
+    rows = [shortlist.row(described(place)) for place in (5, 6, 7)]
     ends = shortlist.ends(rows[::-1])
     assert 7 in ends and ends.min() >= 2 and (np.diff(ends) > 0).all() and len(ends) <= 12
 
 
-def test_a_short_map_is_listed_whole():
+def test_a_short_map_is_listed_whole(described):
     small = ReferenceMap()
     for place in range(4):
-        small.add(Place(place), pack_cells(describe(image(place)).cells))
+        small.add(Place(place), pack_cells(described(place).cells))
     shortlist = Shortlist(small, 12, 10)
-    assert shortlist.ends([shortlist.row(describe(image(2)))]).tolist() == [0, 1, 2, 3]
+    assert shortlist.ends([shortlist.row(described(2))]).tolist() == [0, 1, 2, 3]
 
 
-def described(place, seed=0):
-    return describe(image(place, seed))
-
-
-def test_a_row_holds_the_cosines_about_the_means_of_the_map_and_of_the_query(reference_map):
+def test_a_row_holds_the_cosines_about_the_means_of_the_map_and_of_the_query(
+    reference_map, described
+):
     shortlist = Shortlist(reference_map, 12, 10)
     queries = [described(place, 1) for place in (5, 6, 7)]
     rows = [shortlist.row(query) for query in queries]
     seen = np.array([pooled(query.cells) for query in queries], float)
-    mean = reference_map.pooled.mean(axis=0)
+    looks = reference_map.pooled.astype(np.float32)
+    mean = looks.mean(axis=0)
     past = (5 * mean + seen.sum(axis=0)) / 8
-    references = reference_map.pooled - mean
+    references = looks - mean
     expected = references @ (seen[2] - past)
     expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(seen[2] - past)
     assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
 
 
-def test_only_what_is_usable_is_looked_at(reference_map):
+def test_only_what_is_usable_is_looked_at(reference_map, described):
     part = ReferenceMap()
     for index in range(30):
         part.add(reference_map.places[index], reference_map.packed(index))
@@ -106,7 +109,7 @@ def test_only_what_is_usable_is_looked_at(reference_map):
     assert Shortlist(reference_map, 12, 10).row(query, 0).shape == (0,)
 
 
-def test_a_shortlist_sees_a_map_grow(reference_map):
+def test_a_shortlist_sees_a_map_grow(reference_map, described):
     growing = ReferenceMap()
     shortlist = Shortlist(growing, 12, 10)
     rows = []
@@ -121,7 +124,7 @@ def test_a_shortlist_sees_a_map_grow(reference_map):
     assert 52 in shortlist.ends(rows[::-1])
 
 
-def test_the_mean_follows_a_map_that_grows():
+def test_the_mean_follows_a_map_that_grows(described):
     rng = np.random.default_rng(0)
     growing, packed = ReferenceMap(), pack_cells(described(0).cells)
     numbers = growing.pooled.shape[1]
@@ -129,14 +132,15 @@ def test_the_mean_follows_a_map_that_grows():
     for count in range(1, 500):
         growing.add(Place(count), packed, first_sight=rng.normal(0.2, 0.1, numbers))
         shortlist.row(query)
-    references = growing.pooled - growing.pooled.mean(axis=0)
+    looks = growing.pooled.astype(np.float32)
+    references = looks - looks.mean(axis=0)
     direction = pooled(query.cells) - (shortlist._sum + 5 * shortlist._mean) / (499 + 5)
     expected = references @ direction
     expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(direction)
     assert shortlist.row(query) == pytest.approx(expected, abs=0.02)
 
 
-def test_references_at_the_mean_tell_nothing():
+def test_references_at_the_mean_tell_nothing(described):
     lonely = ReferenceMap()
     for index in range(3):
         lonely.add(Place(index), pack_cells(described(4).cells))
@@ -240,3 +244,16 @@ def test_where_no_sequence_finds_room_nothing_is_listed(reference_map):
     assert len(shortlist.ends(rows[:2]))
     lost = [np.full(PLACES, np.nan, np.float32), *rows]
     assert len(shortlist.ends(lost)) == 0
+
+
+@pytest.mark.parametrize('count', [1, 30, 64 * 33, 64 * 34, 64 * 40 + 7, 9000])
+def test_the_best_are_found_without_sorting_all(count):
+    rng = np.random.default_rng(count)
+    for scores in (rng.normal(size=count), rng.integers(0, 4, count).astype(float)):
+        scores[rng.integers(0, count, count // 3)] = -np.inf
+        found = retrieval._among_the_best(scores, 33)
+        assert (np.diff(found) > 0).all()
+        expected = np.sort(scores)[::-1][:33]
+        assert (np.sort(scores[found])[::-1][:33] == expected).all()
+    if count > 64 * 33:
+        assert len(retrieval._among_the_best(rng.normal(size=count), 33)) < count / 4

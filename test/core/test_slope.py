@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives at another speed than the map's."""
 
+from convseq_ros.core import slope as slope_module
 from convseq_ros.core.sequence import diagonal, sequence_scores
 from convseq_ros.core.slope import SLOPES, SlopeSearch
 import numpy as np
@@ -54,6 +55,33 @@ def test_unknown_pairs_and_frames_do_not_change_the_slope():
         window[3] = None
         found = search.follow(window)
     assert found == 1.5
+
+
+def test_whole_rows_and_shorter_ones_are_summed_up_by_the_same_rule(monkeypatch):
+    """Rows that lack a reference at their end are summed by the rule, and whole ones are not."""
+    rows, asked = rows_at(1.25), []
+
+    def rule(*arguments, **more):
+        asked.append(arguments)
+        return sequence_scores(*arguments, **more)
+
+    def prominence(window):
+        search = SlopeSearch()
+        search.follow(window)
+        return search._prominence
+
+    window = rows[20 - K + 1 : 21][::-1]
+    found = prominence(window)
+    expected = []
+    for slope in SLOPES:
+        scores = sequence_scores(window, slope=slope, dtype=np.float32)
+        scores = scores[np.isfinite(scores)]
+        expected.append(scores.max() - scores.mean())
+    assert found.tolist() == expected
+    monkeypatch.setattr(slope_module, 'sequence_scores', rule)
+    assert prominence(window).tolist() == expected and not asked
+    shorter = [window[0], *(row[:-3] for row in window[1:])]
+    assert prominence(shorter) == pytest.approx(expected, abs=0.02) and asked
 
 
 def test_a_new_drive_starts_anew():

@@ -64,11 +64,15 @@ def slowly(scores):
         best = max((one for one in height if np.isfinite(scores[frame, one])), key=height.get)
         far = [value for place, value in height.items() if abs(place - best) > 10]
         off_peak = [value for place, value in height.items() if abs(place - best) > 5]
-        if len(far) >= 5 and window == 8:
+        if len(far) >= 8 and window == 8:
             variances.append(np.var(far))
-        inside = best < places - 2 and len(far) >= 5
-        start = frame if start is None and len(far) >= 5 else start
-        sights.append((frame, best, height[best] - max(off_peak) if inside else 0.0))
+        variance = (sum(variances) + 2 * 0.01**2) / (len(variances) + 2)
+        scatter = np.sqrt(variance) + FLOOR
+        chance = 6 * scatter / np.sqrt(len(far)) if variances else 0.0
+        inside = best < places - 2 and len(far) >= 8
+        start = frame if start is None and len(far) >= 8 else start
+        margin = max(0.0, height[best] - max(off_peak) - chance) if inside else 0.0
+        sights.append((frame, best, margin))
         lately = [abs((best - frame) - (place - then)) <= 2 for then, place, _ in sights[-8:]]
         if sum(lately) >= 4:
             learnt[frame, max(0, best - 10) : best + 11] = np.nan
@@ -78,12 +82,11 @@ def slowly(scores):
         for then, place, margin in sights[-30:]
         if abs((best - frame) - (place - then)) <= 2
     ]
-    variance = (sum(variances) + 10 * 0.01**2) / (len(variances) + 10)
-    along = sum(on_track) / (min(frames - start, 30) * (np.sqrt(variance) + FLOOR))
+    along = sum(on_track) / (min(frames - start, 30) * scatter)
     now = scores[-1] - usual
     others = [now[place] for place in range(places) if abs(place - best) > 10]
     near = np.nanmax(now[max(0, best - 2) : best + 3])
-    return min(along, (near - np.nanmean(others)) / (np.nanstd(others) + FLOOR))
+    return min(along, 0.7 * (near - np.nanmean(others)) / (np.nanstd(others) + FLOOR))
 
 
 @pytest.mark.parametrize('known', [1.0, 0.6])
@@ -125,13 +128,13 @@ def test_a_road_that_forks_is_left_at_once():
         said.append(evidence.evidence(frame, 8 + frame))
         assert sight.reference == 8 + frame or frame > 22
     assert min(said[12:20]) > 4
-    assert max(said[20:]) < 3 and sum(value >= 2 for value in said[20:]) <= 3
+    assert max(said[20:]) < 2 and sum(value >= 1 for value in said[20:]) <= 3
 
 
 def test_places_that_were_never_there_give_little():
     for seed in range(5):
         said = run(drawn_scores(frames=60, contrast=0.0, seed=seed))[-1]
-        assert max(value for value in said if value is not None) < 1.5
+        assert max(value for value in said if value is not None) < 0.5
 
 
 def test_a_peak_at_the_rim_of_the_map_is_none():
@@ -140,6 +143,17 @@ def test_a_peak_at_the_rim_of_the_map_is_none():
     sights = [follow(evidence, one, newest_first(scores, one)) for one in range(25)]
     assert [sight.reference for sight in sights[-3:]] == [PLACES - 3, PLACES - 2, PLACES - 1]
     assert sights[-3].margin > 0 and sights[-2].margin == sights[-1].margin == 0
+
+
+def test_a_drive_that_left_the_map_does_not_creep_towards_its_end():
+    scores = drawn_scores(frames=45, start=PLACES - 36)
+    for frame in range(36, 45):
+        scores[frame, PLACES - 1] += 0.3
+    evidence = TrackEvidence()
+    for frame in range(45):
+        follow(evidence, frame, newest_first(scores, frame), 0.67)
+    assert evidence.evidence(44, PLACES - 1, 0.67) == 0
+    assert evidence.evidence(44, PLACES - 3, 0.67) > 0
 
 
 def test_too_few_rivals_are_no_rivals():
@@ -168,7 +182,7 @@ def test_scores_of_another_scale_give_the_same_but_for_the_smallest_scatter(scal
     scores = drawn_scores(frames=30, contrast=0.1).astype(np.float64)
     one, sight, said = run(scores)
     other, scaled_sight, scaled = run(scale * scores)
-    assert scaled_sight.margin == pytest.approx(scale * sight.margin)
+    assert scaled_sight.margin == pytest.approx(scale * sight.margin, rel=0.1)
     assert 0 < (other.scatter - one.scatter) * (scale - 1) or scale == 1
     assert scaled[-1] == pytest.approx(said[-1], rel=0.35)
 
@@ -206,7 +220,7 @@ def test_frames_are_forgotten_in_time():
 
 def test_a_drive_at_another_speed_is_followed_along_its_slope():
     scores = drawn_scores(frames=25, places=90, start=10, slope=2.0)
-    assert run(scores, slope=2.0)[-1][-1] > 4
+    assert run(scores, slope=2.0)[-1][-1] > 3
     assert run(scores)[-1][-1] < 2
 
 
@@ -252,5 +266,5 @@ def test_a_shortlist_gives_the_decisions_of_whole_rows(contrast):
             if whole[frame] is not None and frame > 15:
                 short = evidence.evidence(frame, sight.reference)
                 compared += 1
-                agreed += (short >= 2) == (whole[frame] >= 2)
+                agreed += (short >= 1) == (whole[frame] >= 1)
     assert compared == 96 and agreed > 0.95 * compared

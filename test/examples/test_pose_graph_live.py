@@ -16,9 +16,10 @@ pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 pytest.importorskip('rclpy', reason="needs ROS: pip install '.[ros]'")
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
+from convseq_ros.cli.processes import environment
 from convseq_ros.sources.recording import read_poses
 from graph import Odometry, optimise
-from live import environment, play
+from live import play
 import numpy as np
 from record import read_record
 from simulated import record, two_blocks

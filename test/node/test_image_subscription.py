@@ -42,6 +42,18 @@ def test_auto_gives_way_to_a_best_effort_camera(client, vpr, capfd):
     client.wait_for(lambda: 'best effort; following it' in ''.join(capfd.readouterr()))
 
 
+def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street, image):
+    node = vpr()
+    camera = client.node.create_publisher(Image, '/image', BEST_EFFORT)
+    wait_for_reliability(client, ReliabilityPolicy.BEST_EFFORT)
+    client.wait_for(camera.get_subscription_count)
+    client.node.destroy_publisher(camera)
+    wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
+    client.camera(Image).publish(image(street[0], 1))
+    client.wait_for(lambda: node._statistics.received == 1)
+    wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
+
+
 def test_a_reliable_camera_is_kept_reliable(client, vpr, street, image):
     node = vpr()
     client.camera(Image).publish(image(street[0], 1))

@@ -200,6 +200,30 @@ def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
     assert not answer.success and 'disk is full' in answer.message
 
 
+def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
+    client, vpr, street, image, tmp_path
+):
+    path, away = tmp_path / 'new.db', tmp_path / 'away.db'
+    vpr(map_path=path, diagnostics_period_s=0.1, **ONLINE)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    camera = client.camera(Image)
+    path.rename(away)
+    drive(camera, street, image, range(8))
+    client.wait_for(lambda: len(indices) == 8)
+
+    def levels():
+        return {message.status[0].level for message in diagnostics}
+
+    client.wait_for(lambda: DiagnosticStatus.ERROR in levels(), 'the error')
+    diagnostics.clear()
+    client.wait_for(lambda: len(diagnostics) > 5)
+    assert levels() == {DiagnosticStatus.ERROR}
+    away.rename(path)
+    assert client.call(Trigger, '/vpr_node/save_map').success
+    client.wait_for(lambda: diagnostics[-1].status[0].level == DiagnosticStatus.OK, 'its end')
+
+
 def test_without_a_path_the_map_is_in_memory(client, vpr, street, image):
     vpr(**ONLINE)
     indices = client.listen(Int32, '/vpr_node/match_index')

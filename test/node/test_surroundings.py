@@ -159,6 +159,40 @@ def test_odometry_that_stopped_or_never_came_holds_up_nothing(monkeypatch):
     assert announced.odometry.pose_at(SECOND) is None
 
 
+def test_after_three_waits_in_vain_no_image_waits_until_odometry_comes_again(monkeypatch):
+    monkeypatch.setattr(module, '_PATIENCE_S', 0.001)
+    tracked = Tracked(monkeypatch)
+    tracked.hear(odometry(0, SECOND))
+    for _ in range(3):
+        assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
+    monkeypatch.setattr(module, '_PATIENCE_S', 3600.0)
+    assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
+    tracked.hear(odometry(1, SECOND + 100 * MS))
+    found = []
+    waiting = threading.Thread(
+        target=lambda: found.append(tracked.odometry.pose_at(SECOND + 150 * MS))
+    )
+    waiting.start()
+    waiting.join(0.05)
+    assert not found
+    tracked.hear(odometry(2, SECOND + 200 * MS))
+    waiting.join(10)
+    assert found[0].position[0] == 1.5
+
+
+@pytest.mark.parametrize(('ahead_s', 'told'), [(100, '90.0 s later'), (2, '8.0 s earlier')])
+def test_odometry_by_another_clock_is_told(monkeypatch, ahead_s, told):
+    tracked = Tracked(monkeypatch)
+    tracked.hear(odometry(0, ahead_s * SECOND))
+    warning = tracked.node.get_logger.return_value.warning
+    for _ in range(19):
+        assert tracked.odometry.pose_at(10 * SECOND) is None
+    assert not warning.called
+    tracked.odometry.pose_at(10 * SECOND)
+    assert told in warning.call_args.args[0]
+    assert tracked.odometry.missing == 20
+
+
 def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch):
     tracked = Tracked(monkeypatch)
     tracked.hear(odometry(float('nan'), SECOND))

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the node's process starts, refuses to start, and ends."""
 
+import os
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -12,6 +15,7 @@ pytest.importorskip('rclpy')
 from convseq_ros.results import read_results
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
 
 SECOND = 1_000_000_000
 
@@ -41,6 +45,51 @@ def test_a_signal_in_the_middle_of_a_frame_ends_the_node_cleanly(
     _, errors = process.communicate()
     assert 'Traceback' not in errors
     assert '[ERROR]' not in errors
+
+
+SLOW_TO_SAVE = """
+import atexit, sys, time
+from convseq_ros.node import map_services, vpr_node
+
+def slowly(_, path):
+    print('saving', flush=True)
+    time.sleep(float(sys.argv[1]))
+    path.touch()
+
+map_services.save_map = slowly
+atexit.register(print, 'tidying up')
+sys.exit(vpr_node.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(('takes_s', 'is_saved'), [(0.5, True), (60, False)])
+def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
+    client, map_path, tmp_path, takes_s, is_saved
+):
+    target = tmp_path / 'copy.db'
+    process = subprocess.Popen(
+        [
+            sys.executable, '-c', SLOW_TO_SAVE, str(takes_s), '--ros-args',
+            '-p', f'map_path:={map_path}', '-p', f'save_map_path:={target}',
+        ],
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        service = client.node.create_client(Trigger, '/vpr_node/save_map')
+        client.wait_for(service.service_is_ready)
+        service.call_async(Trigger.Request())
+        assert process.stdout.readline() == 'saving\n'
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert 'Traceback' not in errors
+    assert target.exists() == is_saved
+    # Nothing is tidied up while somebody uses it.
+    assert ('tidying up' in output) == is_saved
+    assert ('stopped before a map was saved' in errors) != is_saved
 
 
 @pytest.mark.parametrize('pause_s', [0.0, 0.02, 0.1])

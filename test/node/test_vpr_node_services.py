@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services and dynamic parameters act between two frames; no frame is lost by them."""
 
+import os
 import threading
 import time
 
@@ -61,6 +62,7 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, drive, map_path):
         ('missing.db', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
         ('', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
         ('foreign.db', LoadMap.Response.RESULT_INVALID_MAP_DATA),
+        ('long' * 1000, LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
     ],
 )
 def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
@@ -117,12 +119,46 @@ def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_pa
     assert list(open_map(path, street_map.encoding).places) == list(street_map.places)
 
 
-def test_a_map_that_cannot_be_saved_is_one_line(client, vpr, map_path, tmp_path):
-    vpr(map_path=map_path, save_map_path=tmp_path / 'missing' / 'copy.db')
+@pytest.mark.parametrize(
+    ('name', 'told'),
+    [
+        ('missing/copy.db', 'there is no folder'),
+        ('pipe', 'is not a file'),
+        ('long' * 100, 'File name too long'),
+        ('locked/copy.db', 'is read-only'),
+    ],
+)
+def test_a_map_that_cannot_be_saved_is_one_line(
+    client, vpr, drive, map_path, tmp_path, monkeypatch, name, told
+):
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'locked').mkdir()
+    # As it answers to whoever is not root.
+    monkeypatch.setattr(os, 'access', lambda path, _: path.name != 'locked')
+    vpr(map_path=map_path, save_map_path=tmp_path / name, fixed_length=1)
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert not answer.success
-    assert 'missing/copy.db' in answer.message
+    assert name in answer.message and told in answer.message
     assert '\n' not in answer.message
+    assert (tmp_path / 'pipe').is_fifo()
+    assert drive(3) == 3
+
+
+def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
+    client, vpr, drive, map_path, tmp_path, monkeypatch, capfd
+):
+    vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)
+
+    def fail(*_):
+        raise ValueError('a surprise')
+
+    monkeypatch.setattr(map_services, 'save_map', fail)
+    monkeypatch.setattr(map_services, 'Session', fail)
+    assert client.call(Trigger, '/vpr_node/save_map').message == 'a surprise'
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(map_path))
+    assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
+    assert drive(3) == 3
+    assert capfd.readouterr().err.count('ValueError: a surprise') == 2
 
 
 def test_no_map_cannot_be_saved(client, vpr, tmp_path):

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 import os
 from typing import Any, TYPE_CHECKING
 
@@ -93,10 +94,6 @@ class Matcher:
         exact = fast if self.exact else self._exact.see(descriptor, self._least_bits)
         return _Seen(fast, exact)
 
-    def make_ready(self, indices: npt.NDArray[np.int64]) -> None:
-        """Read and prepare, all in one go, references that will be scored soon."""
-        self._prepared.of(indices.tolist())
-
     def scores(self, query: Any, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """
         Return the pair scores of a query with some references.
@@ -114,14 +111,20 @@ class Matcher:
             In [0, 1]; NaN for a reference that shows nothing.
 
         """
-        return self._scored(self._fast, query.fast, self._prepared.of(indices.tolist()))
+        return self.scores_of([(query, indices)])[0]
+
+    def scores_of(
+        self, asked: Sequence[tuple[Any, npt.NDArray[np.int64]]]
+    ) -> list[npt.NDArray[np.float32]]:
+        """Return what `scores` does for several queries, with all references read in one go."""
+        pairs = [(query.fast, indices) for query, indices in asked]
+        return self._scored(self._fast, self._prepared, pairs)
 
     def exact_scores(
         self, query: Any, indices: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.float32]:
         """Return what `scores` does, by the definition."""
-        prepared = self._prepared_to_rescore.of(indices.tolist())
-        return self._scored(self._exact, query.exact, prepared)
+        return self._scored(self._exact, self._prepared_to_rescore, [(query.exact, indices)])[0]
 
     def shift(self, query: Any, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
@@ -140,8 +143,14 @@ class Matcher:
 
     def warm_up(self) -> None:
         """Compile or load what frames will need, so that the first is not late."""
-        side = self._map.cell_shape[0]
-        cells = np.random.default_rng(0).random(self._map.cell_shape, np.float32)
+        # These import this module.
+        from convseq_ros.core.map_format import decode_cells, encode_cells
+        from convseq_ros.core.reference_map import pack_cells, unpack_cells
+
+        shape = self._map.cell_shape
+        side = shape[0]
+        packed = pack_cells(np.random.default_rng(0).random(shape, np.float32))
+        cells = unpack_cells(decode_cells(encode_cells(packed), shape))
         drawn = Descriptor(
             cells, np.ones((side - 1) ** 2, np.bool_), np.full((side, side), MAX_BITS), 0.5
         )
@@ -153,15 +162,21 @@ class Matcher:
             self._prepared.of(range(len(self._map)))
 
     def _scored(
-        self, pair: PairScore, own: Any, references: Sequence[Any]
-    ) -> npt.NDArray[np.float32]:
-        scores = np.full(len(references), np.nan, np.float32)
+        self,
+        pair: PairScore,
+        prepared: Prepared,
+        asked: Sequence[tuple[Any, npt.NDArray[np.int64]]],
+    ) -> list[npt.NDArray[np.float32]]:
+        references = iter(prepared.of([index for _, some in asked for index in some.tolist()]))
+        work = [(own, [*islice(references, len(some))]) for own, some in asked]
+        found = [np.full(len(some), np.nan, np.float32) for _, some in work]
 
-        def score(lot: slice) -> None:
-            some = references[lot]
-            shown = [one for one in some if one is not None]
+        def score(piece: int, lot: slice) -> None:
+            own, some = work[piece]
+            shown = [one for one in some[lot] if one is not None]
             if shown:
-                scores[lot][[one is not None for one in some]] = pair.compare(own, shown)[0]
+                there = [one is not None for one in some[lot]]
+                found[piece][lot][there] = pair.compare(own, shown)[0]
 
-        self._lots.run(len(references), score)
-        return scores
+        self._lots.run([len(some) for _, some in work], score)
+        return found

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work in small lots, which the calling thread and some helpers take in turn."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-_AT_ONCE = 16
+_AT_ONCE = 8
 
 
 class Lots:
@@ -23,15 +23,30 @@ class Lots:
         self._helpers = helpers
         self._pool = ThreadPoolExecutor(helpers, 'pairs') if helpers else None
 
-    def run(self, count: int, job: Callable[[slice], None]) -> None:
-        """Call a job with slices that together are the first so many; return when all is done."""
-        starts = iter(range(0, count, _AT_ONCE))
+    def run(self, counts: Sequence[int], job: Callable[[int, slice], None]) -> None:
+        """
+        Call a job with all parts of some pieces of work; return when all is done.
+
+        Parameters
+        ----------
+        counts : sequence of int
+            How much each piece consists of.
+        job : callable
+            Of the number of a piece and a slice of it.
+
+        """
+        parts = [
+            (piece, slice(start, min(start + _AT_ONCE, count)))
+            for piece, count in enumerate(counts)
+            for start in range(0, count, _AT_ONCE)
+        ]
+        waiting = iter(parts)
 
         def work() -> None:
-            for start in starts:
-                job(slice(start, min(start + _AT_ONCE, count)))
+            for piece, part in waiting:
+                job(piece, part)
 
-        most = min(self._helpers, -(-count // _AT_ONCE) - 1)
+        most = min(self._helpers, len(parts) - 1)
         helpers = [self._pool.submit(work) for _ in range(most) if self._pool]
         work()
         for helper in helpers:

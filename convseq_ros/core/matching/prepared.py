@@ -3,6 +3,7 @@
 """What is compared of references, made when it is needed first."""
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 from threading import Lock
 from typing import Any, TYPE_CHECKING
 
@@ -71,12 +72,12 @@ class Prepared:
         cells = self._map.cells_of(indices)
         made: list[Any] = [None] * len(cells)
 
-        def prepare(lot: slice) -> None:
+        def prepare(_: int, lot: slice) -> None:
             for place in range(lot.start, lot.stop):
                 if cells[place].any():
                     made[place] = self._prepare(cells[place])
 
-        self._lots.run(len(cells), prepare)
+        self._lots.run([len(cells)], prepare)
         return made
 
     def _keep(self, found: dict[int, Any]) -> None:
@@ -86,5 +87,5 @@ class Prepared:
                 self._kept.pop(index, None)
         self._kept.update(found)
         if self._most is not None:
-            for index in list(self._kept)[: max(0, len(self._kept) - self._most)]:
+            for index in [*islice(self._kept, max(0, len(self._kept) - self._most))]:
                 del self._kept[index]

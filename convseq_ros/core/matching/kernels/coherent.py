@@ -43,6 +43,7 @@ import numpy.typing as npt
 
 _SCALE = 160.0
 _MOST = 127
+_FACTORS = WINDOW[REACH:]
 _LANES, _ROWS, _COLUMNS = BYTES.lanes, BYTES.rows, BYTES.columns
 _FLOAT_LANES, _FLOAT_ROWS, _FLOAT_COLUMNS = FLOATS.lanes, FLOATS.rows, FLOATS.columns
 
@@ -192,30 +193,32 @@ def _vote(there, back, own, spots, side, found):  # type: ignore[no-untyped-def]
     share = len(own) / len(spots)
     for region in range(len(spots)):
         votes[spots[region] - own[back[region]] + middle] += share
-    votes = _smoothed(_smoothed(votes, 1), width)
+    across, smoothed = np.zeros(width * width), np.empty(width * width)
+    first, count = REACH * (width + 1), (span - 1) * width + span
+    _smooth(votes, 1, first, across[first : first + count])
+    _smooth(across, width, first, smoothed[first : first + count])
     peak, place = -1.0, 0
     for row in range(REACH, REACH + span):
         for at in range(row * width + REACH, row * width + REACH + span):
-            if votes[at] > peak:
-                peak, place = votes[at], at
+            if smoothed[at] > peak:
+                peak, place = smoothed[at], at
     found[0] = min(peak / (2 * len(own)), 1.0)
     found[1] = place // width - REACH - side + 1
     found[2] = place % width - REACH - side + 1
 
 
 @compiled
-def _smoothed(votes, step):  # type: ignore[no-untyped-def]
-    """Return votes with those a few steps away added; the outermost are not to be used."""
-    smoothed = votes.copy()
-    first, count = REACH * step, len(votes) - 2 * REACH * step
-    own = smoothed[first : first + count]
-    for away in range(1, REACH + 1):
-        factor = WINDOW[REACH + away]
-        before = votes[first - away * step :][:count]
-        after = votes[first + away * step :][:count]
-        for number in range(count):
-            own[number] += factor * (before[number] + after[number])
-    return smoothed
+def _smooth(votes, step, first, smoothed):  # type: ignore[no-untyped-def]
+    """Fill in votes from `first` on, with those up to 6 steps away added."""
+    own = votes[first - REACH * step :]
+    # Unsigned: of other indices the sign would be asked, for every number.
+    one, reach = np.uint64(step), np.uint64(REACH)
+    for number in range(np.uint64(len(smoothed))):
+        total = own[number + reach * one]
+        for away in range(np.uint64(1), np.uint64(REACH + 1)):
+            before = own[number + (reach - away) * one]
+            total += _FACTORS[away] * (before + own[number + (reach + away) * one])
+        smoothed[number] = total
 
 
 def _pair_score(

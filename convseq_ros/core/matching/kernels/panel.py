@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from convseq_ros.core.compiled import compiled
@@ -32,13 +33,20 @@ class Panel:
     address: int
 
 
+def empty_panel(shape: tuple[int, ...], dtype: npt.DTypeLike) -> Panel:
+    """Return room that compiled functions can address."""
+    needed = math.prod(shape) * np.dtype(dtype).itemsize
+    room = np.empty(needed + _CACHE_LINE, np.uint8)
+    place = room.__array_interface__['data'][0]
+    start = -place % _CACHE_LINE
+    return Panel(room[start : start + needed].view(dtype).reshape(shape), place + start)
+
+
 def panel_of(values: npt.NDArray[Any]) -> Panel:
     """Return a copy that compiled functions can address."""
-    room = np.empty(values.nbytes + _CACHE_LINE, np.uint8)
-    start = -room.ctypes.data % _CACHE_LINE
-    array = room[start : start + values.nbytes].view(values.dtype).reshape(values.shape)
-    array[...] = values
-    return Panel(array, array.ctypes.data)
+    panel = empty_panel(values.shape, values.dtype)
+    panel.array[...] = values
+    return panel
 
 
 def addresses(panels: Sequence[Panel]) -> npt.NDArray[np.int64]:

@@ -6,7 +6,12 @@ from functools import cache
 
 from convseq_ros.core.compiled import compiled
 from convseq_ros.core.matching.coherent import projection, Regions
-from convseq_ros.core.matching.kernels.panel import address, Panel, panel_of, reference_words
+from convseq_ros.core.matching.kernels.panel import (
+    address,
+    empty_panel,
+    Panel,
+    reference_words,
+)  # fmt: skip
 from convseq_ros.core.matching.kernels.tile import (
     BYTE_WORDS,
     BYTES,
@@ -14,12 +19,13 @@ from convseq_ros.core.matching.kernels.tile import (
     FLOATS,
     keep_region_dots,
     place_region,
+    REGION_ROWS,
     SPAN,
 )  # fmt: skip
 import numpy as np
 import numpy.typing as npt
 
-_ROWS, _COLUMNS = FLOATS.rows, FLOATS.columns
+_ROWS, _COLUMNS = REGION_ROWS, FLOATS.columns
 
 Cells = npt.NDArray[np.float32]
 
@@ -37,7 +43,7 @@ def projected_bytes(cells: Cells, scale: float, most: int, offset: int) -> Panel
     """Return `projected` regions as a reference's words: `quantised`, four to a word."""
     regions = projected(cells)
     blocks = -(-len(regions) // BYTES.columns)
-    panel = panel_of(np.empty((blocks, BYTE_WORDS, BYTES.columns), np.int32))
+    panel = empty_panel((blocks, BYTE_WORDS, BYTES.columns), np.int32)
     _pack(regions, np.float32(scale), np.float32(most), np.float32(offset), panel.array)
     return panel
 

@@ -19,6 +19,8 @@ FLOATS = float_tile() or Tile('none', 4, 6)
 BYTES = int8_tile() or FLOATS
 BYTE_WORDS, CELL_WORDS, FLOAT_WORDS = 8, 8, 32
 SPAN = 3
+# The usual image has 30 in a row.
+REGION_ROWS = min(FLOATS.rows, 10)
 DOT_BIT, ROW_BIT = 15, 11
 
 
@@ -184,7 +186,7 @@ def keep_region_dots(builder: Any, cells: Any, width: Any, axes: Any, dots: Any)
     """
     write, lanes = Vectors(builder, FLOATS), FLOATS.lanes
     zero = write.ir.Constant(write.numbers, None)
-    sums = [[zero, zero] for _ in range(FLOATS.rows)]
+    sums = [[zero, zero] for _ in range(REGION_ROWS)]
     for down in range(SPAN):
         for number in range(CELL_WORDS):
             words = [(down * SPAN + right) * CELL_WORDS + number for right in range(SPAN)]
@@ -192,10 +194,10 @@ def keep_region_dots(builder: Any, cells: Any, width: Any, axes: Any, dots: Any)
                 [write.load(write.numbers, axes, (2 * word + half) * lanes) for half in (0, 1)]
                 for word in words
             ]
-            for cell in range(FLOATS.rows + SPAN - 1):
+            for cell in range(REGION_ROWS + SPAN - 1):
                 own = write.splat(write.load(write.number, cells, cell * CELL_WORDS + number))
                 for right, pair in enumerate(pairs):
-                    if 0 <= cell - right < FLOATS.rows:
+                    if 0 <= cell - right < REGION_ROWS:
                         kept = sums[cell - right]
                         for half in (0, 1):
                             kept[half] = write.added(kept[half], pair[half], own)

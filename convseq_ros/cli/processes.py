@@ -1,0 +1,107 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes of their own, among themselves, and the table that one of them writes."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from convseq_ros.results import read_results
+
+_HIGHEST_DOMAIN = 101
+_POLL_S = 0.1
+_VARIABLE, _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'fastdds_large_images.xml'
+
+
+def for_large_images() -> dict[str, str]:
+    """
+    Return the variable with which Fast DDS loses no large images, nor what is sent beside them.
+
+    Empty if the user has chosen settings, or ours are not installed.
+    """
+    beside = Path(__file__).resolve().parents[2]
+    prefix = beside.parent.parent.parent
+    for folder in (beside / 'config', prefix / 'share' / 'convseq_ros' / 'config'):
+        if (folder / _PROFILE).is_file() and _VARIABLE not in os.environ:
+            return {_VARIABLE: str(folder / _PROFILE)}
+    return {}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Return an environment in which the processes of this one hear each other and nobody else."""
+    return {
+        **os.environ,
+        **for_large_images(),
+        'ROS_DOMAIN_ID': str(os.getpid() % (_HIGHEST_DOMAIN + 1)),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_LOG_DIR': str(folder / 'log'),
+    }
+
+
+@contextmanager
+def running(
+    name: str, arguments: Sequence[str], folder: Path, end_s: float
+) -> Iterator[subprocess.Popen[bytes]]:
+    """
+    Run Python until the block ends; then ask the process to end as Ctrl-C does.
+
+    Parameters
+    ----------
+    name : str
+        Of the log `<name>.log`.
+    arguments : sequence of str
+        Of Python.
+    folder : Path
+        Where logs go.
+    end_s : float
+        Time that it has to end before it is killed.
+
+    """
+    with (folder / f'{name}.log').open('wb') as log:
+        process = subprocess.Popen(
+            [sys.executable, *arguments], env=environment(folder),
+            stdout=log, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(end_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:
+    """
+    Wait until a result table that is being written has as many rows, or stops growing.
+
+    Parameters
+    ----------
+    table : Path
+        Under the name that it will have.
+    wanted : int
+        Rows to wait for.
+    stalled_s : float
+        Time without a new row after which there will be no more.
+
+    Returns
+    -------
+    int
+        How many there are.
+
+    """
+    part = table.with_name(table.name + '.part')
+    rows, changed_s = 0, time.monotonic()
+    while rows < wanted and time.monotonic() - changed_s < stalled_s:
+        now = len(read_results(part)) if part.exists() else 0
+        if now > rows:
+            rows, changed_s = now, time.monotonic()
+        time.sleep(_POLL_S)
+    return rows

@@ -1,0 +1,140 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every reason shows in the node's table and is counted in its diagnostics."""
+
+from collections import Counter
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.core.map_file import save_map
+from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.types import Reason
+from convseq_ros.results import read_results
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+from std_msgs.msg import Float64MultiArray, Int32
+
+BEGIN_S = 1000
+BLACK, BROKEN, UNKNOWN = 'black', 'broken', 'unknown'
+PAIR = {'fixed_length': 2, 'rival_distance': 2}
+ONLINE = {'mode': 'online', 'fixed_length': 1, 'rival_distance': 2}
+# Places in the map, parameters, what the camera sees every second, or (second, what) where it is
+# another one, and reasons that this gives.
+DRIVES = {
+    'by the margin': (
+        25, PAIR | {'min_margin': 0.05, 'closure_interval_s': 2.0},
+        [3, 4, 5, 6, BLACK, BROKEN, (4.5, 9), UNKNOWN, UNKNOWN],
+        'warming_up accepted cool_down uninformative unreadable out_of_order ambiguous',
+    ),
+    'by the track': (
+        25, PAIR | {'acceptance_rule': 'track'}, [*range(16), 22, 23],
+        'warming_up weak inconsistent',
+    ),
+    'few places': (6, PAIR | {'rival_distance': 5}, [1, 2], 'warming_up too_few_rivals'),
+    'one place': (1, PAIR, [0, 0], 'warming_up map_too_short'),
+    'no place': (0, {}, [0, 0], 'no_map'),
+    'a map that grows': (0, ONLINE | {'exclusion_s': 5.0}, [0, 1], 'recent'),
+    'a robot that stands': (
+        25, PAIR | {'matching': 'coherent'}, [3, 4, 4, 4], 'warming_up weak stationary',
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def part_of(street_map, tmp_path):
+    """Return a maker of maps of the first places of the street."""
+
+    def make(count):
+        part = ReferenceMap()
+        for index in range(count):
+            part.add(street_map.places[index], street_map.packed(index))
+        save_map(part, tmp_path / 'part.db')
+        return tmp_path / 'part.db'
+
+    return make
+
+
+@pytest.fixture
+def seen(street, image):
+    """Return a maker of messages."""
+
+    def make(what, stamp_s):
+        gray = street[what] if isinstance(what, int) else np.zeros_like(street[0])
+        if what == UNKNOWN:
+            gray = np.random.default_rng(99).integers(0, 256, gray.shape, np.uint8)
+        message = image(gray, round((BEGIN_S + stamp_s) * 1e9))
+        if what == BROKEN:
+            message.step = 3
+        return message
+
+    return make
+
+
+@pytest.mark.parametrize('drive', DRIVES)
+def test_a_reason_is_told_in_the_table_and_counted(client, vpr, part_of, seen, tmp_path, drive):
+    count, parameters, views, expected = DRIVES[drive]
+    if count:
+        parameters = parameters | {'map_path': part_of(count)}
+    table = tmp_path / 'live.csv'
+    vpr(result_file=table, diagnostics_period_s=0.1, **parameters)
+    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    camera = client.camera(Image)
+    for second, view in enumerate(views):
+        stamp_s, what = view if isinstance(view, tuple) else (second, view)
+        camera.publish(seen(what, stamp_s))
+
+    def values():
+        return {item.key: item.value for item in diagnostics[-1].status[0].values}
+
+    client.wait_for(lambda: diagnostics and values()['processed'] == str(len(views)), 'answers')
+    reasons = [row['reason'] for row in read_results(table.with_name('live.csv.part'))]
+    assert set(reasons) >= set(expected.split())
+    assert values()['last_reason'] == reasons[-1]
+    counted = {
+        key.removeprefix('reason_'): int(value)
+        for key, value in values().items()
+        if key.startswith('reason_')
+    }
+    assert counted == Counter(reasons)
+
+
+def test_no_reason_was_forgotten():
+    shown = {reason for *_, expected in DRIVES.values() for reason in expected.split()}
+    assert shown == set(Reason)
+
+
+def test_a_revisit_closes_at_the_stated_rate_which_may_be_changed(client, vpr, seen):
+    vpr(closure_interval_s=5.0, exclusion_s=5.0, **ONLINE)
+    closures = client.listen(Float64MultiArray, '/vpr_node/loop_closure')
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+
+    def drive(places):
+        """Show places, and return the loops that were closed, in seconds from the beginning."""
+        closures.clear()
+        begin_s = len(indices)
+        for second, place in enumerate(places, begin_s):
+            camera.publish(seen(place, second))
+        client.wait_for(lambda: len(indices) == begin_s + len(places), 'answers')
+        told = sum(message.data >= 0 for message in indices[begin_s:])
+        client.wait_for(lambda: len(closures) == told, 'closures')
+        return [tuple(second - BEGIN_S for second in message.data) for message in closures]
+
+    def set_interval(value):
+        answer = client.call(
+            SetParameters, '/vpr_node/set_parameters',
+            parameters=[Parameter('closure_interval_s', value=value).to_parameter_msg()],
+        )  # fmt: skip
+        assert answer.results[0].successful
+
+    assert drive(range(25)) == []
+    assert drive(range(12)) == [(25, 0), (30, 5), (35, 10)]
+    set_interval(0.0)
+    assert drive(range(12, 16)) == [(37, 12), (38, 13), (39, 14), (40, 15)]
+    set_interval(3600.0)
+    assert drive(range(16, 25)) == []
