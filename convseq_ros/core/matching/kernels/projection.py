@@ -33,9 +33,8 @@ def projected(cells: Cells) -> Regions:
     return regions
 
 
-def projected_bytes(cells: Cells, scale: float, most: int, offset: int) -> Panel:
-    """Return `projected` regions as a reference's words: `quantised`, four to a word."""
-    regions = projected(cells)
+def packed_bytes(regions: Regions, scale: float, most: int, offset: int) -> Panel:
+    """Return regions as a reference's words: `quantised`, four to a word."""
     blocks = -(-len(regions) // BYTES.columns)
     panel = panel_of(np.empty((blocks, BYTE_WORDS, BYTES.columns), np.int32))
     _pack(regions, np.float32(scale), np.float32(most), np.float32(offset), panel.array)
