@@ -109,6 +109,7 @@ def watched():
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
     matcher = made(watched, threads=threads)
     query = matcher.see(drawn(9))
+    watched.reads.clear()
     matcher.make_ready(np.array([3, 7, 3, 30, 9]))
     assert watched.reads == [[3, 7, 30, 9]]
     for _ in range(2):
@@ -229,7 +230,7 @@ def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
 
     kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
     shown = drawn(0)
-    query, reference, made = kernel.see(shown, 3.5), kernel.prepare(shown.cells), []
+    query, reference, made = kernel.see(shown, 3.5, None), kernel.prepare(shown.cells, None), []
 
     def uncached(side):
         panel = places(side)

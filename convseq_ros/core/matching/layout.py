@@ -67,9 +67,8 @@ class Layout:
         if count < max(_FEWEST, 2 * self._averaged):
             return False
         some = np.unique(np.linspace(0, count - 1, min(count, _SAMPLE)).astype(int)).tolist()
-        self.of_map = np.mean(
-            [self._project(cells) for cells in self._map.cells_of(some)], axis=0
-        )
+        shown = [self._project(cells) for cells in self._map.cells_of(some) if cells.any()]
+        self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
 

@@ -11,18 +11,24 @@ import numpy.typing as npt
 _BLOCK = 3
 _DOWN = 1
 _RIGHT = 4
+_LENGTH = np.float32(4000)
 
 Whole = npt.NDArray[np.float32]
 
 
 def whole(regions: npt.NDArray[np.float32]) -> Whole:
-    """Return the means of 3 x 3 neighbouring regions, in one vector of unit length: (L,)."""
+    """
+    Return the means of 3 x 3 neighbouring regions in one vector, (L,).
+
+    It is 4,000 long and of whole numbers, so that products of two are exact in any order.
+    """
     side = isqrt(len(regions))
     starts = np.arange(0, side, _BLOCK)
     image = regions.reshape(side, side, -1)
     sums = np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1)
     extent = np.diff(np.append(starts, side)).astype(np.float32)
-    return unit((sums / np.outer(extent, extent)[..., None]).ravel())
+    means = sums / np.outer(extent, extent)[..., None]
+    return np.rint(_LENGTH * unit(means.ravel()))
 
 
 def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
@@ -64,7 +70,7 @@ def likeness(query: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
         Rows from `whole`.
 
     """
-    return np.clip((query @ references.T).max(axis=0), 0, 1)
+    return np.clip((query @ references.T).max(axis=0) / _LENGTH**2, 0, 1)
 
 
 def _overlap(shift: int, count: int) -> slice:
