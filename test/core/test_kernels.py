@@ -148,6 +148,20 @@ def test_compiled_regions_are_those_of_the_definition(side):
     assert np.abs(projected(np.zeros_like(cells)) - projected_regions(0 * cells)).max() < 1e-6
 
 
+@pytest.mark.parametrize('side', [3, 4, 7, 32])
+def test_compiled_regions_without_the_usual_are_those_of_the_definition(side):
+    needs('float32')
+    from convseq_ros.core.matching.coherent_pair import shown as definition
+    from convseq_ros.core.matching.kernels.projection import shown
+
+    cells, usual = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
+    (regions, image), (expected, whole) = shown(cells, usual), definition(cells, usual)
+    assert np.abs(regions - expected).max() < 2e-6
+    assert np.abs(image - whole).max() <= 1
+    assert (image != whole).mean() < 0.01
+    assert shown(cells, None)[1] is definition(cells, None)[1] is None
+
+
 @pytest.mark.parametrize('side', [3, 7, 32])
 def test_compiled_bytes_are_the_regions_quantised(side):
     needs('int8')

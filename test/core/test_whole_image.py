@@ -21,7 +21,7 @@ def alike(query, *references, side=30):
     return likeness(moved(whole(query), side), np.array([whole(one) for one in references]))
 
 
-def test_blocks_are_the_means_of_nine_regions():
+def test_blocks_are_the_sums_of_nine_regions():
     found = whole(drawn(0)).reshape(10, 10, 32)
     means = drawn(0).reshape(10, 3, 10, 3, 32).mean(axis=(1, 3))
     assert found == pytest.approx(4000 * means / np.linalg.norm(means), abs=0.5001)

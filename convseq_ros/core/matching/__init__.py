@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.entropy import MAX_BITS
 from convseq_ros.core.matching.choice import chosen_kernels
-from convseq_ros.core.matching.layout import Layout, unusual
+from convseq_ros.core.matching.layout import Layout
 from convseq_ros.core.matching.lots import Lots
 from convseq_ros.core.matching.pair_score import PairScore, Regions
 from convseq_ros.core.matching.prepared import Prepared
@@ -78,8 +78,8 @@ class Matcher:
         self._keeps_all = kept is None
         self._lots = Lots((matching.threads or usable) - 1)
         self._layout: Layout | None = None
-        if self._exact.regions and matching.remove_layout:
-            self._layout = Layout(reference_map, self._exact.regions)
+        if self._exact.show and matching.remove_layout:
+            self._layout = Layout(reference_map, self._exact.show)
         self._prepared = Prepared(reference_map, self._preparing(self._fast), self._lots, kept)
         self._prepared_to_rescore = self._prepared
         if self._exact is not self._fast:
@@ -138,10 +138,10 @@ class Matcher:
     def agreeing(self, query: Any, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return where the regions are that moved by a shift, (n, 4); see `PairScore.agree`."""
         cells, pair = self._map.cells(index), self._exact
-        if pair.agree is None or pair.regions is None or not cells.any():
+        if pair.agree is None or pair.show is None or not cells.any():
             return np.zeros((0, 4))
         usual = self._layout.of_map if self._layout else None
-        return pair.agree(query.exact, unusual(pair.regions(cells), usual), shift)
+        return pair.agree(query.exact, pair.show(cells, usual)[0], shift)
 
     def warm_up(self) -> None:
         """Compile or load what frames will need, so that the first is not late."""

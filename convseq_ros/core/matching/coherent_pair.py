@@ -24,6 +24,7 @@ import numpy.typing as npt
 _WEIGHT_OF_WHOLE = 0.1
 
 Cells = npt.NDArray[np.float32]
+Show = Callable[[Cells, Regions | None], tuple[Regions, Whole | None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class _Reference:
 def coherent_pair(
     name: str,
     exact: bool,
-    project: Callable[[Cells], Regions],
+    show: Show,
     pack_query: Callable[[CoherentQuery], Any],
     pack_reference: Callable[[Regions], Any],
     compare: Callable[[Any, Sequence[Any]], Scores],
@@ -58,8 +59,8 @@ def coherent_pair(
     ----------
     name, exact : str, bool
         As in `PairScore`.
-    project : callable
-        Computes `projected_regions`.
+    show : callable
+        Computes `shown`.
     pack_query, pack_reference : callable
         To what the kernel compares.
     compare : callable
@@ -75,16 +76,16 @@ def coherent_pair(
     """
 
     def seen(query: Descriptor, least_bits: float, usual: Regions | None) -> _Query | None:
-        regions = unusual(project(query.cells), usual)
+        regions, image = show(query.cells, usual)
         found = see(query, least_bits, regions)
         if found is None:
             return None
-        images = None if usual is None else moved(whole(regions), found.side)
+        images = None if image is None else moved(image, found.side)
         return _Query(found, pack_query(found), images)
 
     def prepare(cells: Cells, usual: Regions | None) -> _Reference:
-        regions = unusual(project(cells), usual)
-        return _Reference(pack_reference(regions), None if usual is None else whole(regions))
+        regions, image = show(cells, usual)
+        return _Reference(pack_reference(regions), image)
 
     def score(query: _Query, references: Sequence[_Reference]) -> Scores:
         shares, shifts = compare(query.packed, [one.packed for one in references])
@@ -97,7 +98,13 @@ def coherent_pair(
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)
 
-    return PairScore(name, exact, seen, prepare, score, project, agree)
+    return PairScore(name, exact, seen, prepare, score, show, agree)
+
+
+def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
+    """Return the regions of an image that are compared, and the `whole` where layout is known."""
+    regions = unusual(projected_regions(cells), usual)
+    return regions, None if usual is None else whole(regions)
 
 
 def _same(what: Any) -> Any:
@@ -109,4 +116,4 @@ def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
     return np.array(scores, np.float32), np.array(shifts)
 
 
-COHERENT = coherent_pair('numpy', True, projected_regions, _same, _same, _compare)
+COHERENT = coherent_pair('numpy', True, shown, _same, _same, _compare)

@@ -10,7 +10,7 @@ what their own drive does, since at night the same layout looks otherwise.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from convseq_ros.core.matching.unit import unit
 import numpy as np
@@ -25,6 +25,7 @@ _PRIOR_FRAMES = 20
 
 Cells = npt.NDArray[np.float32]
 Regions = npt.NDArray[np.float32]
+Show = Callable[[Cells, Regions | None], tuple[Regions, Any]]
 
 
 def unusual(regions: Regions, usual: Regions | None) -> Regions:
@@ -41,8 +42,8 @@ class Layout:
     reference_map : ReferenceMap
         At most 256 of its references are looked at, evenly spread, and others whenever the map
         has doubled. Nothing is known of maps of less than 20 places.
-    project : callable
-        From cells to regions, (N, 32), as `projected_regions`.
+    show : callable
+        As in `PairScore`.
 
     Attributes
     ----------
@@ -51,12 +52,10 @@ class Layout:
 
     """
 
-    def __init__(
-        self, reference_map: 'ReferenceMap', project: Callable[[Cells], Regions]
-    ) -> None:
+    def __init__(self, reference_map: 'ReferenceMap', show: Show) -> None:
         self.of_map: Regions | None = None
         self._map = reference_map
-        self._project = project
+        self._show = show
         self._averaged = 0
         self._sum: Regions | None = None
         self._frames = 0
@@ -67,7 +66,7 @@ class Layout:
         if count < max(_FEWEST, 2 * self._averaged):
             return False
         some = np.unique(np.linspace(0, count - 1, min(count, _SAMPLE)).astype(int)).tolist()
-        shown = [self._project(cells) for cells in self._map.cells_of(some) if cells.any()]
+        shown = [self._show(cells, None)[0] for cells in self._map.cells_of(some) if cells.any()]
         self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
@@ -82,7 +81,7 @@ class Layout:
             Of the query; each frame comes once. The mean of the map counts as 20 frames.
 
         """
-        regions = self._project(cells)
+        regions, _ = self._show(cells, None)
         self._sum = regions if self._sum is None else self._sum + regions
         self._frames += 1
         if self.of_map is None:

@@ -34,9 +34,9 @@ class PairScore:
     compare : callable
         From a query and some references to their scores in [0, 1], float32 of shape (n,), and, if
         it tells, to the shifts in cells, rows and columns, (n, 2).
-    regions : callable, optional
-        From cells to regions, (N, 32), of which what is usual is the mean; none if that does not
-        matter.
+    show : callable, optional
+        From cells and what is usual to the regions that are compared, (N, 32), and the image as a
+        whole; none if it does not matter what is usual.
     agree : callable, optional
         From a query, a reference's regions and a shift to the regions that moved by it, (n, 4):
         where they are in the query and in the reference, row and column as shares of the image.
@@ -48,5 +48,5 @@ class PairScore:
     see: Callable[[Descriptor, float, Regions | None], Any]
     prepare: Callable[[Cells, Regions | None], Any]
     compare: Callable[[Any, Sequence[Any]], Scores]
-    regions: Callable[[Cells], Regions] | None = None
+    show: Callable[[Cells, Regions | None], tuple[Regions, Any]] | None = None
     agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None

@@ -8,7 +8,7 @@ from convseq_ros.core.matching.unit import unit
 import numpy as np
 import numpy.typing as npt
 
-_BLOCK = 3
+BLOCK = 3
 _DOWN = 1
 _RIGHT = 4
 _LENGTH = np.float32(4000)
@@ -18,17 +18,19 @@ Whole = npt.NDArray[np.float32]
 
 def whole(regions: npt.NDArray[np.float32]) -> Whole:
     """
-    Return the means of 3 x 3 neighbouring regions in one vector, (L,).
+    Return the sums of 3 x 3 neighbouring regions in one vector, (L,).
 
     It is 4,000 long and of whole numbers, so that products of two are exact in any order.
     """
     side = isqrt(len(regions))
-    starts = np.arange(0, side, _BLOCK)
+    starts = np.arange(0, side, BLOCK)
     image = regions.reshape(side, side, -1)
-    sums = np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1)
-    extent = np.diff(np.append(starts, side)).astype(np.float32)
-    means = sums / np.outer(extent, extent)[..., None]
-    return np.rint(_LENGTH * unit(means.ravel()))
+    return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
+
+
+def rounded(blocks: npt.NDArray[np.float32]) -> Whole:
+    """Return blocks of any shape in one vector, as `whole` does."""
+    return np.rint(_LENGTH * unit(blocks.ravel()))
 
 
 def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
@@ -43,7 +45,7 @@ def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
         Regions in a row of the image.
 
     """
-    count = -(-side // _BLOCK)
+    count = -(-side // BLOCK)
     blocks = image.reshape(count, count, -1)
     down, right = min(_DOWN, count - 1), min(_RIGHT, count - 1)
     shifts = [

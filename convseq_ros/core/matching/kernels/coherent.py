@@ -18,7 +18,7 @@ from convseq_ros.core.matching.kernels.panel import (
     query_words,
     reference_words,
 )  # fmt: skip
-from convseq_ros.core.matching.kernels.projection import packed_bytes, projected
+from convseq_ros.core.matching.kernels.projection import packed_bytes, shown
 from convseq_ros.core.matching.kernels.tile import (
     best_word,
     BYTE_WORDS,
@@ -216,11 +216,11 @@ def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
     name = f'float32 {FLOATS.name}'
     return coherent_pair(
-        name, True, projected, _float_query, _float_reference, _compare_floats
+        name, True, shown, _float_query, _float_reference, _compare_floats
     )
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     name = f'int8 {BYTES.name}'
-    return coherent_pair(name, False, projected, _byte_query, _byte_reference, _compare_bytes)
+    return coherent_pair(name, False, shown, _byte_query, _byte_reference, _compare_bytes)
