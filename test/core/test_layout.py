@@ -91,3 +91,13 @@ def test_frames_before_the_layout_of_the_map_is_known_count_too():
     both = projected_regions(cells(100)) + projected_regions(cells(101))
     expected = (both + 20 * layout.of_map) / 22
     assert layout.of_drive(cells(101)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_robot_that_hardly_moves_does_not_make_its_place_the_usual_one():
+    layout = Layout(drawn_map(25), shown)
+    layout.renew()
+    once = layout.of_drive(cells(100))
+    for seed in range(50):
+        again = cells(100) + np.float32(0.02) * cells(seed)
+        assert np.array_equal(layout.of_drive(again), once)
+    assert not np.array_equal(layout.of_drive(cells(101)), once)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _FEWEST = 20
 _SAMPLE = 256
 _PRIOR_FRAMES = 20
+_STILL_ALIKE = 0.8
 
 Cells = npt.NDArray[np.float32]
 Regions = npt.NDArray[np.float32]
@@ -57,7 +58,8 @@ class Layout:
         self._map = reference_map
         self._show = show
         self._averaged = 0
-        self._sum: Regions | None = None
+        self._last: Regions | None = None
+        self._sum = np.zeros(1, np.float32)
         self._frames = 0
 
     def renew(self) -> bool:
@@ -78,12 +80,14 @@ class Layout:
         Parameters
         ----------
         cells : ndarray of float32, shape (S, S, 8)
-            Of the query; each frame comes once. The mean of the map counts as 20 frames.
+            Of the query; each frame comes once. The mean of the map counts as 20 frames, and a
+        frame that is still much like the last that counted does not count.
 
         """
         regions, _ = self._show(cells, None)
-        self._sum = regions if self._sum is None else self._sum + regions
-        self._frames += 1
+        if self._last is None or np.vdot(regions, self._last) < _STILL_ALIKE * len(regions):
+            self._last, self._sum = regions, self._sum + regions
+            self._frames += 1
         if self.of_map is None:
             return None
         return (self._sum + _PRIOR_FRAMES * self.of_map) / (self._frames + _PRIOR_FRAMES)
