@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent matching of a drive: what it usually shows counts for nothing, the whole for a tenth."""
+"""Coherent matching of a drive: the usual counts for nothing, the whole image for a tenth."""
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.matching import Matcher

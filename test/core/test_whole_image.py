@@ -3,7 +3,8 @@
 """How alike whole images are."""
 
 from convseq_ros.core.matching.whole_image import likeness, moved, whole
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 

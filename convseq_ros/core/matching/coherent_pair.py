@@ -16,7 +16,7 @@ from convseq_ros.core.matching.coherent import (
 )  # fmt: skip
 from convseq_ros.core.matching.layout import unusual
 from convseq_ros.core.matching.pair_score import PairScore, Scores
-from convseq_ros.core.matching.whole_image import likeness, moved, whole, Whole
+from convseq_ros.core.matching.whole_image import likeness, moved, Whole, whole
 from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt

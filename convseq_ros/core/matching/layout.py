@@ -81,7 +81,7 @@ class Layout:
         ----------
         cells : ndarray of float32, shape (S, S, 8)
             Of the query; each frame comes once. The mean of the map counts as 20 frames, and a
-        frame that is still much like the last that counted does not count.
+            frame that is still much like the last that counted does not count.
 
         """
         regions, _ = self._show(cells, None)
@@ -90,4 +90,5 @@ class Layout:
             self._frames += 1
         if self.of_map is None:
             return None
-        return (self._sum + _PRIOR_FRAMES * self.of_map) / (self._frames + _PRIOR_FRAMES)
+        total = self._sum + _PRIOR_FRAMES * self.of_map
+        return np.asarray(total / (self._frames + _PRIOR_FRAMES), np.float32)
