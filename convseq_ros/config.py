@@ -58,6 +58,10 @@ class MatchingConfig(Checked):
         'shortlist', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
         choices=('exhaustive', 'shortlist'),
     )
+    remove_layout: bool = parameter(
+        True, 'Compare what is unusual on the drive, and whole images besides; with coherent '
+        'matching only.',
+    )
     shortlist_length: int = parameter(
         50, 'References at which the likely sequences may end.',
         unit='references', low=3, high=1000,

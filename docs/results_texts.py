@@ -5,6 +5,7 @@
 ONE_LINE = {
     'coherent': 'ours, as shipped: where the salient regions went, dynamic k, backward window, '
     'shortlist',
+    'layout-kept': 'coherent with `remove_layout: false`: regions as they are, no whole image',
     '-exhaustive': 'every reference is scored',
     '-k10, -k1': 'fixed k',
     'regional': "the paper's pair score, dynamic k, backward window, every reference",
@@ -50,8 +51,8 @@ RELIABILITY = """\
 
 All frames of the sets above that got a confidence, at the shipped defaults. *Right*: the best
 candidate shows the right place, slips included. *As shipped*: with the two constants of the
-package, which were fitted on drawn drives that are not among these sets. *From other places*: both constants fitted on the
-other places only, for each set anew.
+package, which were fitted on drawn drives that are not among these sets. *From other places*: both
+constants fitted on the other places only, for each set anew.
 """
 UNKNOWN = """\
 ## What the paper reports

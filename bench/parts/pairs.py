@@ -160,7 +160,9 @@ def _add_kernels(
     references = open_map(work.map_path(work.sizes[0]))
     indices = _indices(len(references))
     for kernel in work.kernels:
-        chosen = MatchingConfig(matching=matching, kernel=kernel, threads=work.threads)
+        chosen = MatchingConfig(
+            matching=matching, kernel=kernel, threads=work.threads, remove_layout=False
+        )
         matcher = Matcher(references, chosen, threshold)
         run = partial(matcher.scores, matcher.see(query), indices)
         sides[f'{kernel} kernel'] = run

@@ -53,6 +53,8 @@ class MapReader:
         with self._explained():
             self._database = _connected(path)
             self._end = weakref.finalize(self, self._database.close)
+            # A thread may still read when the process ends; what is only read needs no closing.
+            self._end.atexit = False
             self.encoding = checked_encoding(path, self._database, encoding)
         side = self.encoding.image_size_px // CELL_PX
         self._cell_shape = side, side, BINS

@@ -43,8 +43,6 @@ class PlaceRecognizer:
         The places to recognise; made with the same encoding. In online mode it grows.
     config : Config
         Its `sequence` and `acceptance` may be replaced between two frames.
-    matcher : Matcher, optional
-        What scores pairs, if not as `config.matching` says.
 
     Attributes
     ----------
@@ -53,12 +51,7 @@ class PlaceRecognizer:
 
     """
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        config: Config = Config(),
-        matcher: Matcher | None = None,
-    ) -> None:
+    def __init__(self, reference_map: ReferenceMap, config: Config = Config()) -> None:
         chosen = config.matching
         own_way = chosen.matching == 'coherent'
         self.reference_map = reference_map
@@ -80,7 +73,7 @@ class PlaceRecognizer:
             self._shortlist = Shortlist(
                 reference_map, chosen.shortlist_length, config.acceptance.rival_distance
             )
-        self.matcher = matcher or Matcher(
+        self.matcher = Matcher(
             reference_map,
             chosen,
             config.encoding.saliency_threshold,

@@ -90,7 +90,11 @@ def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
 
 
 def open_set(material: Material, method: Method) -> Outcome:
-    """Return the answers with the first, the last and the middle half of the map kept in turn."""
+    """
+    Return the answers with the first, the last and the middle half of the map kept in turn.
+
+    The recogniser's answers are those with that half; scores beside them are of the whole map.
+    """
     pairs = method.rows(material)
     query, reference = material.drives(method.config.encoding)
     matches: list[Match] = []

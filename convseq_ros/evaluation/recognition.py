@@ -88,7 +88,8 @@ def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.floa
 
     """
     query = material.query
-    if query.order is not None and query.change is None and not material.data_set.online:
+    reordered = query.order is not None and query.change is None
+    if reordered and not material.data_set.online and not _depends_on_the_drive(config):
         rows, frame_ms = pair_scores(replace(material, query=query.whole, _drives={}), config)
         return rows[np.array(query.order)], frame_ms
     config = with_known(config, {'search': 'exhaustive'})
@@ -103,7 +104,7 @@ def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.floa
 
 def answer_again(material: Material, config: Config, first: int, last: int) -> list[Match]:
     """
-    Return what the recogniser says of a part of the map, from pair scores that are known.
+    Return what the recogniser says when only a part of the map is there.
 
     Parameters
     ----------
@@ -118,10 +119,9 @@ def answer_again(material: Material, config: Config, first: int, last: int) -> l
     facts = [material.content, flatten(config), first, last]
     kept = material.cache.get('answers', facts)
     if kept is None:
-        rows, _ = pair_scores(material, config)
         query, reference = material.drives(config.encoding)
         part = part_of(reference.reference_map, first, last)
-        matches = [asdict(one) for one in rerun(query, part, rows[:, first:last], config)]
+        matches = [asdict(one) for one in rerun(query, part, config)]
         kept = {'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8)}
         material.cache.put('answers', facts, kept)
     return [_match(one) for one in json.loads(bytes(kept['matches']))]
@@ -131,6 +131,11 @@ def past_only(scores: Scores, past: int) -> Scores:
     """Return scores (Q, Q) of a drive with itself, NaN where a frame is not long past."""
     index = np.arange(len(scores))
     return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)
+
+
+def _depends_on_the_drive(config: Config) -> bool:
+    """Return whether a pair score depends on the frames before, for what they usually show."""
+    return config.matching.matching == 'coherent' and config.matching.remove_layout
 
 
 def _pair_facts(material: Material, config: Config) -> list[object]:

@@ -1,19 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recogniser once more over a drive, with what an earlier pass computed of its images."""
+"""The recogniser once more over a drive whose images are described already."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 from convseq_ros.config import Config
 from convseq_ros.core.descriptor import nothing_seen
-from convseq_ros.core.matching import Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Match, Reason
+from convseq_ros.core.types import Match, Reason
 from convseq_ros.evaluation.drive import Drive
-import numpy as np
-import numpy.typing as npt
 
 
 def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
@@ -24,9 +21,7 @@ def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
     return part
 
 
-def rerun(
-    drive: Drive, reference_map: ReferenceMap, rows: npt.NDArray[np.float32], config: Config
-) -> Iterator[Match]:
+def rerun(drive: Drive, reference_map: ReferenceMap, config: Config) -> Iterator[Match]:
     """
     Yield the answer to every frame of a drive.
 
@@ -36,14 +31,11 @@ def rerun(
         The query.
     reference_map : ReferenceMap
         The references, or a part of them.
-    rows : ndarray of float32, shape (Q, R)
-        Pair scores with these references; NaN where there is none.
     config : Config
-        Sequence, search and acceptance may differ from those of the earlier pass.
+        Its encoding is that of the drive.
 
     """
-    matcher = _Remembered(drive, rows)
-    recognizer = PlaceRecognizer(reference_map, config, matcher)
+    recognizer = PlaceRecognizer(reference_map, config)
     unreadable = nothing_seen(config.encoding)
     for stamp_ns, readable, descriptor in zip(
         drive.stamps_ns, drive.readable, drive.descriptors, strict=True
@@ -53,35 +45,3 @@ def rerun(
         else:
             match = recognizer.recognize(stamp_ns, unreadable)
             yield replace(match, reason=Reason.UNREADABLE)
-
-
-class _Remembered(Matcher):
-    """Looks scores up; a query is the index of its frame."""
-
-    def __init__(self, drive: Drive, rows: npt.NDArray[np.float32]) -> None:
-        self.kernel = 'remembered'
-        self.exact = True
-        self._index = {id(one): index for index, one in enumerate(drive.descriptors)}
-        self._rows = rows
-
-    def see(self, descriptor: Descriptor) -> int | None:
-        return self._index[id(descriptor)]
-
-    def scores(self, query: int, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
-        return self._rows[query, indices]
-
-    def exact_scores(
-        self, query: int, indices: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.float32]:
-        return self._rows[query, indices]
-
-    def shift(self, _query: int, _index: int) -> None:
-        return None
-
-    def scores_of(
-        self, asked: Sequence[tuple[int, npt.NDArray[np.int64]]]
-    ) -> list[npt.NDArray[np.float32]]:
-        return [self.scores(query, indices) for query, indices in asked]
-
-    def warm_up(self) -> None:
-        pass

@@ -65,8 +65,8 @@ def drawn(seed, side=32, share=0.7):
 
 
 def compared(kernel, query, references):
-    seen = kernel.see(query, 4.0 - 1e-6)
-    return kernel.compare(seen, [kernel.prepare(one) for one in references])
+    seen = kernel.see(query, 4.0 - 1e-6, None)
+    return kernel.compare(seen, [kernel.prepare(one, None) for one in references])
 
 
 def test_scores_are_those_of_the_definition(pair):
@@ -149,22 +149,36 @@ def test_compiled_regions_are_those_of_the_definition(side):
     assert np.abs(projected(np.zeros_like(cells)) - projected_regions(0 * cells)).max() < 1e-6
 
 
+@pytest.mark.parametrize('side', [3, 4, 7, 32])
+def test_compiled_regions_without_the_usual_are_those_of_the_definition(side):
+    needs('float32')
+    from convseq_ros.core.matching.coherent_pair import shown as definition
+    from convseq_ros.core.matching.kernels.projection import shown
+
+    cells, usual = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
+    (regions, image), (expected, whole) = shown(cells, usual), definition(cells, usual)
+    assert np.abs(regions - expected).max() < 2e-6
+    assert np.abs(image - whole).max() <= 1
+    assert (image != whole).mean() < 0.01
+    assert shown(cells, None)[1] is definition(cells, None)[1] is None
+
+
 @pytest.mark.parametrize('side', [3, 7, 32])
 def test_compiled_bytes_are_the_regions_quantised(side):
     needs('int8')
     from convseq_ros.core.matching.kernels.panel import quantised, reference_words
-    from convseq_ros.core.matching.kernels.projection import BYTES, projected, projected_bytes
+    from convseq_ros.core.matching.kernels.projection import BYTES, packed_bytes, projected
 
     cells = drawn(side, side).cells
     for scale in (160, 1000):
-        found = projected_bytes(cells, scale, 63, 64).array
+        found = packed_bytes(projected(cells), scale, 63, 64).array
         rows = quantised(projected(cells), scale, 63, 64)
         assert np.array_equal(found, reference_words(rows, BYTES).array)
 
 
 def test_of_equal_counterparts_the_first_is_taken():
     needs('float32')
-    from convseq_ros.core.matching.kernels.coherent import _float_query, float32, FLOATS
+    from convseq_ros.core.matching.kernels.coherent import _compare_floats, _float_query, FLOATS
     from convseq_ros.core.matching.kernels.panel import reference_words
 
     for seed in range(5):
@@ -174,7 +188,7 @@ def test_of_equal_counterparts_the_first_is_taken():
         own[:, 4:] = 0
         index = np.sort(rng.permutation(900)[:100])
         query = CoherentQuery(own[index], index, 30)
-        scores, shifts = float32().compare(_float_query(query), [reference_words(other, FLOATS)])
+        scores, shifts = _compare_floats(_float_query(query), [reference_words(other, FLOATS)])
         expected, shift = coherent_score(query, other)
         assert scores[0] == pytest.approx(expected, abs=1e-6)
         assert tuple(shifts[0]) == shift

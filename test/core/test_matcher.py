@@ -110,6 +110,7 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
     matcher = made(watched, threads=threads)
     query = matcher.see(drawn(9))
     other = matcher.see(drawn(3))
+    watched.reads.clear()
     found = matcher.scores_of([(query, np.array([3, 7, 3])), (other, np.array([30, 9, 3]))])
     assert watched.reads == [[3, 7, 30, 9]]
     assert [len(one) for one in found] == [3, 3] and found[1].argmax() == 2
@@ -142,6 +143,7 @@ def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
 def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
     query = matcher.see(drawn(0))
+    watched.reads.clear()
     with monkeypatch.context() as patch:
         patch.setattr(watched, 'cells_of', lambda indices: [None] * len(indices))
         with pytest.raises(AttributeError):
@@ -244,7 +246,7 @@ def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
 
     kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
     shown = drawn(0)
-    query, reference, made = kernel.see(shown, 3.5), kernel.prepare(shown.cells), []
+    query, reference, made = kernel.see(shown, 3.5, None), kernel.prepare(shown.cells, None), []
 
     def uncached(side):
         panel = places(side)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to score a pair of images, and the matcher that scores a query in a map with one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 import os
@@ -11,8 +11,9 @@ from typing import Any, TYPE_CHECKING
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.entropy import MAX_BITS
 from convseq_ros.core.matching.choice import chosen_kernels
+from convseq_ros.core.matching.layout import Layout
 from convseq_ros.core.matching.lots import Lots
-from convseq_ros.core.matching.pair_score import PairScore
+from convseq_ros.core.matching.pair_score import PairScore, Regions
 from convseq_ros.core.matching.prepared import Prepared
 from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.types import Descriptor, Shift
@@ -77,22 +78,25 @@ class Matcher:
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
         self._keeps_all = kept is None
         self._lots = Lots((matching.threads or usable) - 1)
-        self._prepared = Prepared(reference_map, self._fast.prepare, self._lots, kept)
+        self._layout: Layout | None = None
+        if self._exact.show and matching.remove_layout:
+            self._layout = Layout(reference_map, self._exact.show)
+        self._prepared = Prepared(reference_map, self._preparing(self._fast), self._lots, kept)
         self._prepared_to_rescore = self._prepared
         if self._exact is not self._fast:
             self._prepared_to_rescore = Prepared(
-                reference_map, self._exact.prepare, self._lots, _KEPT_TO_RESCORE
+                reference_map, self._preparing(self._exact), self._lots, _KEPT_TO_RESCORE
             )
         self.kernel = self._fast.name
         self.exact = self._fast.exact
 
     def see(self, descriptor: Descriptor) -> Any:
-        """Return what is compared of a query, or None if it shows nothing."""
-        fast = self._fast.see(descriptor, self._least_bits)
-        if fast is None:
-            return None
-        exact = fast if self.exact else self._exact.see(descriptor, self._least_bits)
-        return _Seen(fast, exact)
+        """Return what is compared of a query, each once, or None if it shows nothing."""
+        usual = None
+        if self._layout:
+            self._follow_map(self._layout)
+            usual = self._layout.of_drive(descriptor.cells)
+        return self._compared(descriptor, usual)
 
     def scores(self, query: Any, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """
@@ -136,10 +140,11 @@ class Matcher:
 
     def agreeing(self, query: Any, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return where the regions are that moved by a shift, (n, 4); see `PairScore.agree`."""
-        cells = self._map.cells(index)
-        if self._exact.agree is None or not cells.any():
+        cells, pair = self._map.cells(index), self._exact
+        if pair.agree is None or pair.show is None or not cells.any():
             return np.zeros((0, 4))
-        return self._exact.agree(query.exact, cells, shift)
+        usual = self._layout.of_map if self._layout else None
+        return pair.agree(query.exact, pair.show(cells, usual)[0], shift)
 
     def warm_up(self) -> None:
         """Compile or load what frames will need, so that the first is not late."""
@@ -154,12 +159,34 @@ class Matcher:
         drawn = Descriptor(
             cells, np.ones((side - 1) ** 2, np.bool_), np.full((side, side), MAX_BITS), 0.5
         )
-        query = self.see(drawn)
+        usual = None
+        if self._layout and self._exact.show:
+            self._follow_map(self._layout)
+            usual, _ = self._exact.show(cells[::-1], None)
+        query = self._compared(drawn, usual)
         similarity(drawn, drawn)
         for pair, own in ((self._fast, query.fast), (self._exact, query.exact)):
-            pair.compare(own, [pair.prepare(cells)])
+            pair.compare(own, [pair.prepare(cells, usual)])
         if self._keeps_all:
             self._prepared.of(range(len(self._map)))
+
+    def _compared(self, descriptor: Descriptor, usual: Regions | None) -> Any:
+        fast = self._fast.see(descriptor, self._least_bits, usual)
+        if fast is None:
+            return None
+        exact = fast if self.exact else self._exact.see(descriptor, self._least_bits, usual)
+        return _Seen(fast, exact)
+
+    def _follow_map(self, layout: Layout) -> None:
+        if layout.renew():
+            self._prepared.clear()
+            self._prepared_to_rescore.clear()
+
+    def _preparing(self, pair: PairScore) -> Callable[[Regions], Any]:
+        def prepare(cells: Regions) -> Any:
+            return pair.prepare(cells, self._layout.of_map if self._layout else None)
+
+        return prepare
 
     def _scored(
         self,

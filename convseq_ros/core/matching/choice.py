@@ -4,7 +4,7 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.matching.coherent import COHERENT
+from convseq_ros.core.matching.coherent_pair import COHERENT
 from convseq_ros.core.matching.kernels.instructions import float_tile, int8_tile
 from convseq_ros.core.matching.pair_score import PairScore
 from convseq_ros.core.matching.regional import REGIONAL

@@ -8,13 +8,11 @@ however similar the best counterparts are, their shifts scatter. So where each c
 asked, not how similar it is, which survives night, seasons and another viewpoint.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from threading import local
 
-from convseq_ros.core.matching.pair_score import PairScore, Scores
 from convseq_ros.core.matching.unit import unit
 from convseq_ros.core.types import Descriptor, Shift
 import cv2
@@ -89,9 +87,7 @@ def projected_regions(cells: npt.NDArray[np.float32]) -> Regions:
 
 
 def see(
-    query: Descriptor,
-    least_bits: float,
-    project: Callable[[npt.NDArray[np.float32]], Regions] = projected_regions,
+    query: Descriptor, least_bits: float, regions: Regions | None = None
 ) -> CoherentQuery | None:
     """
     Return what is compared of a query; None if no region of it is salient.
@@ -102,15 +98,17 @@ def see(
         Of any image.
     least_bits : float
         Mean entropy over its 3 x 3 cells that makes a region salient.
-    project : callable
-        Computes `projected_regions`.
+    regions : ndarray of float32, shape (N, 32), optional
+        All of its regions; its `projected_regions` by default.
 
     """
     entropy = cv2.boxFilter(query.cell_entropy, -1, (_SPAN, _SPAN))[1:-1, 1:-1]
     index = np.flatnonzero(entropy >= least_bits)
     if not index.size or not query.cells.any():
         return None
-    return CoherentQuery(project(query.cells)[index], index, len(entropy))
+    if regions is None:
+        regions = projected_regions(query.cells)
+    return CoherentQuery(regions[index], index, len(entropy))
 
 
 def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
@@ -211,17 +209,3 @@ def _votes(
     columns = end % side - start % side + side - 1
     counts = np.bincount(rows * span + columns, minlength=span * span)
     return counts.reshape(span, span).astype(np.float64)
-
-
-def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
-    scores, shifts = zip(*(coherent_score(query, one) for one in references), strict=True)
-    return np.array(scores, np.float32), np.array(shifts)
-
-
-def _agree(
-    query: CoherentQuery, cells: npt.NDArray[np.float32], shift: Shift
-) -> npt.NDArray[np.float64]:
-    return agreeing_regions(query, projected_regions(cells), shift)
-
-
-COHERENT = PairScore('numpy', True, see, projected_regions, _compare, _agree)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 Cells = npt.NDArray[np.float32]
+Regions = npt.NDArray[np.float32]
 Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
 
 
@@ -26,22 +27,26 @@ class PairScore:
     exact : bool
         Whether scores are those of the definition, to 1e-6.
     see : callable
-        From a query's descriptor, and the bits of entropy that make a region salient, to what is
-        compared of it; None if it shows nothing.
+        From a query's descriptor, the bits of entropy that make a region salient and what is usual
+        in its drive to what is compared of it; None if it shows nothing.
     prepare : callable
-        From a reference's cells to what is compared of it.
+        From a reference's cells, and what is usual in its map, to what is compared of it.
     compare : callable
         From a query and some references to their scores in [0, 1], float32 of shape (n,), and, if
         it tells, to the shifts in cells, rows and columns, (n, 2).
+    show : callable, optional
+        From cells and what is usual to the regions that are compared, (N, 32), and the image as a
+        whole; none if it does not matter what is usual.
     agree : callable, optional
-        From a query, a reference's cells and a shift to the regions that moved by it, (n, 4):
+        From a query, a reference's regions and a shift to the regions that moved by it, (n, 4):
         where they are in the query and in the reference, row and column as shares of the image.
 
     """
 
     name: str
     exact: bool
-    see: Callable[[Descriptor, float], Any]
-    prepare: Callable[[Cells], Any]
+    see: Callable[[Descriptor, float, Regions | None], Any]
+    prepare: Callable[[Cells, Regions | None], Any]
     compare: Callable[[Any, Sequence[Any]], Scores]
-    agree: Callable[[Any, Cells, Shift], npt.NDArray[np.float64]] | None = None
+    show: Callable[[Cells, Regions | None], tuple[Regions, Any]] | None = None
+    agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None

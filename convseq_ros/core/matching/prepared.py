@@ -48,6 +48,11 @@ class Prepared:
         self._lock = Lock()
         self._kept: dict[int, Any] = {}
 
+    def clear(self) -> None:
+        """Forget what was made."""
+        with self._lock:
+            self._kept.clear()
+
     def of(self, indices: Sequence[int]) -> list[Any]:
         """
         Return what is compared of references, None for each that shows nothing.

@@ -85,12 +85,12 @@ class _Same:
 
 @lru_cache(1)
 def _seen(query: _Same) -> Any:
-    return _kernel().see(query.descriptor, 0.0)
+    return _kernel().see(query.descriptor, 0.0, None)
 
 
 @lru_cache(_KEPT)
 def _prepared(other: _Same) -> Any:
-    return _kernel().prepare(other.descriptor.cells)
+    return _kernel().prepare(other.descriptor.cells, None)
 
 
 @cache
@@ -103,7 +103,9 @@ def _kernel() -> PairScore:
     return float32()
 
 
-def _see(query: Descriptor, _least_bits: float) -> npt.NDArray[np.float32] | None:
+def _see(
+    query: Descriptor, _least_bits: float, _usual: object
+) -> npt.NDArray[np.float32] | None:
     return regions(query.cells)[query.salient] if query.informative else None
 
 
@@ -114,4 +116,8 @@ def _compare(
     return np.array(scores, np.float32), None
 
 
-REGIONAL = PairScore('numpy', True, _see, regions, _compare)
+def _prepare(cells: npt.NDArray[np.float32], _usual: object) -> npt.NDArray[np.float32]:
+    return regions(cells)
+
+
+REGIONAL = PairScore('numpy', True, _see, _prepare, _compare)

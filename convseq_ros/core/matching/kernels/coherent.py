@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coherent pair scores, compiled: counterparts by tiles, then votes for shifts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
 from convseq_ros.core.compiled import compiled
-from convseq_ros.core.matching.coherent import (
-    agreeing_regions,
-    CoherentQuery,
-    REACH,
-    see,
-    WINDOW,
-)  # fmt: skip
+from convseq_ros.core.matching.coherent import CoherentQuery, REACH, Regions, WINDOW
+from convseq_ros.core.matching.coherent_pair import coherent_pair
 from convseq_ros.core.matching.kernels.panel import (
     address,
     addresses,
@@ -23,7 +18,7 @@ from convseq_ros.core.matching.kernels.panel import (
     query_words,
     reference_words,
 )  # fmt: skip
-from convseq_ros.core.matching.kernels.projection import projected, projected_bytes
+from convseq_ros.core.matching.kernels.projection import packed_bytes, shown
 from convseq_ros.core.matching.kernels.tile import (
     best_word,
     BYTE_WORDS,
@@ -37,7 +32,6 @@ from convseq_ros.core.matching.kernels.tile import (
     ROW_BIT,
 )  # fmt: skip
 from convseq_ros.core.matching.pair_score import PairScore, Scores
-from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
@@ -89,14 +83,14 @@ def _byte_query(query: CoherentQuery) -> _Query:
     return _Query(query, words, _spots(query.side)[query.index], start)
 
 
-def _float_reference(cells: npt.NDArray[np.float32]) -> Panel:
-    return reference_words(projected(cells), FLOATS)
+def _float_reference(regions: Regions) -> Panel:
+    return reference_words(regions, FLOATS)
 
 
-def _byte_reference(cells: npt.NDArray[np.float32]) -> Panel:
+def _byte_reference(regions: Regions) -> Panel:
     # As fine as the range above the offset lets it be; hardly any number is clipped.
     scale, most = _SCALE * BYTES.offset / 128, BYTES.offset - 1
-    return projected_bytes(cells, scale, most, BYTES.offset)
+    return packed_bytes(regions, scale, most, BYTES.offset)
 
 
 def _compare_floats(query: _Query, references: Sequence[Panel]) -> Scores:
@@ -221,30 +215,15 @@ def _smooth(votes, step, first, smoothed):  # type: ignore[no-untyped-def]
         smoothed[number] = total
 
 
-def _pair_score(
-    name: str, exact: bool, pack: Callable[[CoherentQuery], _Query],
-    prepare: Callable[[npt.NDArray[np.float32]], Panel],
-    compare: Callable[[_Query, Sequence[Panel]], Scores],
-) -> PairScore:  # fmt: skip
-    def seen(query: Descriptor, least_bits: float) -> _Query | None:
-        found = see(query, least_bits, projected)
-        return None if found is None else pack(found)
-
-    def agree(
-        query: _Query, cells: npt.NDArray[np.float32], shift: Shift
-    ) -> npt.NDArray[np.float64]:
-        return agreeing_regions(query.seen, projected(cells), shift)
-
-    return PairScore(name, exact, seen, prepare, compare, agree)
-
-
 def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
     name = f'float32 {FLOATS.name}'
-    return _pair_score(name, True, _float_query, _float_reference, _compare_floats)
+    return coherent_pair(
+        name, True, shown, _float_query, _float_reference, _compare_floats
+    )
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     name = f'int8 {BYTES.name}'
-    return _pair_score(name, False, _byte_query, _byte_reference, _compare_bytes)
+    return coherent_pair(name, False, shown, _byte_query, _byte_reference, _compare_bytes)

@@ -3,6 +3,7 @@
 """The projected regions of coherent matching, compiled."""
 
 from functools import cache
+from math import isqrt
 
 from convseq_ros.core.compiled import compiled
 from convseq_ros.core.matching.coherent import projection, Regions
@@ -22,6 +23,7 @@ from convseq_ros.core.matching.kernels.tile import (
     REGION_ROWS,
     SPAN,
 )  # fmt: skip
+from convseq_ros.core.matching.whole_image import BLOCK, rounded, Whole
 import numpy as np
 import numpy.typing as npt
 
@@ -39,9 +41,19 @@ def projected(cells: Cells) -> Regions:
     return regions
 
 
-def projected_bytes(cells: Cells, scale: float, most: int, offset: int) -> Panel:
-    """Return `projected` regions as a reference's words: `quantised`, four to a word."""
+def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
+    """Return what the definition's `shown` does, to 1e-6."""
     regions = projected(cells)
+    if usual is None:
+        return regions, None
+    blocks = -(-isqrt(len(regions)) // BLOCK)
+    sums = np.zeros((blocks, blocks, FLOAT_WORDS), np.float32)
+    _subtract(regions, usual, sums)
+    return regions, rounded(sums)
+
+
+def packed_bytes(regions: Regions, scale: float, most: int, offset: int) -> Panel:
+    """Return regions as a reference's words: `quantised`, four to a word."""
     blocks = -(-len(regions) // BYTES.columns)
     panel = empty_panel((blocks, BYTE_WORDS, BYTES.columns), np.int32)
     _pack(regions, np.float32(scale), np.float32(most), np.float32(offset), panel.array)
@@ -94,6 +106,26 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
                     address(origin), address(regions) + 4 * (row * side + column) * FLOAT_WORDS,
                 )  # fmt: skip
             done = first + _ROWS
+
+
+@compiled
+def _subtract(regions, usual, sums):  # type: ignore[no-untyped-def]
+    """Make regions unusual ones, of unit length, and add them up in blocks."""
+    side = int(np.sqrt(len(regions)))
+    squares = np.empty(FLOAT_WORDS, np.float32)
+    for place in range(len(regions)):
+        own, block = regions[place], sums[place // side // BLOCK, place % side // BLOCK]
+        for axis in range(FLOAT_WORDS):
+            own[axis] -= usual[place, axis]
+            squares[axis] = own[axis] * own[axis]
+        # Halves upon halves, which takes vectors; one sum after the other would not.
+        for half in (16, 8, 4, 2, 1):
+            for axis in range(half):
+                squares[axis] += squares[axis + half]
+        factor = 1 / np.sqrt(squares[0]) if squares[0] > 0 else np.float32(1)
+        for axis in range(FLOAT_WORDS):
+            own[axis] *= factor
+            block[axis] += own[axis]
 
 
 @compiled

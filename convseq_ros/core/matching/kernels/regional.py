@@ -68,7 +68,7 @@ def _inverse_lengths(cells: Cells) -> npt.NDArray[np.float32]:
     return inverse
 
 
-def _see_cells(query: Descriptor, _least_bits: float) -> _Cells | None:
+def _see_cells(query: Descriptor, _least_bits: float, _usual: object) -> _Cells | None:
     if not query.informative:
         return None
     side = len(query.cells)
@@ -79,7 +79,7 @@ def _see_cells(query: Descriptor, _least_bits: float) -> _Cells | None:
     return _Cells(words, inverse.ravel(), int(salient.sum()), side)
 
 
-def _cells_of(cells: Cells) -> Panel:
+def _cells_of(cells: Cells, _usual: object) -> Panel:
     """Return cells in blocks and, behind them, the inverse lengths of regions a row earlier."""
     side = len(cells)
     blocks = reference_words(cells.reshape(side * side, -1), FLOATS).array
@@ -96,7 +96,7 @@ def _compare_cells(query: _Cells, references: Sequence[Panel]) -> Scores:
     return scores, None
 
 
-def _see_bytes(query: Descriptor, _least_bits: float) -> _Bytes | None:
+def _see_bytes(query: Descriptor, _least_bits: float, _usual: object) -> _Bytes | None:
     if not query.informative:
         return None
     salient = regions(query.cells)[query.salient]
@@ -104,7 +104,7 @@ def _see_bytes(query: Descriptor, _least_bits: float) -> _Bytes | None:
     return _Bytes(words, len(salient))
 
 
-def _bytes_of(cells: Cells) -> Panel:
+def _bytes_of(cells: Cells, _usual: object) -> Panel:
     whole = quantised(regions(cells), _REFERENCE_SCALE, _REFERENCE_SCALE, 0)
     return reference_words(whole, BYTES)
 

@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How alike two images are as wholes, where one may have moved a little."""
+
+from math import isqrt
+
+from convseq_ros.core.matching.unit import unit
+import numpy as np
+import numpy.typing as npt
+
+BLOCK = 3
+_DOWN = 1
+_RIGHT = 4
+_LENGTH = np.float32(4000)
+
+Whole = npt.NDArray[np.float32]
+
+
+def whole(regions: npt.NDArray[np.float32]) -> Whole:
+    """
+    Return the sums of 3 x 3 neighbouring regions in one vector, (L,).
+
+    It is 4,000 long and of whole numbers, so that products of two are exact in any order.
+    """
+    side = isqrt(len(regions))
+    starts = np.arange(0, side, BLOCK)
+    image = regions.reshape(side, side, -1)
+    return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
+
+
+def rounded(blocks: npt.NDArray[np.float32]) -> Whole:
+    """Return blocks of any shape in one vector, as `whole` does."""
+    return np.rint(_LENGTH * unit(blocks.ravel()))
+
+
+def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
+    """
+    Return an image moved by up to 1 block up and down and 4 to each side, (27, L).
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (L,)
+        From `whole`.
+    side : int
+        Regions in a row of the image.
+
+    """
+    count = -(-side // BLOCK)
+    blocks = image.reshape(count, count, -1)
+    down, right = min(_DOWN, count - 1), min(_RIGHT, count - 1)
+    shifts = [
+        (row, column)
+        for row in range(-down, down + 1)
+        for column in range(-right, right + 1)
+    ]
+    found = np.zeros((len(shifts), *blocks.shape), np.float32)
+    for one, (row, column) in zip(found, shifts, strict=True):
+        to, source = _overlap(row, count), _overlap(-row, count)
+        one[to, _overlap(column, count)] = blocks[source, _overlap(-column, count)]
+    return found.reshape(len(shifts), -1)
+
+
+def likeness(query: npt.NDArray[np.float32], references: npt.NDArray[np.float32]) -> Whole:
+    """
+    Return the cosines of the best shifts, in [0, 1].
+
+    Parameters
+    ----------
+    query : ndarray of float32, shape (27, L)
+        From `moved`.
+    references : ndarray of float32, shape (n, L)
+        Rows from `whole`.
+
+    """
+    return np.clip((query @ references.T).max(axis=0) / _LENGTH**2, 0, 1)
+
+
+def _overlap(shift: int, count: int) -> slice:
+    return slice(max(0, shift), count + min(0, shift))

@@ -1,0 +1,110 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coherent matching of a drive: the usual counts for nothing, the whole image for a tenth."""
+
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.matching import Matcher
+from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.matching.coherent_pair import COHERENT
+from convseq_ros.core.matching.layout import Layout, unusual
+from convseq_ros.core.matching.whole_image import likeness, moved, whole
+from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.types import Descriptor
+import numpy as np
+import pytest
+
+EVERYTHING = np.full((32, 32), 8.0)
+
+
+def drawn(seed, layout=0.0):
+    """Return cells that are a layout, the same for all, to some share."""
+    own, common = (np.random.default_rng(one).random((32, 32, 8)) ** 3 for one in (seed, 99))
+    return unpack_cells(pack_cells(((1 - layout) * own + layout * common).astype(np.float32)))
+
+
+def described(cells):
+    return Descriptor(cells, np.ones(961, bool), EVERYTHING, 0.5)
+
+
+def map_of(*images):
+    reference_map = ReferenceMap()
+    for index, cells in enumerate(images):
+        reference_map.add(Place(index), pack_cells(cells))
+    return reference_map
+
+
+def matcher(reference_map, **settings):
+    return Matcher(reference_map, MatchingConfig(kernel='numpy', **settings), 0.5)
+
+
+def test_without_a_layout_the_score_is_the_share_of_regions():
+    references = [drawn(seed) for seed in range(4)]
+    query = described(drawn(2))
+    seen = COHERENT.see(query, 4.0, None)
+    scores, shifts = COHERENT.compare(seen, [COHERENT.prepare(one, None) for one in references])
+    expected = [coherent_score(see(query, 4.0), projected_regions(one)) for one in references]
+    assert scores.tolist() == pytest.approx([score for score, _ in expected], abs=1e-7)
+    assert [tuple(shift) for shift in shifts] == [shift for _, shift in expected]
+
+
+def test_with_a_layout_the_whole_image_counts_a_tenth():
+    references = [drawn(seed, 0.5) for seed in range(24)]
+    query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
+    found = one.scores(one.see(query), np.arange(24))
+    layout = Layout(map_of(*references), COHERENT.show)
+    layout.renew()
+    own = unusual(projected_regions(query.cells), layout.of_drive(query.cells))
+    for score, cells in zip(found, references, strict=True):
+        other = unusual(projected_regions(cells), layout.of_map)
+        share, _ = coherent_score(see(query, 4.0, own), other)
+        alike, = likeness(moved(whole(own), 30), whole(other)[None])
+        assert score == pytest.approx(0.9 * share + 0.1 * alike, abs=1e-6)
+        assert 0 <= score <= 1
+
+
+def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
+    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
+    query, found = described(drawn(7, 0.55)), {}
+    for removed in (True, False):
+        one = matcher(reference_map, remove_layout=removed)
+        scores = one.scores(one.see(query), np.arange(40))
+        assert scores.argmax() == 7
+        elsewhere = np.delete(scores, 7)
+        found[removed] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
+    assert found[True][0] > 3 * found[False][0]
+    assert found[True][1] < found[False][1] / 3
+
+
+def test_references_added_before_the_map_has_doubled_change_no_other_score():
+    references = [drawn(seed, 0.5) for seed in range(40)]
+    reference_map = map_of(*references[:24])
+    one, query = matcher(reference_map), described(drawn(3, 0.6))
+    seen = one.see(query)
+    before = one.scores(seen, np.arange(24))
+    for index in range(24, 40):
+        reference_map.add(Place(index), pack_cells(references[index]))
+    one.see(query)
+    assert np.array_equal(one.scores(seen, np.arange(24)), before)
+
+
+def test_a_map_that_has_doubled_is_prepared_anew():
+    references = [drawn(seed, 0.5) for seed in range(48)]
+    reference_map, query = map_of(*references[:24]), described(drawn(3, 0.6))
+    one = matcher(reference_map)
+    one.scores(one.see(query), np.arange(24))
+    for index in range(24, 48):
+        reference_map.add(Place(index), pack_cells(references[index]))
+    found = one.scores(one.see(query), np.arange(48))
+    fresh = matcher(reference_map)
+    fresh.see(query)
+    assert np.array_equal(found, fresh.scores(fresh.see(query), np.arange(48)))
+
+
+def test_agreeing_regions_are_those_of_the_unusual_ones():
+    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(24)))
+    one = matcher(reference_map)
+    seen = one.see(described(drawn(7, 0.6)))
+    shift = one.shift(seen, 7)
+    assert shift == (0.0, 0.0)
+    assert len(one.agreeing(seen, 7, shift)) > 890
+    assert len(one.agreeing(seen, 8, shift)) < 90
