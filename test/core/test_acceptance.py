@@ -288,7 +288,7 @@ def test_half_of_the_corridor_is_told_from_the_other_half(shared_data):
         truth = [[frame - first] for frame in range(111)]
         total += accepted_of(scores[:, first : first + 55], lengths, truth)
     right, wrong, answerable = total
-    assert wrong == 0 and right > 0.75 * answerable
+    assert wrong == 0 and right > 0.6 * answerable
 
 
 def test_revisits_of_a_loop_are_accepted_online(shared_data):
