@@ -57,7 +57,7 @@ def test_with_a_layout_the_whole_image_counts_a_tenth():
     for score, cells in zip(found, references, strict=True):
         other = unusual(projected_regions(cells), layout.of_map)
         share, _ = coherent_score(see(query, 4.0, own), other)
-        alike, = likeness(moved(whole(own), 30), whole(other)[None])
+        alike, = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
         assert score == pytest.approx(0.9 * share + 0.1 * alike, abs=1e-6)
         assert 0 <= score <= 1
 

@@ -33,7 +33,7 @@ class _Query:
 
     seen: CoherentQuery
     packed: Any
-    images: npt.NDArray[np.float32] | None
+    images: npt.NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def coherent_pair(
         images = [one.image for one in references]
         if query.images is None or any(image is None for image in images):
             return shares, shifts
-        alike = likeness(query.images, np.array(images))
+        alike = likeness(query.images, np.array(images, np.float64))
         return (1 - _WEIGHT_OF_WHOLE) * shares + _WEIGHT_OF_WHOLE * alike, shifts
 
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:

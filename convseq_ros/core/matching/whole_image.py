@@ -9,22 +9,23 @@ import numpy as np
 import numpy.typing as npt
 
 BLOCK = 3
+AXES = 12
 _DOWN = 1
 _RIGHT = 4
-_LENGTH = np.float32(4000)
+_LENGTH = np.float32(2**24)
 
 Whole = npt.NDArray[np.float32]
 
 
 def whole(regions: npt.NDArray[np.float32]) -> Whole:
     """
-    Return the sums of 3 x 3 neighbouring regions in one vector, (L,).
+    Return the sums of 3 x 3 neighbouring regions, of their 12 leading axes, in one vector, (L,).
 
-    It is 4,000 long and of whole numbers, so that products of two are exact in any order.
+    It is 2 ** 24 long and of whole numbers, so that products of two are exact in any order.
     """
     side = isqrt(len(regions))
     starts = np.arange(0, side, BLOCK)
-    image = regions.reshape(side, side, -1)
+    image = regions[:, :AXES].reshape(side, side, -1)
     return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
 
 
@@ -33,7 +34,7 @@ def rounded(blocks: npt.NDArray[np.float32]) -> Whole:
     return np.rint(_LENGTH * unit(blocks.ravel()))
 
 
-def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
+def moved(image: Whole, side: int) -> npt.NDArray[np.float64]:
     """
     Return an image moved by up to 1 block up and down and 4 to each side, (27, L).
 
@@ -53,26 +54,29 @@ def moved(image: Whole, side: int) -> npt.NDArray[np.float32]:
         for row in range(-down, down + 1)
         for column in range(-right, right + 1)
     ]
-    found = np.zeros((len(shifts), *blocks.shape), np.float32)
+    found = np.zeros((len(shifts), *blocks.shape))
     for one, (row, column) in zip(found, shifts, strict=True):
         to, source = _overlap(row, count), _overlap(-row, count)
         one[to, _overlap(column, count)] = blocks[source, _overlap(-column, count)]
     return found.reshape(len(shifts), -1)
 
 
-def likeness(query: npt.NDArray[np.float32], references: npt.NDArray[np.float32]) -> Whole:
+def likeness(
+    query: npt.NDArray[np.float64], references: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
     """
     Return the cosines of the best shifts, in [0, 1].
 
     Parameters
     ----------
-    query : ndarray of float32, shape (27, L)
+    query : ndarray of float64, shape (27, L)
         From `moved`.
-    references : ndarray of float32, shape (n, L)
+    references : ndarray of float64, shape (n, L)
         Rows from `whole`.
 
     """
-    return np.clip((query @ references.T).max(axis=0) / _LENGTH**2, 0, 1)
+    best = (query @ references.T).max(axis=0)
+    return np.clip(best / float(_LENGTH) ** 2, 0, 1).astype(np.float32)
 
 
 def _overlap(shift: int, count: int) -> slice:

@@ -23,7 +23,7 @@ from convseq_ros.core.matching.kernels.tile import (
     REGION_ROWS,
     SPAN,
 )  # fmt: skip
-from convseq_ros.core.matching.whole_image import BLOCK, rounded, Whole
+from convseq_ros.core.matching.whole_image import AXES, BLOCK, rounded, Whole
 import numpy as np
 import numpy.typing as npt
 
@@ -47,8 +47,8 @@ def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
     if usual is None:
         return regions, None
     blocks = -(-isqrt(len(regions)) // BLOCK)
-    sums = np.zeros((blocks, blocks, FLOAT_WORDS), np.float32)
-    _subtract(regions, usual, sums)
+    sums = np.zeros((blocks, blocks, AXES), np.float32)
+    _subtract(regions, np.ascontiguousarray(usual, np.float32), sums)
     return regions, rounded(sums)
 
 
@@ -110,22 +110,16 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
 
 @compiled
 def _subtract(regions, usual, sums):  # type: ignore[no-untyped-def]
-    """Make regions unusual ones, of unit length, and add them up in blocks."""
+    """Make regions unusual ones, of unit length, and add up their leading axes in blocks."""
     side = int(np.sqrt(len(regions)))
-    squares = np.empty(FLOAT_WORDS, np.float32)
+    one = np.ones(1, np.float32)
     for place in range(len(regions)):
-        own, block = regions[place], sums[place // side // BLOCK, place % side // BLOCK]
-        for axis in range(FLOAT_WORDS):
-            own[axis] -= usual[place, axis]
-            squares[axis] = own[axis] * own[axis]
-        # Halves upon halves, which takes vectors; one sum after the other would not.
-        for half in (16, 8, 4, 2, 1):
-            for axis in range(half):
-                squares[axis] += squares[axis + half]
-        factor = 1 / np.sqrt(squares[0]) if squares[0] > 0 else np.float32(1)
-        for axis in range(FLOAT_WORDS):
-            own[axis] *= factor
-            block[axis] += own[axis]
+        offset = 4 * place * FLOAT_WORDS
+        own = address(regions) + offset
+        place_region(own, address(one), address(usual) + offset, own)
+        block = sums[place // side // BLOCK, place % side // BLOCK]
+        for axis in range(len(block)):
+            block[axis] += regions[place, axis]
 
 
 @compiled
