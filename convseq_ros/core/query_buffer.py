@@ -121,6 +121,14 @@ class QueryBuffer:
             row[missing] = scores
             self.pairs_scored += len(missing)
 
+    def score_promising(self, count: int, ends: Indices, slope: float = 1.0) -> None:
+        """Score the newest half of some diagonals and, of the better half of them, the rest."""
+        newest = -(-count // 2)
+        self.score(newest, ends, slope)
+        rough = self.rough_scores(min(newest, len(self)), ends, slope)
+        better = np.argsort(-rough, kind='stable')[: -(-len(ends) // 2)]
+        self.score(count, ends[np.sort(better)], slope)
+
     def rough_scores(
         self, length: int, ends: Indices, slope: float = 1.0
     ) -> npt.NDArray[np.float64]:

@@ -188,7 +188,8 @@ class PlaceRecognizer:
             slope = self._slope(outward[:length])
         if self._shortlist:
             ends = self._likely(outward[: length or 0], slope)
-            self._buffer.score(max(length or 0, self._acceptance.window), ends, slope)
+            window = max(length or 0, self._acceptance.window)
+            self._buffer.score_promising(window, ends, slope)
         frame, pairs = self._buffer.frame, self._buffer.pairs_scored
         self._acceptance.follow(frame, [one.row for one in outward], ends, slope)
         if length is None:

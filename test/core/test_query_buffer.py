@@ -84,3 +84,22 @@ def test_each_pair_is_scored_once():
     assert buffer.pairs_scored == REFERENCES
     buffer.score(5, np.arange(REFERENCES))
     assert buffer.pairs_scored == REFERENCES
+
+
+@pytest.mark.parametrize('frames', [1, 4, 5])
+def test_only_the_better_half_of_the_diagonals_is_scored_to_their_old_ends(frames):
+    scores = drawn(3, frames)
+    scores[-1, 30] = 0.5
+    buffer = QueryBuffer(Rough(scores), partial=True)
+    for query in range(frames):
+        buffer.append(Seen(NOTHING, query, np.full(REFERENCES, np.nan, np.float32)), 10)
+    ends = np.arange(20, 34, 2)
+    buffer.score_promising(frames, ends)
+    newest = -(-frames // 2)
+    scored = [
+        sum(np.isfinite(one.row[end - back]) for back, one in enumerate(buffer.outward))
+        for end in ends
+    ]
+    assert scored[5] == frames
+    assert sorted(scored) == [newest] * 3 + [frames] * 4
+    assert buffer.pairs_scored == sum(scored)

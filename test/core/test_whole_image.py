@@ -24,8 +24,8 @@ def alike(query, *references, side=30):
 
 
 def test_blocks_are_the_sums_of_nine_regions():
-    found = whole(drawn(0)).reshape(10, 10, 12)
-    means = drawn(0)[:, :12].reshape(10, 3, 10, 3, 12).mean(axis=(1, 3))
+    found = whole(drawn(0)).reshape(10, 10, 32)
+    means = drawn(0).reshape(10, 3, 10, 3, 32).mean(axis=(1, 3))
     assert found / 2**24 == pytest.approx(means / np.linalg.norm(means), abs=1e-6)
     assert (found == np.rint(found)).all()
 
@@ -36,10 +36,10 @@ def test_an_image_is_like_itself_and_unlike_noise():
     assert 0 <= found[1] < 0.1
 
 
-@pytest.mark.parametrize(('down', 'right'), [(0, 12), (3, -9), (-3, 3)])
-def test_an_image_that_moved_a_few_blocks_is_still_alike(down, right):
-    found, other = alike(drawn(1), shifted(drawn(1), down, right), drawn(2))
-    kept = (10 - abs(down) / 3) * (10 - abs(right) / 3) / 100
+@pytest.mark.parametrize('right', [12, -9, 3])
+def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
+    found, other = alike(drawn(1), shifted(drawn(1), 0, right), drawn(2))
+    kept = 1 - abs(right) / 30
     assert found == pytest.approx(kept, abs=0.05) and found > other + 0.4
 
 

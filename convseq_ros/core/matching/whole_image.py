@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How alike two images are as wholes, where one may have moved a little."""
+"""How alike two images are as wholes, where one may have moved to the side."""
 
 from math import isqrt
 
@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 BLOCK = 3
-AXES = 12
-_DOWN = 1
-_RIGHT = 4
+_MOST = 4
 _LENGTH = np.float32(2**24)
 
 Whole = npt.NDArray[np.float32]
@@ -19,13 +17,13 @@ Whole = npt.NDArray[np.float32]
 
 def whole(regions: npt.NDArray[np.float32]) -> Whole:
     """
-    Return the sums of 3 x 3 neighbouring regions, of their 12 leading axes, in one vector, (L,).
+    Return the sums of 3 x 3 neighbouring regions in one vector, (L,).
 
     It is 2 ** 24 long and of whole numbers, so that products of two are exact in any order.
     """
     side = isqrt(len(regions))
     starts = np.arange(0, side, BLOCK)
-    image = regions[:, :AXES].reshape(side, side, -1)
+    image = regions.reshape(side, side, -1)
     return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
 
 
@@ -36,7 +34,7 @@ def rounded(blocks: npt.NDArray[np.float32]) -> Whole:
 
 def moved(image: Whole, side: int) -> npt.NDArray[np.float64]:
     """
-    Return an image moved by up to 1 block up and down and 4 to each side, (27, L).
+    Return an image moved by up to 4 blocks to each side, (9, L).
 
     Parameters
     ----------
@@ -48,17 +46,11 @@ def moved(image: Whole, side: int) -> npt.NDArray[np.float64]:
     """
     count = -(-side // BLOCK)
     blocks = image.reshape(count, count, -1)
-    down, right = min(_DOWN, count - 1), min(_RIGHT, count - 1)
-    shifts = [
-        (row, column)
-        for row in range(-down, down + 1)
-        for column in range(-right, right + 1)
-    ]
-    found = np.zeros((len(shifts), *blocks.shape))
-    for one, (row, column) in zip(found, shifts, strict=True):
-        to, source = _overlap(row, count), _overlap(-row, count)
-        one[to, _overlap(column, count)] = blocks[source, _overlap(-column, count)]
-    return found.reshape(len(shifts), -1)
+    most = min(_MOST, count - 1)
+    found = np.zeros((2 * most + 1, *blocks.shape))
+    for one, shift in zip(found, range(-most, most + 1), strict=True):
+        one[:, _overlap(shift, count)] = blocks[:, _overlap(-shift, count)]
+    return found.reshape(len(found), -1)
 
 
 def likeness(
@@ -69,7 +61,7 @@ def likeness(
 
     Parameters
     ----------
-    query : ndarray of float64, shape (27, L)
+    query : ndarray of float64, shape (9, L)
         From `moved`.
     references : ndarray of float64, shape (n, L)
         Rows from `whole`.

@@ -23,7 +23,7 @@ from convseq_ros.core.matching.kernels.tile import (
     REGION_ROWS,
     SPAN,
 )  # fmt: skip
-from convseq_ros.core.matching.whole_image import AXES, BLOCK, rounded, Whole
+from convseq_ros.core.matching.whole_image import BLOCK, rounded, Whole
 import numpy as np
 import numpy.typing as npt
 
@@ -47,7 +47,7 @@ def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
     if usual is None:
         return regions, None
     blocks = -(-isqrt(len(regions)) // BLOCK)
-    sums = np.zeros((blocks, blocks, AXES), np.float32)
+    sums = np.zeros((blocks, blocks, FLOAT_WORDS), np.float32)
     _subtract(regions, np.ascontiguousarray(usual, np.float32), sums)
     return regions, rounded(sums)
 
@@ -110,7 +110,7 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
 
 @compiled
 def _subtract(regions, usual, sums):  # type: ignore[no-untyped-def]
-    """Make regions unusual ones, of unit length, and add up their leading axes in blocks."""
+    """Make regions unusual ones, of unit length, and add them up in blocks."""
     side = int(np.sqrt(len(regions)))
     one = np.ones(1, np.float32)
     for place in range(len(regions)):
