@@ -10,7 +10,8 @@ are, the less it means to beat them. And a track ends where its newest frame end
 forks, nine frames of ten still show the known one.
 
 What chance gives, the fewest rivals, the share of the newest frame, the prior of the scatter and
-the least evidence were chosen on drawn drives that are not reported: scripts/fit_acceptance.py.
+the least evidence were chosen on drawn drives that are not reported, such as
+scripts/fit_acceptance.py draws.
 """
 
 from collections import deque
