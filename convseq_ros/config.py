@@ -59,8 +59,7 @@ class MatchingConfig(Checked):
         choices=('exhaustive', 'shortlist'),
     )
     remove_layout: bool = parameter(
-        True, 'Compare what is unusual on the drive, and whole images besides; with coherent '
-        'matching only.',
+        True, 'Compare what is unusual on the drive, and whole images; coherent matching only.'
     )
     shortlist_length: int = parameter(
         50, 'References at which the likely sequences may end.',

@@ -81,11 +81,13 @@ class Matcher:
         self._layout: Layout | None = None
         if self._exact.show and matching.remove_layout:
             self._layout = Layout(reference_map, self._exact.show)
-        self._prepared = Prepared(reference_map, self._preparing(self._fast), self._lots, kept)
+        prepare = _preparing(self._fast, self._layout)
+        self._prepared = Prepared(reference_map, prepare, self._lots, kept)
         self._prepared_to_rescore = self._prepared
         if self._exact is not self._fast:
+            prepare = _preparing(self._exact, self._layout)
             self._prepared_to_rescore = Prepared(
-                reference_map, self._preparing(self._exact), self._lots, _KEPT_TO_RESCORE
+                reference_map, prepare, self._lots, _KEPT_TO_RESCORE
             )
         self.kernel = self._fast.name
         self.exact = self._fast.exact
@@ -182,12 +184,6 @@ class Matcher:
             self._prepared.clear()
             self._prepared_to_rescore.clear()
 
-    def _preparing(self, pair: PairScore) -> Callable[[Regions], Any]:
-        def prepare(cells: Regions) -> Any:
-            return pair.prepare(cells, self._layout.of_map if self._layout else None)
-
-        return prepare
-
     def _scored(
         self,
         pair: PairScore,
@@ -207,3 +203,10 @@ class Matcher:
 
         self._lots.run([len(some) for _, some in work], score)
         return found
+
+
+def _preparing(pair: PairScore, layout: Layout | None) -> Callable[[Regions], Any]:
+    def prepare(cells: Regions) -> Any:
+        return pair.prepare(cells, layout.of_map if layout else None)
+
+    return prepare
