@@ -122,8 +122,12 @@ class QueryBuffer:
             self.pairs_scored += len(missing)
 
     def score_promising(self, count: int, ends: Indices, slope: float = 1.0) -> None:
-        """Score the newest half of some diagonals and, of the better half of them, the rest."""
-        newest = -(-count // 2)
+        """
+        Score the newest half of some diagonals and, of the better half of them, the rest.
+
+        All of all where sequences may not leave the map, and so lack no scores.
+        """
+        newest = -(-count // 2) if self._partial else count
         self.score(newest, ends, slope)
         rough = self.rough_scores(min(newest, len(self)), ends, slope)
         better = np.argsort(-rough, kind='stable')[: -(-len(ends) // 2)]

@@ -103,3 +103,11 @@ def test_only_the_better_half_of_the_diagonals_is_scored_to_their_old_ends(frame
     assert scored[5] == frames
     assert sorted(scored) == [newest] * 3 + [frames] * 4
     assert buffer.pairs_scored == sum(scored)
+
+
+def test_sequences_that_lack_no_scores_are_scored_to_their_old_ends():
+    buffer = QueryBuffer(Rough(drawn(3, 5)), partial=False)
+    for query in range(5):
+        buffer.append(Seen(NOTHING, query, np.full(REFERENCES, np.nan, np.float32)), 10)
+    buffer.score_promising(5, np.arange(20, 34, 2))
+    assert buffer.pairs_scored == 7 * 5
