@@ -152,8 +152,8 @@ def confidence(evidence: float) -> float:
     """
     Return the probability that a candidate is right, in [0, 1], given its track evidence.
 
-    A logistic function of the logarithm, fitted on drawn streets (scripts/fit_acceptance.py), some
-    of whose buildings repeat.
+    A logistic function of the logarithm, fitted on drawn streets such as scripts/fit_acceptance.py
+    draws, some of whose buildings repeat.
     """
     offset, slope = _CONFIDENCE
     log_odds = offset + slope * math.log(max(evidence, 0.0) + _LEAST_EVIDENCE)
