@@ -196,6 +196,8 @@ class PlaceRecognizer:
             return skipped(Reason.WARMING_UP, pairs_scored=pairs)
 
         scores = self._buffer.sequence_scores(length, ends, slope)
+        if self._shortlist:
+            self._shortlist.prove(ends, scores)
         settings = self.config.acceptance
         candidates = best_candidates(ends, scores, self.reference_map.places, settings)
         if not candidates:

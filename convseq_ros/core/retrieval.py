@@ -14,11 +14,14 @@ from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
-_PRIOR_FRAMES = 5
+_PRIOR_FRAMES = 2
+_PRIOR_OF_SPREAD = 20
+_LEAST_VARIANCE = 1e-6
 _AVERAGED_ANEW = 1.02
-_SMALLEST_SHARE = 1e-5
+_LEAST_DISTANCE = 1e-3
 _LOYALTY = 0.5
 _NEWCOMERS = 5
+_PROVEN = 5
 _WIDENED_AT_ONCE = 4096
 _GROUP = 64
 
@@ -28,8 +31,10 @@ class Shortlist:
     Finds the references where a sequence may end, at the cost of one product a reference.
 
     The map's mean is taken from its references, and the mean of the query's own past from the
-    query, so that what night or season does to every image counts for nothing. The map may grow;
-    its mean is taken anew whenever it has grown by a fiftieth.
+    query, so that what night or season does to every image counts for nothing; and each of the
+    numbers in units of what it varies by in the map, and on the drive: in the dark, those that
+    lamps change most would speak for all. The map may grow; its mean and its spread are taken anew
+    whenever it has grown by a fiftieth.
 
     Parameters
     ----------
@@ -53,14 +58,14 @@ class Shortlist:
         self._length = length
         self._rival_distance = rival_distance
         numbers = reference_map.pooled.shape[1]
-        self._total = np.zeros(numbers)
+        self._total, self._squares = np.zeros(numbers), np.zeros(numbers)
         self._counted = self._averaged = 0
-        self._mean = np.zeros(numbers, np.float32)
+        self._mean, self._variance = np.zeros(numbers, np.float32), np.ones(numbers, np.float32)
         self._nearness = GrowingArray(np.zeros(0, np.float32))
-        self._sum = np.zeros(numbers)
+        self._own_total, self._own_squares = np.zeros(numbers), np.zeros(numbers)
         self._frames = 0
         self._newest: Row | None = None
-        self._listed = np.zeros(0, np.int64)
+        self._listed = self._proven = np.zeros(0, np.int64)
         # Compiles it, so that the first frame is not late.
         products(reference_map.pooled[:0], self._mean)
 
@@ -84,10 +89,16 @@ class Shortlist:
         references = self._map.pooled[:usable]
         self._take_in(references)
         query = pooled(descriptor.cells).astype(np.float32)
-        self._sum += query
+        self._own_total += query
+        self._own_squares += query.astype(np.float64) ** 2
         self._frames += 1
-        past = (self._sum + _PRIOR_FRAMES * self._mean) / (self._frames + _PRIOR_FRAMES)
-        direction = unit(query - past.astype(np.float32))
+        past = self._own_total + _PRIOR_FRAMES * self._mean
+        away = query - past / (self._frames + _PRIOR_FRAMES)
+        # Of the drive, so many times; how often makes no difference to a direction.
+        variance = self._own_squares - self._own_total**2 / self._frames
+        variance += _PRIOR_OF_SPREAD * self._variance
+        own = unit(away / np.sqrt(variance))
+        direction = (own / np.sqrt(self._variance)).astype(np.float32)
         row = products(references, direction)
         row -= self._mean @ direction
         row *= self._nearness.view[: len(references)]
@@ -115,10 +126,13 @@ class Shortlist:
         scores = sequence_scores(rows, slope=slope, dtype=np.float32, partial=True)
         if length:
             return np.array(sorted(self._best(scores, length)), np.int64)
-        before = self._continued(rows, slope, len(scores))
+        before = self._continued(self._listed, rows, slope, len(scores))
+        proven = self._continued(self._proven, rows, slope, len(scores))
+        self._proven = np.zeros(0, np.int64)
         finite = np.isfinite(scores)
         if len(before) and finite.any():
             scores[before] += _LOYALTY * scores[finite].std()
+            scores[proven] += np.ptp(scores[finite])
         listed = self._best(scores, self._length)
         if len(before):
             newcomers = [index for index in listed if index not in before]
@@ -127,13 +141,22 @@ class Shortlist:
         self._newest, self._listed = rows[0], np.array(sorted(listed), np.int64)
         return self._listed
 
+    def prove(self, ends: npt.NDArray[np.int64], scores: npt.NDArray[np.floating]) -> None:
+        """Take note of how sequences that were listed have scored; a fifth stays listed."""
+        best = np.argsort(-scores, kind='stable')[: self._length // _PROVEN]
+        self._proven = ends[best]
+
     def _continued(
-        self, rows: Sequence[Row | None], slope: float, count: int
+        self,
+        ends: npt.NDArray[np.int64],
+        rows: Sequence[Row | None],
+        slope: float,
+        count: int,
     ) -> npt.NDArray[np.int64]:
-        """Return where the diagonals that were listed for an earlier frame end now."""
+        """Return where diagonals that were listed for an earlier frame end now."""
         for step, row in zip(diagonal(len(rows), slope), rows, strict=True):
             if row is not None and row is self._newest:
-                return self._listed[self._listed < count - step] + step
+                return ends[ends < count - step] + step
         return np.zeros(0, np.int64)
 
     def _best(self, scores: npt.NDArray[np.float32], length: int) -> list[int]:
@@ -162,8 +185,13 @@ class Shortlist:
         if count > _AVERAGED_ANEW * self._averaged:
             for some in _widened(references[self._counted :]):
                 self._total += some.sum(axis=0, dtype=np.float64)
+                self._squares += np.einsum('ij,ij->j', some, some, dtype=np.float64)
             self._counted = self._averaged = count
-            self._mean = (self._total / count).astype(np.float32)
+            mean = self._total / count
+            variance = np.maximum(self._squares / count - mean**2, _LEAST_VARIANCE)
+            variance = count * variance + _PRIOR_OF_SPREAD * variance.mean()
+            self._mean = mean.astype(np.float32)
+            self._variance = (variance / (count + _PRIOR_OF_SPREAD)).astype(np.float32)
             self._nearness = GrowingArray(self._inverse_distances(references))
         known = len(self._nearness)
         for inverse in self._inverse_distances(references[known:]):
@@ -173,14 +201,12 @@ class Shortlist:
         self, references: npt.NDArray[np.float16]
     ) -> npt.NDArray[np.float32]:
         inverse = np.zeros(len(references), np.float32)
-        of_mean = self._mean @ self._mean
         start = 0
         for some in _widened(references):
-            squares = np.einsum('ij,ij->i', some, some)
-            distances = squares - 2 * (some @ self._mean) + of_mean
-            apart = distances > _SMALLEST_SHARE * (squares + of_mean)
+            distances = (some - self._mean) ** 2 @ (1 / self._variance)
+            apart = distances > _LEAST_DISTANCE
             here = inverse[start : start + len(some)]
-            np.divide(1, np.sqrt(np.maximum(distances, 0)), out=here, where=apart)
+            np.divide(1, np.sqrt(distances), out=here, where=apart)
             start += len(some)
         return inverse
 

@@ -9,8 +9,8 @@ the diagonal and divided by how much other places scatter on this drive; the few
 are, the less it means to beat them. And a track ends where its newest frame ends it: where a road
 forks, nine frames of ten still show the known one.
 
-What chance gives, the fewest rivals, the share of the newest frame, the prior of the scatter and
-the least evidence were chosen on drawn drives that are not reported, such as
+What chance gives, the fewest rivals, the shortest drive, the prior of the scatter and the least
+evidence were chosen on drawn drives that are not reported, such as
 scripts/fit_acceptance.py draws.
 """
 
@@ -32,12 +32,11 @@ _FEWEST_RIVALS = 8
 _CHANCE = 6.0
 _RIM = 2
 _PRIOR_FRAMES = 5
-_SMALLEST_SCATTER = 0.002
-_USUAL_SCATTER = 0.01
+_SMALLEST_SCATTER = 0.001
+_USUAL_SCATTER = 0.006
 _PRIOR_WINDOWS = 2
-_SHORTEST_DRIVE = 10
-_DOUBT_OF_OTHER_SLOPES = 4 / 3
-_SHARE_OF_NEWEST = 0.7
+_SHORTEST_DRIVE = 20
+_DOUBT_OF_OTHER_SLOPES = 1.5
 
 Values = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -173,12 +172,12 @@ class TrackEvidence:
         float or None
             Mean margin of those frames whose own best diagonal is this one, in units of the
             scatter; frames that are missing or point elsewhere count as 0. Early in a drive the
-            mean is over the frames since it was first asked for and there were rivals, 10 at
-            least. No more, however, than .7 of the standard deviations by which the newest frame
-            alone speaks for the place; and a quarter less at another slope than 1, of which there
-            are many. 0 for the last two references if the query drives more slowly than the map:
-            so it looks to a drive that has left the map and still sees its end. None while the
-            scatter is unknown.
+            mean is over the frames since it was first asked for and there were rivals, 20 at
+            least. No more, however, than the standard deviations by which the newest frame alone
+            speaks for the place; and a third less at another slope than 1, of which there are
+            many. 0 for the last two references if the query drives more slowly than the map: so it
+            looks to a drive that has left the map and still sees its end. None while the scatter
+            is unknown.
 
         """
         if self._start is None and self._sights and self._sights[-1].enough_rivals:
@@ -191,7 +190,7 @@ class TrackEvidence:
         margins = [sight.margin for sight in self._along(frame, reference, slope)]
         frames = min(max(frame - started + 1, _SHORTEST_DRIVE), MEMORY)
         along = sum(margins) / (frames * self.scatter)
-        along = min(along, _SHARE_OF_NEWEST * self._newest_alone(reference))
+        along = min(along, self._newest_alone(reference))
         return along if slope == 1.0 else along / _DOUBT_OF_OTHER_SLOPES
 
     def _along(self, frame: int, reference: int, slope: float) -> list[Sight]:

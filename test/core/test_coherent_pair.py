@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent matching of a drive: the usual counts for nothing, the whole image for a tenth."""
+"""Coherent matching of a drive: the usual counts for nothing, the whole image up to half."""
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.matching import Matcher
@@ -47,7 +47,7 @@ def test_without_a_layout_the_score_is_the_share_of_regions():
     assert [tuple(shift) for shift in shifts] == [shift for _, shift in expected]
 
 
-def test_with_a_layout_the_whole_image_counts_a_tenth():
+def test_with_a_layout_up_to_half_is_lost_where_whole_images_differ():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
     found = one.scores(one.see(query), np.arange(24))
@@ -58,7 +58,7 @@ def test_with_a_layout_the_whole_image_counts_a_tenth():
         other = unusual(projected_regions(cells), layout.of_map)
         share, _ = coherent_score(see(query, 4.0, own), other)
         alike, = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
-        assert score == pytest.approx(0.9 * share + 0.1 * alike, abs=1e-6)
+        assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)
         assert 0 <= score <= 1
 
 

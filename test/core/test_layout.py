@@ -73,13 +73,13 @@ def test_a_map_of_blank_references_has_no_layout():
     assert layout.renew() and layout.of_map is None
 
 
-def test_the_drive_is_averaged_and_the_map_counts_as_20_frames():
+def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
     layout = Layout(drawn_map(25), shown)
     layout.renew()
     first, second = layout.of_drive(cells(100)), layout.of_drive(cells(101))
     one, two = projected_regions(cells(100)), projected_regions(cells(101))
-    assert first == pytest.approx((one + 20 * layout.of_map) / 21, abs=1e-6)
-    assert second == pytest.approx((one + two + 20 * layout.of_map) / 22, abs=1e-6)
+    assert first == pytest.approx((one + 5 * layout.of_map) / 6, abs=1e-6)
+    assert second == pytest.approx((one + two + 5 * layout.of_map) / 7, abs=1e-6)
 
 
 def test_frames_before_the_layout_of_the_map_is_known_count_too():
@@ -89,7 +89,7 @@ def test_frames_before_the_layout_of_the_map_is_known_count_too():
     reference_map.add(Place(19), pack_cells(cells(19)))
     layout.renew()
     both = projected_regions(cells(100)) + projected_regions(cells(101))
-    expected = (both + 20 * layout.of_map) / 22
+    expected = (both + 5 * layout.of_map) / 7
     assert layout.of_drive(cells(101)) == pytest.approx(expected, abs=1e-6)
 
 

@@ -83,19 +83,29 @@ def test_a_short_map_is_listed_whole(described):
     assert shortlist.ends([shortlist.row(described(2))]).tolist() == [0, 1, 2, 3]
 
 
-def test_a_row_holds_the_cosines_about_the_means_of_the_map_and_of_the_query(
+def standardised(looks):
+    """Return references about their mean in units of their spread, the mean and the variance."""
+    count, mean = len(looks), looks.mean(axis=0)
+    variance = np.maximum(looks.var(axis=0), 1e-6)
+    variance = (count * variance + 20 * variance.mean()) / (count + 20)
+    return (looks - mean) / np.sqrt(variance), mean, variance
+
+
+def cosines(references, query):
+    return references @ query / (np.linalg.norm(references, axis=1) * np.linalg.norm(query))
+
+
+def test_a_row_holds_the_cosines_of_what_is_unusual_in_the_map_and_on_the_drive(
     reference_map, described
 ):
     shortlist = Shortlist(reference_map, 12, 10)
     queries = [described(place, 1) for place in (5, 6, 7)]
     rows = [shortlist.row(query) for query in queries]
     seen = np.array([pooled(query.cells) for query in queries], float)
-    looks = reference_map.pooled.astype(np.float32)
-    mean = looks.mean(axis=0)
-    past = (5 * mean + seen.sum(axis=0)) / 8
-    references = looks - mean
-    expected = references @ (seen[2] - past)
-    expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(seen[2] - past)
+    references, mean, variance = standardised(reference_map.pooled.astype(float))
+    away = seen[2] - (2 * mean + seen.sum(axis=0)) / 5
+    spread = (3 * seen.var(axis=0) + 20 * variance) / 23
+    expected = cosines(references, away / np.sqrt(spread))
     assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
 
 
@@ -132,12 +142,13 @@ def test_the_mean_follows_a_map_that_grows(described):
     for count in range(1, 500):
         growing.add(Place(count), packed, first_sight=rng.normal(0.2, 0.1, numbers))
         shortlist.row(query)
-    looks = growing.pooled.astype(np.float32)
-    references = looks - looks.mean(axis=0)
-    direction = pooled(query.cells) - (shortlist._sum + 5 * shortlist._mean) / (499 + 5)
-    expected = references @ direction
-    expected /= np.linalg.norm(references, axis=1) * np.linalg.norm(direction)
-    assert shortlist.row(query) == pytest.approx(expected, abs=0.02)
+    fresh = Shortlist(growing, 12, 10)
+    fresh.row(query)
+    for name in ('_mean', '_variance'):
+        assert getattr(shortlist, name) == pytest.approx(getattr(fresh, name), abs=5e-3)
+    references, _, _ = standardised(growing.pooled.astype(float))
+    assert fresh._nearness.view == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
+    assert shortlist._nearness.view == pytest.approx(fresh._nearness.view, rel=0.05)
 
 
 def test_references_at_the_mean_tell_nothing(described):
@@ -219,6 +230,19 @@ def test_listed_diagonals_are_kept_rather_than_others_that_are_hardly_better(ref
         fresh = Shortlist(reference_map, 20, 5).ends(window)
         assert sequence_scores(window).argmax() in listed and len(fresh) == 20
     assert max(new) <= 4
+
+
+def test_sequences_that_have_proven_themselves_stay_listed(reference_map):
+    rows = drawn_rows(400)
+    shortlist = Shortlist(reference_map, 20, 5)
+    listed = shortlist.ends(rows[4::-1])
+    scores = np.zeros(len(listed))
+    worst = np.argsort(sequence_scores(rows[4::-1])[listed])[:4]
+    scores[worst] = 1.0
+    shortlist.prove(listed, scores)
+    later = shortlist.ends([rows[6], None, *rows[4::-1]])
+    assert {index + 2 for index in listed[worst].tolist() if index < 398} <= set(later.tolist())
+    assert not len(shortlist._proven)
 
 
 def test_a_frame_that_never_came_does_not_end_the_diagonals(reference_map):

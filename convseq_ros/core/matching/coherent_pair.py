@@ -21,8 +21,6 @@ from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
-_WEIGHT_OF_WHOLE = 0.1
-
 Cells = npt.NDArray[np.float32]
 Show = Callable[[Cells, Regions | None], tuple[Regions, Whole | None]]
 
@@ -70,8 +68,8 @@ def coherent_pair(
     -------
     PairScore
         Its scores are those of `coherent_score` as long as nothing is known of what is usual. With
-        that, regions are `unusual` ones, and a tenth of the score says how alike the whole images
-        are at their best shift.
+        that, regions are `unusual` ones, and up to half of the score is lost as the whole images
+        are less alike at their best shift.
 
     """
 
@@ -93,7 +91,7 @@ def coherent_pair(
         if query.images is None or any(image is None for image in images):
             return shares, shifts
         alike = likeness(query.images, np.array(images, np.float64))
-        return (1 - _WEIGHT_OF_WHOLE) * shares + _WEIGHT_OF_WHOLE * alike, shifts
+        return shares * (1 + alike) / 2, shifts
 
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)

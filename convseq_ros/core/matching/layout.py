@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _FEWEST = 20
 _SAMPLE = 256
-_PRIOR_FRAMES = 20
+_PRIOR_FRAMES = 5
 _STILL_ALIKE = 0.8
 
 Cells = npt.NDArray[np.float32]
@@ -80,7 +80,7 @@ class Layout:
         Parameters
         ----------
         cells : ndarray of float32, shape (S, S, 8)
-            Of the query; each frame comes once. The mean of the map counts as 20 frames, and a
+            Of the query; each frame comes once. The mean of the map counts as 5 frames, and a
             frame that is still much like the last that counted does not count.
 
         """
