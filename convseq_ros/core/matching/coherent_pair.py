@@ -91,7 +91,7 @@ def coherent_pair(
         if query.images is None or any(image is None for image in images):
             return shares, shifts
         alike = likeness(query.images, np.array(images, np.float64))
-        return shares * (1 + alike) / 2, shifts
+        return 0.5 * (shares + shares * alike), shifts
 
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)
