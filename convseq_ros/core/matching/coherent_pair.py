@@ -91,7 +91,7 @@ def coherent_pair(
         if query.images is None or any(image is None for image in images):
             return shares, shifts
         alike = likeness(query.images, np.array(images, np.float64))
-        return 0.5 * (shares + shares * alike), shifts
+        return shares * (0.5 + 0.5 * alike), shifts
 
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)
