@@ -35,10 +35,9 @@ drives against their own past, the latest frames left out; drives that are calle
 backwards revisit nothing. *Known*: queries that have a right reference; *in reach*: those whose
 whole sequence of k frames lies in the map, over which *recall* is taken (the first frames after
 the map is entered can be recognised sooner, by half of the sequence: *of all known*). *Slip*: the
-right place, 3 to 5 frames off. *False*: another place. What chance gives, the least evidence and
-the confidence come from 61 drawn pairs of drives that are not reported here
-(`scripts/fit_acceptance.py` draws their like); the real sets were looked at meanwhile, and decided
-which kinds of drives were drawn.
+right place, 3 to 5 frames off. *False*: another place. How acceptance works and its constants were
+chosen on the drawn drives of `scripts/fit_acceptance.py` and on Gardens Point and corridor made
+dark or noisy, none of which is reported here; the sets below were looked at meanwhile.
 """
 AGREEMENT = """\
 ## Does a shortlist decide as whole rows do?
@@ -51,7 +50,8 @@ RELIABILITY = """\
 
 All frames of the sets above that got a confidence, at the shipped defaults. *Right*: the best
 candidate shows the right place, slips included. *As shipped*: with the two constants of the
-package, which were fitted on drawn drives that are not among these sets. *From other places*: both
+package, which lie between what fits drawn drives whose houses repeat and what fits real images made
+dark; neither is among these sets. *From other places*: both
 constants fitted on the other places only, for each set anew.
 """
 UNKNOWN = """\

@@ -133,7 +133,7 @@ def print_evidence(name: str, runs: dict[str, np.ndarray]) -> None:
     evidence, consistent, right, slip, known = every.T
     false = (right + slip == 0) & (consistent > 0)
     print(f'{name}: {len(every)} frames, {int(known.sum())} of known places')
-    for least in (0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 2.0):
+    for least in (0.8, 1.0, 1.2, 1.4, 1.5, 1.6, 1.8, 2.0):
         taken = evidence >= least
         hit = (taken & (consistent > 0) & (right > 0)).sum() / max(known.sum(), 1)
         print(f'  {least:.1f}: recall {hit:.3f}, false {(taken & false).sum()}')

@@ -152,8 +152,9 @@ def confidence(evidence: float) -> float:
     """
     Return the probability that a candidate is right, in [0, 1], given its track evidence.
 
-    A logistic function of the logarithm, fitted on drawn streets such as scripts/fit_acceptance.py
-    draws, some of whose buildings repeat.
+    A logistic function of the logarithm, between those that fit drawn streets some of whose
+    buildings repeat (scripts/fit_acceptance.py), which is lower, and real images made dark, which
+    is higher.
     """
     offset, slope = _CONFIDENCE
     log_odds = offset + slope * math.log(max(evidence, 0.0) + _LEAST_EVIDENCE)

@@ -9,9 +9,9 @@ the diagonal and divided by how much other places scatter on this drive; the few
 are, the less it means to beat them. And a track ends where its newest frame ends it: where a road
 forks, nine frames of ten still show the known one.
 
-What chance gives, the fewest rivals, the shortest drive, the prior of the scatter and the least
-evidence were chosen on drawn drives that are not reported, such as
-scripts/fit_acceptance.py draws.
+What chance gives, the fewest rivals, the shortest drive, the prior of the scatter, the doubt of
+other slopes and the least evidence were chosen on the drawn drives of scripts/fit_acceptance.py
+and on real images made dark, neither of which is reported.
 """
 
 from collections import deque

@@ -12,6 +12,7 @@ from convseq_ros.core.retrieval import Shortlist
 from convseq_ros.core.sequence import sequence_scores
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
+import cv2
 import numpy as np
 import pytest
 
@@ -206,6 +207,28 @@ def test_the_shortlist_is_as_accurate_as_exhaustive_search(
     references = drive(shared_data / reference, first, last)
     listed = accuracy(queries, references, 'shortlist')
     assert listed >= accuracy(queries, references, 'exhaustive') - 0.01
+
+
+def darkened(frames):
+    """Return images with their contrast crushed, lit by a lamp, full of noise, and blurred."""
+    rng = np.random.default_rng(5)
+    for frame in frames:
+        height, width = frame.gray.shape
+        down, across = np.mgrid[0:height, 0:width].astype(np.float32)
+        lamp = np.exp(-((across / width - 0.5) ** 2 + (down / height - 0.75) ** 2) / 0.12)
+        seen = (frame.gray / np.float32(255)) ** 3.4 * (0.25 + 0.75 * lamp)
+        seen = cv2.GaussianBlur(seen + rng.normal(0, 0.09, seen.shape), (0, 0), 2.8)
+        seen += rng.normal(0, 0.03, seen.shape)
+        bright = np.clip(seen / np.percentile(seen, 99.5), 0, 1) ** 0.6
+        yield describe((255 * bright).astype(np.uint8))
+
+
+def test_the_shortlist_finds_places_in_the_dark(shared_data):
+    folder = shared_data / 'gardens_point'
+    queries = list(darkened(list(open_source(folder / 'day_left'))[:100]))
+    references = drive(folder / 'day_right', 0, 100)
+    assert accuracy(queries, references, 'exhaustive') > 0.98
+    assert accuracy(queries, references, 'shortlist') > 0.94
 
 
 def drawn_rows(count, frames=12):
