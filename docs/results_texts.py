@@ -50,9 +50,9 @@ RELIABILITY = """\
 
 All frames of the sets above that got a confidence, at the shipped defaults. *Right*: the best
 candidate shows the right place, slips included. *As shipped*: with the two constants of the
-package, which lie between what fits drawn drives whose houses repeat and what fits real images made
-dark; neither is among these sets. *From other places*: both
-constants fitted on the other places only, for each set anew.
+package, which lie between what fits drawn drives whose houses repeat and what fits real images
+made dark; neither is among these sets. *From other places*: both constants fitted on the other
+places only, for each set anew.
 """
 UNKNOWN = """\
 ## What the paper reports
