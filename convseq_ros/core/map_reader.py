@@ -153,6 +153,8 @@ def _marks(values: Sequence[int]) -> str:
 
 
 def _connected(path: Path) -> sqlite3.Connection:
+    if path.is_dir():
+        raise MapError(f'{path}: is a folder; name the map file in it')
     if not path.is_file():
         raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
     with path.open('rb') as file:

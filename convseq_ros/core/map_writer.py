@@ -135,9 +135,15 @@ class MapWriter:
         try:
             yield
         except sqlite3.DatabaseError as error:
-            if getattr(error, 'sqlite_errorcode', None) in (
-                sqlite3.SQLITE_NOTADB,
-                sqlite3.SQLITE_CORRUPT,
-            ):
-                raise MapError(f'{self._path}: damaged map ({error}); build it again') from error
-            raise MapError(f'{self._path}: cannot write ({error}); is the disk full?') from error
+            raise MapError(f'{self._path}: {_what_went_wrong(error)}') from error
+
+
+def _what_went_wrong(error: sqlite3.DatabaseError) -> str:
+    code = getattr(error, 'sqlite_errorcode', 0) & 0xFF
+    if code in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
+        return f'damaged map ({error}); build it again'
+    if code in (sqlite3.SQLITE_CONSTRAINT, sqlite3.SQLITE_BUSY):
+        return f'another program adds to this map ({error}); let only one do so'
+    if code == sqlite3.SQLITE_CANTOPEN:
+        return f'cannot write ({error}); is it in a folder that exists and is writable?'
+    return f'cannot write ({error}); is the disk full?'

@@ -152,6 +152,16 @@ def test_a_missing_map_says_how_to_make_one(tmp_path):
         open_map(tmp_path / 'none.db')
 
 
+def test_a_folder_is_no_map(tmp_path):
+    with pytest.raises(MapError, match='is a folder; name the map file in it'):
+        open_map(tmp_path)
+
+
+def test_new_maps_want_a_folder_that_exists(tmp_path):
+    with pytest.raises(MapError, match=r'map.db: cannot write .*a folder that exists'):
+        MapWriter(tmp_path / 'none' / 'map.db', EncodingConfig())
+
+
 def test_a_truncated_map_is_refused_at_any_length(map_path):
     whole = map_path.read_bytes()
     for length in np.random.default_rng(0).integers(0, len(whole) - 1, 30):

@@ -154,6 +154,20 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
         keeper.close()
 
 
+def test_a_second_program_that_adds_to_the_map_is_told_so(path):
+    save_map(grown(3), path)
+    maps = [open_map(path) for _ in range(2)]
+    first, second = (MapKeeper(path, one) for one in maps)
+    grow(maps[0], 1)
+    first.close()
+    grow(maps[1], 2)
+    with pytest.raises(MapError, match=r'map.db: another program adds to this map .*only one'):
+        second.keep(10**15)
+    with pytest.raises(MapError, match='another program'):
+        second.close()
+    assert holds(path, 4)
+
+
 def test_a_file_that_was_replaced_is_reported_and_left_alone(path):
     reference_map = grown(1)
     keeper = MapKeeper(path, reference_map)
