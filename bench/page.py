@@ -78,7 +78,7 @@ _APPROXIMATE = """\
 | what | how far off | what settles it |
 | --- | --- | --- |
 | 8-bit kernels (`kernel: int8`, what `auto` takes where the processor can) | {int8} | what is \
-within 0.03 of the best candidate, 8 at most, is scored again in float32 before anything is \
+within 0.02 of the best candidate, 8 at most, is scored again in float32 before anything is \
 published |
 | float32 kernels | {float32} | nothing needs to |
 | the shortlist (`search: shortlist`): references are scored only where a sequence may end that \

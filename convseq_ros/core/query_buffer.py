@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 _SETTLED_ENDS = 8
 # Ten times the largest error that was seen, of single pairs; sequences average theirs away.
-_WITHIN = 0.03
+_WITHIN = 0.02
 
 Indices = npt.NDArray[np.int64]
 
@@ -159,7 +159,7 @@ class QueryBuffer:
         """
         Return `rough_scores`, but exact for whatever may be the best.
 
-        Where the kernel approximates, these are those within 0.03 of the best, and 8 at most.
+        Where the kernel approximates, these are those within 0.02 of the best, and 8 at most.
         """
         scores = self.rough_scores(length, ends, slope)
         if self._matcher.exact:

@@ -23,7 +23,7 @@ _ELSEWHERE = 4
 _AVERAGED_ANEW = 1.02
 _LEAST_DISTANCE = 1e-6
 _LOYALTY = 0.5
-_NEWCOMERS = 5
+_NEWCOMERS = 6
 _PROVEN = 5
 _WIDENED_AT_ONCE = 4096
 _GROUP = 64
@@ -114,7 +114,7 @@ class Shortlist:
         Return the references, ascending, where the diagonals of the best sequences end.
 
         Of the usual number, those that were listed before are preferred by half a standard
-        deviation, and no more than a fifth are new: a new one costs a whole sequence of pairs.
+        deviation, and no more than a sixth are new: a new one costs a whole sequence of pairs.
 
         Parameters
         ----------
