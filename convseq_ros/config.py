@@ -59,7 +59,7 @@ class MatchingConfig(Checked):
         choices=('exhaustive', 'shortlist'),
     )
     remove_layout: bool = parameter(
-        True, 'Compare what is unusual on the drive, and whole images; coherent matching only.'
+        True, 'Compare evened cells less what is usual, and whole images; coherent matching only.'
     )
     shortlist_length: int = parameter(
         50, 'References at which the likely sequences may end.',

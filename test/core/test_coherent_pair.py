@@ -5,7 +5,8 @@
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.matching.coherent_pair import COHERENT
+from convseq_ros.core.matching.coherent_pair import COHERENT, shown
+from convseq_ros.core.matching.evening import evened
 from convseq_ros.core.matching.layout import Layout, unusual
 from convseq_ros.core.matching.whole_image import likeness, moved, whole
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
@@ -51,11 +52,12 @@ def test_with_a_layout_up_to_half_is_lost_where_whole_images_differ():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
     found = one.scores(one.see(query), np.arange(24))
-    layout = Layout(map_of(*references), COHERENT.show)
+    layout = Layout(map_of(*references), evened, shown)
     layout.renew()
-    own = unusual(projected_regions(query.cells), layout.of_drive(query.cells))
-    for score, cells in zip(found, references, strict=True):
-        other = unusual(projected_regions(cells), layout.of_map)
+    cells = evened(query.cells)
+    own = unusual(projected_regions(cells), layout.of_drive(cells))
+    for score, one in zip(found, references, strict=True):
+        other = unusual(projected_regions(evened(one)), layout.of_map)
         share, _ = coherent_score(see(query, 4.0, own), other)
         alike, = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
         assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)

@@ -4,6 +4,7 @@
 
 from convseq_ros.core.matching.coherent import projected_regions
 from convseq_ros.core.matching.coherent_pair import shown
+from convseq_ros.core.matching.evening import evened
 from convseq_ros.core.matching.layout import Layout, unusual
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
 import numpy as np
@@ -12,6 +13,10 @@ import pytest
 
 def cells(seed):
     return np.random.default_rng(seed).random((32, 32, 8), np.float32) ** 3
+
+
+def same(cells):
+    return cells
 
 
 def stored(seed):
@@ -38,9 +43,17 @@ def test_what_is_exactly_usual_says_nothing():
 
 
 def test_the_map_usually_shows_the_mean_of_its_references():
-    layout = Layout(drawn_map(20, blank=(3,)), shown)
+    layout = Layout(drawn_map(20, blank=(3,)), same, shown)
     assert layout.renew()
     expected = np.mean([stored(index) for index in range(20) if index != 3], axis=0)
+    assert layout.of_map == pytest.approx(expected, abs=1e-6)
+
+
+def test_references_are_evened_before_they_are_averaged():
+    layout = Layout(drawn_map(20), evened, shown)
+    layout.renew()
+    read = [unpack_cells(pack_cells(cells(index))) for index in range(20)]
+    expected = np.mean([projected_regions(evened(one)) for one in read], axis=0)
     assert layout.of_map == pytest.approx(expected, abs=1e-6)
 
 
@@ -51,14 +64,14 @@ def test_of_a_large_map_256_references_are_read():
         reference_map.add(Place(index), packed)
     read = []
     reference_map.cells_of = lambda indices: read.extend(indices) or [cells(0)]
-    Layout(reference_map, shown).renew()
+    Layout(reference_map, same, shown).renew()
     assert len(read) == 256 and read[0] == 0 and read[-1] == 999
     assert 3 <= np.diff(read).min() and np.diff(read).max() <= 4
 
 
 def test_a_small_map_has_no_layout_and_a_growing_one_is_read_when_it_has_doubled():
     reference_map = drawn_map(19)
-    layout, renewed = Layout(reference_map, shown), []
+    layout, renewed = Layout(reference_map, same, shown), []
     assert not layout.renew() and layout.of_map is None
     assert layout.of_drive(cells(0)) is None
     for index in range(19, 90):
@@ -69,12 +82,12 @@ def test_a_small_map_has_no_layout_and_a_growing_one_is_read_when_it_has_doubled
 
 
 def test_a_map_of_blank_references_has_no_layout():
-    layout = Layout(drawn_map(20, blank=range(20)), shown)
+    layout = Layout(drawn_map(20, blank=range(20)), same, shown)
     assert layout.renew() and layout.of_map is None
 
 
 def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
-    layout = Layout(drawn_map(25), shown)
+    layout = Layout(drawn_map(25), same, shown)
     layout.renew()
     first, second = layout.of_drive(cells(100)), layout.of_drive(cells(101))
     one, two = projected_regions(cells(100)), projected_regions(cells(101))
@@ -84,7 +97,7 @@ def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
 
 def test_frames_before_the_layout_of_the_map_is_known_count_too():
     reference_map = drawn_map(19)
-    layout = Layout(reference_map, shown)
+    layout = Layout(reference_map, same, shown)
     assert layout.of_drive(cells(100)) is None
     reference_map.add(Place(19), pack_cells(cells(19)))
     layout.renew()
@@ -94,7 +107,7 @@ def test_frames_before_the_layout_of_the_map_is_known_count_too():
 
 
 def test_a_robot_that_hardly_moves_does_not_make_its_place_the_usual_one():
-    layout = Layout(drawn_map(25), shown)
+    layout = Layout(drawn_map(25), same, shown)
     layout.renew()
     once = layout.of_drive(cells(100))
     for seed in range(50):

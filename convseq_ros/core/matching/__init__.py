@@ -3,7 +3,7 @@
 """Ways to score a pair of images, and the matcher that scores a query in a map with one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 import os
 from typing import Any, TYPE_CHECKING
@@ -79,8 +79,8 @@ class Matcher:
         self._keeps_all = kept is None
         self._lots = Lots((matching.threads or usable) - 1)
         self._layout: Layout | None = None
-        if self._exact.show and matching.remove_layout:
-            self._layout = Layout(reference_map, self._exact.show)
+        if self._exact.even and self._exact.show and matching.remove_layout:
+            self._layout = Layout(reference_map, self._exact.even, self._exact.show)
         prepare = _preparing(self._fast, self._layout)
         self._prepared = Prepared(reference_map, prepare, self._lots, kept)
         self._prepared_to_rescore = self._prepared
@@ -97,6 +97,7 @@ class Matcher:
         usual = None
         if self._layout:
             self._follow_map(self._layout)
+            descriptor = replace(descriptor, cells=self._layout.even(descriptor.cells))
             usual = self._layout.of_drive(descriptor.cells)
         return self._compared(descriptor, usual)
 
@@ -145,7 +146,9 @@ class Matcher:
         cells, pair = self._map.cells(index), self._exact
         if pair.agree is None or pair.show is None or not cells.any():
             return np.zeros((0, 4))
-        usual = self._layout.of_map if self._layout else None
+        usual = None
+        if self._layout:
+            cells, usual = self._layout.even(cells), self._layout.of_map
         return pair.agree(query.exact, pair.show(cells, usual)[0], shift)
 
     def warm_up(self) -> None:
@@ -164,7 +167,7 @@ class Matcher:
         usual = None
         if self._layout and self._exact.show:
             self._follow_map(self._layout)
-            usual, _ = self._exact.show(cells[::-1], None)
+            usual, _ = self._exact.show(self._layout.even(cells[::-1]), None)
         query = self._compared(drawn, usual)
         similarity(drawn, drawn)
         for pair, own in ((self._fast, query.fast), (self._exact, query.exact)):
@@ -207,6 +210,8 @@ class Matcher:
 
 def _preparing(pair: PairScore, layout: Layout | None) -> Callable[[Regions], Any]:
     def prepare(cells: Regions) -> Any:
-        return pair.prepare(cells, layout.of_map if layout else None)
+        if layout:
+            return pair.prepare(layout.even(cells), layout.of_map)
+        return pair.prepare(cells, None)
 
     return prepare

@@ -14,6 +14,7 @@ from convseq_ros.core.matching.coherent import (
     Regions,
     see,
 )  # fmt: skip
+from convseq_ros.core.matching.evening import evened
 from convseq_ros.core.matching.layout import unusual
 from convseq_ros.core.matching.pair_score import PairScore, Scores
 from convseq_ros.core.matching.whole_image import likeness, moved, Whole, whole
@@ -45,6 +46,7 @@ class _Reference:
 def coherent_pair(
     name: str,
     exact: bool,
+    even: Callable[[Cells], Cells],
     show: Show,
     pack_query: Callable[[CoherentQuery], Any],
     pack_reference: Callable[[Regions], Any],
@@ -57,8 +59,8 @@ def coherent_pair(
     ----------
     name, exact : str, bool
         As in `PairScore`.
-    show : callable
-        Computes `shown`.
+    even, show : callable
+        Compute `evened` and `shown`.
     pack_query, pack_reference : callable
         To what the kernel compares.
     compare : callable
@@ -96,7 +98,7 @@ def coherent_pair(
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)
 
-    return PairScore(name, exact, seen, prepare, score, show, agree)
+    return PairScore(name, exact, seen, prepare, score, even, show, agree)
 
 
 def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
@@ -114,4 +116,4 @@ def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
     return np.array(scores, np.float32), np.array(shifts)
 
 
-COHERENT = coherent_pair('numpy', True, shown, _same, _same, _compare)
+COHERENT = coherent_pair('numpy', True, evened, shown, _same, _same, _compare)

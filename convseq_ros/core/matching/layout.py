@@ -26,6 +26,7 @@ _STILL_ALIKE = 0.8
 
 Cells = npt.NDArray[np.float32]
 Regions = npt.NDArray[np.float32]
+Even = Callable[[Cells], Cells]
 Show = Callable[[Cells, Regions | None], tuple[Regions, Any]]
 
 
@@ -43,17 +44,20 @@ class Layout:
     reference_map : ReferenceMap
         At most 256 of its references are looked at, evenly spread, and others whenever the map
         has doubled. Nothing is known of maps of less than 20 places.
-    show : callable
+    even, show : callable
         As in `PairScore`.
 
     Attributes
     ----------
+    even : callable
+        What is done to all cells first.
     of_map : ndarray of float32, shape (N, 32), or None
         The mean of the references' regions.
 
     """
 
-    def __init__(self, reference_map: 'ReferenceMap', show: Show) -> None:
+    def __init__(self, reference_map: 'ReferenceMap', even: Even, show: Show) -> None:
+        self.even = even
         self.of_map: Regions | None = None
         self._map = reference_map
         self._show = show
@@ -68,7 +72,8 @@ class Layout:
         if count < max(_FEWEST, 2 * self._averaged):
             return False
         some = np.unique(np.linspace(0, count - 1, min(count, _SAMPLE)).astype(int)).tolist()
-        shown = [self._show(cells, None)[0] for cells in self._map.cells_of(some) if cells.any()]
+        read = [self.even(cells) for cells in self._map.cells_of(some) if cells.any()]
+        shown = [self._show(cells, None)[0] for cells in read]
         self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
@@ -80,8 +85,8 @@ class Layout:
         Parameters
         ----------
         cells : ndarray of float32, shape (S, S, 8)
-            Of the query; each frame comes once. The mean of the map counts as 5 frames, and a
-            frame that is still much like the last that counted does not count.
+            Of the query, from `even`; each frame comes once. The mean of the map counts as 5
+            frames, and a frame that is still much like the last that counted does not count.
 
         """
         regions, _ = self._show(cells, None)

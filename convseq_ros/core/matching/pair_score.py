@@ -34,6 +34,8 @@ class PairScore:
     compare : callable
         From a query and some references to their scores in [0, 1], float32 of shape (n,), and, if
         it tells, to the shifts in cells, rows and columns, (n, 2).
+    even : callable, optional
+        From cells to cells in which noise and strong edges count for less; see `evened`.
     show : callable, optional
         From cells and what is usual to the regions that are compared, (N, 32), and the image as a
         whole; none if it does not matter what is usual.
@@ -48,5 +50,6 @@ class PairScore:
     see: Callable[[Descriptor, float, Regions | None], Any]
     prepare: Callable[[Cells, Regions | None], Any]
     compare: Callable[[Any, Sequence[Any]], Scores]
+    even: Callable[[Cells], Cells] | None = None
     show: Callable[[Cells, Regions | None], tuple[Regions, Any]] | None = None
     agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None

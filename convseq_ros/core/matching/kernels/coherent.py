@@ -9,6 +9,7 @@ from functools import cache
 from convseq_ros.core.compiled import compiled
 from convseq_ros.core.matching.coherent import CoherentQuery, REACH, Regions, WINDOW
 from convseq_ros.core.matching.coherent_pair import coherent_pair
+from convseq_ros.core.matching.kernels.evening import evened
 from convseq_ros.core.matching.kernels.panel import (
     address,
     addresses,
@@ -219,11 +220,13 @@ def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
     name = f'float32 {FLOATS.name}'
     return coherent_pair(
-        name, True, shown, _float_query, _float_reference, _compare_floats
+        name, True, evened, shown, _float_query, _float_reference, _compare_floats
     )
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     name = f'int8 {BYTES.name}'
-    return coherent_pair(name, False, shown, _byte_query, _byte_reference, _compare_bytes)
+    return coherent_pair(
+        name, False, evened, shown, _byte_query, _byte_reference, _compare_bytes
+    )

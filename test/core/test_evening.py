@@ -1,0 +1,63 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells in which noise and the strength of edges count for less."""
+
+from convseq_ros.core.compiled import available
+from convseq_ros.core.matching.evening import evened
+import numpy as np
+import pytest
+
+
+def drawn(seed=0):
+    return np.random.default_rng(seed).random((32, 32, 8), np.float32) ** 3 * 1000
+
+
+def test_a_cell_loses_what_all_its_bins_have_and_is_saturated():
+    cells = np.array([1, 3, 1, 1, 1, 1, 1, 1], np.float32).reshape(1, 1, 8)
+    mean = 2 / 8
+    expected = [0, 2 / (2 + 6 * mean), 0, 0, 0, 0, 0, 0]
+    assert evened(cells).ravel() == pytest.approx(expected, abs=1e-6)
+
+
+def test_neighbouring_cells_are_blended_with_weights_of_a_gaussian():
+    cells = np.zeros((5, 5, 8), np.float32)
+    cells[2, 2, 0] = 100
+    found = evened(cells)[:, :, 0]
+    # Of x / (x + u), with u six times the mean, which blending does not change.
+    usual = 6 * 100 / cells.size
+    blended = found * usual / (1 - found)
+    beside = np.exp(-1 / (2 * 0.4**2))
+    middle, side = 1 / (1 + 2 * beside), beside / (1 + 2 * beside)
+    assert blended[2, 2] == pytest.approx(100 * middle**2, rel=2e-3)
+    assert blended[1, 2] == pytest.approx(100 * middle * side, rel=2e-3)
+    assert blended[2, 1] == pytest.approx(100 * middle * side, rel=2e-3)
+    assert blended[1, 1] == pytest.approx(100 * side**2, rel=4e-3)
+    assert not blended[0].any()
+
+
+def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
+    cells = drawn()
+    noise = np.random.default_rng(1).random((32, 32, 1), np.float32) * 300
+    assert evened(cells + noise) == pytest.approx(evened(cells), abs=1e-5)
+    assert evened(cells * 8) == pytest.approx(evened(cells), abs=1e-6)
+
+
+def test_all_numbers_lie_between_0_and_1_and_keep_their_order_where_nothing_is_blended():
+    found = evened(drawn())
+    assert 0 <= found.min() and found.max() < 1
+    flat = np.broadcast_to(drawn()[:1, :1], (4, 4, 8)).copy()
+    assert (evened(flat)[0, 0].argsort() == flat[0, 0].argsort()).all()
+
+
+@pytest.mark.parametrize('cells', [np.zeros((4, 4, 8)), np.ones((4, 4, 8))])
+def test_cells_without_direction_show_nothing(cells):
+    assert not evened(cells.astype(np.float32)).any()
+
+
+@pytest.mark.skipif(not available(), reason='numba is not installed, or compiles nothing')
+@pytest.mark.parametrize('side', [1, 2, 7, 32])
+def test_compiled_evening_is_the_definition(side):
+    from convseq_ros.core.matching.kernels.evening import evened as compiled
+
+    for cells in (drawn()[:side, :side], np.zeros((side, side, 8), np.float32)):
+        assert compiled(cells) == pytest.approx(evened(cells), abs=1e-6)
