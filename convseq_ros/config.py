@@ -131,7 +131,7 @@ class AcceptanceConfig(Checked):
         choices=('auto', 'margin', 'track'),
     )
     min_evidence: float = parameter(
-        1.6, 'By the track rule, the last 30 frames must on average stand out by this many times '
+        1.7, 'By the track rule, the last 30 frames must on average stand out by this many times '
         'the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
     )
     min_margin: float = parameter(
