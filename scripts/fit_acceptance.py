@@ -6,10 +6,10 @@ Print what `min_evidence` and the confidence come from: false and right evidence
 Usage: python scripts/fit_acceptance.py [NAME...], about half an hour on two cores for all of
 acceptance_drives.py. Every query is asked with half of the map removed (the first, the last and
 the middle half kept in turn) and in the map of another street, and both drives against their own
-past (40 m and 20 frames at least). `min_evidence` is where more of it would cost more than ten
-right answers for each false one, taken over these drives and real images made dark. The left side
-of a terrace repeats every 48 or 96 m: no threshold tells such places apart, so they count for the
-confidence only.
+past (40 m and 20 frames at least). With `min_evidence` as it is, right answers less ten times the
+false ones are most, over these drives and real images made dark. The left side of a terrace
+repeats every 48 or 96 m: no threshold tells such places apart, so they count for the confidence
+only.
 """
 
 from collections.abc import Iterator
