@@ -157,7 +157,7 @@ class PlaceRecognizer:
         Returns
         -------
         ndarray of float64, shape (n, 4)
-            As `PairScore.agree` says; none if the way of matching does not tell.
+            As `Look.agree` says; none if the way of matching does not tell.
 
         """
         best = match.best

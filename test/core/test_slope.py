@@ -40,6 +40,21 @@ def test_equal_speed_is_kept_where_other_slopes_stand_out_hardly_more():
     assert set(follow(rows)) == {1.0}
 
 
+@pytest.mark.parametrize('slope', [1.0, 2.0])
+@pytest.mark.parametrize('seed', range(5))
+def test_frames_of_unknown_streets_are_soon_outvoted(slope, seed):
+    unknown, soon = 40, 4
+    rows = list(np.random.default_rng(seed).normal(0.1, 0.02, (70, 200)).astype(np.float32))
+    for frame, row in enumerate(rows):
+        known = frame - unknown
+        place, height = (20 + 1.5 * frame, 0.05) if known < 0 else (60 + slope * known, 0.2)
+        row[round(place)] += height
+    search = SlopeSearch()
+    found = [search.follow(rows[index - K + 1 : index + 1][::-1]) for index in range(K, 70)]
+    assert 1.5 in found[: unknown - K]
+    assert found[unknown - K + soon :] == pytest.approx([slope] * (30 - soon), abs=0.26)
+
+
 def test_short_sequences_tell_no_slope():
     search, rows = SlopeSearch(), rows_at(2.0)
     assert {search.follow(rows[index - 4 : index][::-1]) for index in range(10, 50)} == {1.0}
@@ -76,7 +91,7 @@ def test_whole_rows_and_shorter_ones_are_summed_up_by_the_same_rule(monkeypatch)
     for slope in SLOPES:
         scores = sequence_scores(window, slope=slope, dtype=np.float32)
         scores = scores[np.isfinite(scores)]
-        expected.append(scores.max() - scores.mean())
+        expected.append(float(scores.max() - scores.mean()) ** 3)
     assert found.tolist() == expected
     monkeypatch.setattr(slope_module, 'sequence_scores', rule)
     assert prominence(window).tolist() == expected and not asked

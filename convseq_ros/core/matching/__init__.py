@@ -79,8 +79,9 @@ class Matcher:
         self._keeps_all = kept is None
         self._lots = Lots((matching.threads or usable) - 1)
         self._layout: Layout | None = None
-        if self._exact.even and self._exact.show and matching.remove_layout:
-            self._layout = Layout(reference_map, self._exact.even, self._exact.show)
+        look = self._exact.look
+        if look and matching.remove_layout:
+            self._layout = Layout(reference_map, look.even, look.show)
         prepare = _preparing(self._fast, self._layout)
         self._prepared = Prepared(reference_map, prepare, self._lots, kept)
         self._prepared_to_rescore = self._prepared
@@ -142,14 +143,14 @@ class Matcher:
         return None if shifts is None else (float(shifts[0, 0]), float(shifts[0, 1]))
 
     def agreeing(self, query: Any, index: int, shift: Shift) -> npt.NDArray[np.float64]:
-        """Return where the regions are that moved by a shift, (n, 4); see `PairScore.agree`."""
-        cells, pair = self._map.cells(index), self._exact
-        if pair.agree is None or pair.show is None or not cells.any():
+        """Return where the regions are that moved by a shift, (n, 4); see `Look.agree`."""
+        cells, look = self._map.cells(index), self._exact.look
+        if look is None or not cells.any():
             return np.zeros((0, 4))
         usual = None
         if self._layout:
             cells, usual = self._layout.even(cells), self._layout.of_map
-        return pair.agree(query.exact, pair.show(cells, usual)[0], shift)
+        return look.agree(query.exact, look.show(cells, usual)[0], shift)
 
     def warm_up(self) -> None:
         """Compile or load what frames will need, so that the first is not late."""
@@ -165,9 +166,10 @@ class Matcher:
             cells, np.ones((side - 1) ** 2, np.bool_), np.full((side, side), MAX_BITS), 0.5
         )
         usual = None
-        if self._layout and self._exact.show:
+        look = self._exact.look
+        if self._layout and look:
             self._follow_map(self._layout)
-            usual, _ = self._exact.show(self._layout.even(cells[::-1]), None)
+            usual, _ = look.show(look.even(cells[::-1]), None)
         query = self._compared(drawn, usual)
         similarity(drawn, drawn)
         for pair, own in ((self._fast, query.fast), (self._exact, query.exact)):

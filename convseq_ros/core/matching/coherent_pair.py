@@ -16,7 +16,7 @@ from convseq_ros.core.matching.coherent import (
 )  # fmt: skip
 from convseq_ros.core.matching.evening import evened
 from convseq_ros.core.matching.layout import unusual
-from convseq_ros.core.matching.pair_score import PairScore, Scores
+from convseq_ros.core.matching.pair_score import Look, PairScore, Scores
 from convseq_ros.core.matching.whole_image import likeness, moved, Whole, whole
 from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
@@ -60,7 +60,7 @@ def coherent_pair(
     name, exact : str, bool
         As in `PairScore`.
     even, show : callable
-        Compute `evened` and `shown`.
+        As in `Look`: compute `evened` and `shown`.
     pack_query, pack_reference : callable
         To what the kernel compares.
     compare : callable
@@ -98,7 +98,7 @@ def coherent_pair(
     def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
         return agreeing_regions(query.seen, reference, shift)
 
-    return PairScore(name, exact, seen, prepare, score, even, show, agree)
+    return PairScore(name, exact, seen, prepare, score, Look(even, show, agree))
 
 
 def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:

@@ -45,7 +45,7 @@ class Layout:
         At most 256 of its references are looked at, evenly spread, and others whenever the map
         has doubled. Nothing is known of maps of less than 20 places.
     even, show : callable
-        As in `PairScore`.
+        As in `Look`.
 
     Attributes
     ----------

@@ -16,6 +16,29 @@ Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
 
 
 @dataclass(frozen=True, slots=True)
+class Look:
+    """
+    What is looked at in images of which regions are compared.
+
+    Parameters
+    ----------
+    even : callable
+        From cells to cells in which noise and strong edges count for less; see `evened`.
+    show : callable
+        From cells and what is usual to the regions that are compared, (N, 32), and the image as a
+        whole; none if it does not matter what is usual.
+    agree : callable
+        From a query, a reference's regions and a shift to the regions that moved by it, (n, 4):
+        where they are in the query and in the reference, row and column as shares of the image.
+
+    """
+
+    even: Callable[[Cells], Cells]
+    show: Callable[[Cells, Regions | None], tuple[Regions, Any]]
+    agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
 class PairScore:
     """
     Functions that a faster kernel may replace, all of them together.
@@ -34,14 +57,8 @@ class PairScore:
     compare : callable
         From a query and some references to their scores in [0, 1], float32 of shape (n,), and, if
         it tells, to the shifts in cells, rows and columns, (n, 2).
-    even : callable, optional
-        From cells to cells in which noise and strong edges count for less; see `evened`.
-    show : callable, optional
-        From cells and what is usual to the regions that are compared, (N, 32), and the image as a
-        whole; none if it does not matter what is usual.
-    agree : callable, optional
-        From a query, a reference's regions and a shift to the regions that moved by it, (n, 4):
-        where they are in the query and in the reference, row and column as shares of the image.
+    look : Look, optional
+        If it compares regions where they lie, of images less what is usual.
 
     """
 
@@ -50,6 +67,4 @@ class PairScore:
     see: Callable[[Descriptor, float, Regions | None], Any]
     prepare: Callable[[Cells, Regions | None], Any]
     compare: Callable[[Any, Sequence[Any]], Scores]
-    even: Callable[[Cells], Cells] | None = None
-    show: Callable[[Cells, Regions | None], tuple[Regions, Any]] | None = None
-    agree: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None
+    look: Look | None = None
