@@ -25,7 +25,7 @@ HEADER = [
 ]
 MOST_LINES = 300
 OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'numba', 'rosbags', 'tqdm', 'yaml', 'zstandard')
-STANDARD_ONLY = ('config.py', 'errors.py', 'parameter.py')
+STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.
 IMPORT_WITHOUT = """

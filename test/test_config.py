@@ -14,10 +14,10 @@ from convseq_ros.config import (
     flatten,
     KeyframeConfig,
     make_config,
-    NodeConfig,
     SequenceConfig,
 )
 from convseq_ros.errors import ConfigError
+from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
 import pytest
 

@@ -94,7 +94,7 @@ def answers_of_the_node(recording, map_path, path):
     node = subprocess.Popen(
         [
             *python, 'convseq_ros.node.vpr_node', '--ros-args', '-p', f'map_path:={map_path}',
-            '-p', f'result_file:={path}', '-p', 'queue_size:=1000',
+            '-p', f'result_file:={path}', '-p', 'queue_size:=1000', '-p', 'max_wait_s:=0.0',
         ],
         cwd=path.parent, env=environment, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

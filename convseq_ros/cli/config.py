@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import json
 import textwrap
 
-from convseq_ros.config import core_parameters, NodeConfig
+from convseq_ros.config import core_parameters
+from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import Parameter, parameters
 
 

@@ -60,6 +60,7 @@ def recognise_live(
         'map_path': str(map_path.absolute()),
         'result_file': str(table.absolute()),
         'queue_size': 1000,
+        'max_wait_s': 0.0,
     }
     settings = [f'{name}:={value}' for name, value in parameters.items()]
     node = [

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import Config, core_parameters, make_config, NodeConfig
+from convseq_ros.config import Config, core_parameters, make_config
 from convseq_ros.errors import ConfigError
+from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
 
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')

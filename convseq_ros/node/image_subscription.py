@@ -5,8 +5,8 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
-from convseq_ros.config import NodeConfig
 from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.node_config import NodeConfig
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 

@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 
-from convseq_ros.config import NodeConfig
 from convseq_ros.core.pose_estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.reference_map import ReferenceMap
@@ -20,6 +19,7 @@ from convseq_ros.node.conversions import (
 from convseq_ros.node.debug_image import debug_image
 from convseq_ros.node.markers import MatchMarkers
 from convseq_ros.node.reference_path import ReferencePath
+from convseq_ros.node_config import NodeConfig
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2

@@ -10,7 +10,7 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.config import Config, NodeConfig
+from convseq_ros.config import Config
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_to_ns
@@ -24,6 +24,7 @@ from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.worker import Worker
+from convseq_ros.node_config import NodeConfig
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -84,7 +85,9 @@ class VprNode(Node):
             logger,
             self.context.ok,
         )
-        self._worker = Worker(self._recognition.handle, config.queue_size)
+        self._worker = Worker(
+            self._recognition.handle, config.queue_size, config.max_wait_s
+        )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
         )

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 import threading
+import time
 from typing import Generic, TypeVar
 
 Item = TypeVar('Item')
@@ -22,19 +23,24 @@ class Worker(Generic[Item]):
         Called with each item, in the thread; it must not raise.
     queue_size : int
         Items that may wait.
+    max_wait_s : float, optional
+        How long an item may wait, seconds, if another waits behind it; 0 for as long as it takes.
 
     Attributes
     ----------
     dropped : int
-        Items that were pushed out of the queue.
+        Items that were pushed out of the queue, or waited for too long.
 
     """
 
-    def __init__(self, handle: Callable[[Item], None], queue_size: int) -> None:
+    def __init__(
+        self, handle: Callable[[Item], None], queue_size: int, max_wait_s: float = 0.0
+    ) -> None:
         self.dropped = 0
         self._handle = handle
         self._size = queue_size
-        self._items: deque[Item] = deque()
+        self._max_wait_ns = round(max_wait_s * 1e9)
+        self._items: deque[tuple[int, Item]] = deque()
         self._actions: deque[Action] = deque()
         self._stopping = False
         self._changed = threading.Condition()
@@ -50,7 +56,7 @@ class Worker(Generic[Item]):
             if len(self._items) == self._size:
                 self._items.popleft()
                 self.dropped += 1
-            self._items.append(item)
+            self._items.append((time.monotonic_ns(), item))
             self._changed.notify()
 
     def between_items(self, action: Action) -> None:
@@ -97,4 +103,11 @@ class Worker(Generic[Item]):
                 return None
             if self._actions:
                 return self._actions.popleft()
-            return partial(self._handle, self._items.popleft())
+            while len(self._items) > 1 and self._is_late():
+                self._items.popleft()
+                self.dropped += 1
+            return partial(self._handle, self._items.popleft()[1])
+
+    def _is_late(self) -> bool:
+        waited_ns = time.monotonic_ns() - self._items[0][0]
+        return 0 < self._max_wait_ns < waited_ns

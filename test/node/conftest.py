@@ -41,8 +41,10 @@ DISCOVERY = """
 """
 NUM_PLACES = 25
 SECOND = 1_000_000_000
-# Quick, sure of single frames, and not to be changed with the defaults.
-MATCHING = {'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy'}
+# Quick, sure of single frames, in no hurry, and not to be changed with the defaults.
+SETTINGS = {
+    'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'max_wait_s': 0.0,
+}  # fmt: skip
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -162,7 +164,7 @@ def vpr() -> Iterator[Callable[..., Any]]:
 
     def make(*ros_args: str, **parameters: Any) -> VprNode:
         cli_args = [*ros_args]
-        for name, value in (MATCHING | parameters).items():
+        for name, value in (SETTINGS | parameters).items():
             cli_args += ['-p', f'{name}:={value}']
         cli_args.insert(0, '--ros-args')
         # Not the client's context: DDS allows only one type for a topic in each.
@@ -198,7 +200,7 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     def run(module: str, *args: str) -> subprocess.Popen[str]:
         if module == 'vpr_node':
-            chosen = [f'{name}:={value}' for name, value in MATCHING.items()]
+            chosen = [f'{name}:={value}' for name, value in SETTINGS.items()]
             args = '--ros-args', *(part for each in chosen for part in ('-p', each)), '--', *args
         processes.append(
             subprocess.Popen(

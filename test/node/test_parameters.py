@@ -6,9 +6,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.config import Config, core_parameters, NodeConfig, SequenceConfig
+from convseq_ros.config import Config, core_parameters, SequenceConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.parameters import declare, KNOWN
+from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter

@@ -3,6 +3,7 @@
 """The real process survives whatever a camera sends, and says so."""
 
 import signal
+import time
 
 import pytest
 
@@ -115,3 +116,19 @@ def test_frames_that_do_not_fit_the_queue_are_dropped_and_counted(
         client.wait_for(lambda number=index: node._statistics.received > number)
     client.wait_for(lambda: len(heard) + node._worker.dropped == 30)
     assert node._worker.dropped > 0
+
+
+def test_a_camera_too_fast_for_the_machine_costs_frames_but_no_time(
+    client, vpr, street, image, map_path, slow
+):
+    node = vpr(map_path=map_path, queue_size=1000, max_wait_s=0.3)
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    for index in range(60):
+        camera.publish(image(street[index % 25], (index + 1) * SECOND))
+        client.wait_for(lambda number=index: node._statistics.received > number)
+        time.sleep(0.02)
+    client.wait_for(lambda: len(heard) + node._worker.dropped == 60)
+    assert node._worker.dropped > 10
+    # Its turn was due within 0.3 s, and then it took 0.1 s; the last one may wait for longer.
+    assert node._statistics.latency_ms < 1000

@@ -1,10 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The worker's queue is bounded, its order kept, its end prompt."""
+"""The worker's queue is bounded in length and time, its order kept, its end prompt."""
 
 import threading
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
@@ -57,6 +58,46 @@ def test_the_oldest_items_are_dropped_and_counted(gate):
     gate.set()
     settled(lambda: len(handled) == 4)
     assert handled == [0, 5, 6, 7]
+    assert worker.stop(LIMIT_S)
+
+
+def test_what_waits_for_too_long_gives_way_to_what_follows_evenly():
+    """Three items come while one is handled; what is handled is never much older than asked."""
+    made, waits = [], []
+
+    def handle(item):
+        waits.append(time.monotonic() - made[item])
+        time.sleep(0.03)
+
+    worker = Worker(handle, 1000, max_wait_s=0.2)
+    worker.start()
+    for item in range(150):
+        made.append(time.monotonic())
+        worker.put(item)
+        time.sleep(0.01)
+    settled(lambda: not worker.waiting)
+    assert worker.stop(LIMIT_S)
+    assert worker.dropped == 150 - len(waits) > 30
+    assert np.median(waits[len(waits) // 2 :]) < 0.25
+
+
+def test_the_newest_item_is_handled_however_long_it_waited(gate):
+    handled = []
+
+    def handle(item):
+        handled.append(item)
+        gate.wait()
+
+    worker = Worker(handle, 3, max_wait_s=0.01)
+    worker.start()
+    worker.put(0)
+    settled(lambda: handled == [0])
+    worker.put(1)
+    worker.put(2)
+    time.sleep(0.05)
+    gate.set()
+    settled(lambda: len(handled) == 2)
+    assert handled == [0, 2] and worker.dropped == 1
     assert worker.stop(LIMIT_S)
 
 
