@@ -188,20 +188,37 @@ class OnlineConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class KeyframeConfig(Checked):
-    """Which frames become references, of a map that is built or that grows."""
+    """
+    Which frames become references, of a map that is built or that grows.
+
+    The queries matched with a map are as far apart: of a map that was opened it is known how.
+    """
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Least time between two references; 0 keeps every frame.',
+        0.0, 'Least time between two keyframes; 0 takes every frame.',
         unit='s', low=0.0, high=3600.0,
     )
+    keyframe_distance_m: float = parameter(
+        0.0, 'With odometry, least way between two keyframes, unless the robot turns by a '
+        'twentieth of a turn; 0 takes every frame.', unit='m', low=0.0, high=1000.0,
+    )
     keyframe_overlap: float = parameter(
-        1.0, 'A frame more similar than this to the last reference is left out; '
-        '1 keeps every frame.', low=0.0, high=1.0,
+        1.0, 'A frame more similar than this to the last keyframe is passed over, which is '
+        'sooner in dim light; 1 takes every frame.', low=0.0, high=1.0,
     )
     thumbnail_width_px: int = parameter(
         128, 'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
         unit='px', low=0, high=640,
     )
+
+    @property
+    def spacing(self) -> dict[str, float]:
+        """What decides how far apart keyframes are, by name."""
+        return {
+            'keyframe_interval_s': self.keyframe_interval_s,
+            'keyframe_distance_m': self.keyframe_distance_m,
+            'keyframe_overlap': self.keyframe_overlap,
+        }
 
 
 @dataclass(frozen=True, slots=True)

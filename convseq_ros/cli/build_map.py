@@ -103,7 +103,7 @@ def build(
     source = open_source(recording, topic)
     track = PoseTrack(read_poses(recording, odom) if odom else [])
     started = time.monotonic()
-    writer = MapWriter(path, encoding, append)
+    writer = MapWriter(path, encoding, append, keyframes)
     before = len(writer)
     frames = unreadable = with_pose = 0
     interrupted = False
@@ -137,13 +137,15 @@ def _add_places(
     selector = KeyframeSelector(keyframes)
     committed = time.monotonic()
     for frame in frames:
-        place = None
+        place, pose = None, track.at(frame.stamp_ns)
         if frame.gray is None:
             print(f'warning: {frame.problem}', file=sys.stderr)
-        elif selector.wants(frame.stamp_ns, found := describe_image(frame.gray, writer.encoding)):
-            small = thumbnail(frame.gray, keyframes.thumbnail_width_px)
-            place = Place(frame.stamp_ns, frame.source, track.at(frame.stamp_ns))
-            writer.add(place, pack_cells(found.cells), small)
+        elif selector.is_due(frame.stamp_ns, pose):
+            found = describe_image(frame.gray, writer.encoding)
+            if selector.wants(frame.stamp_ns, found, pose):
+                small = thumbnail(frame.gray, keyframes.thumbnail_width_px)
+                place = Place(frame.stamp_ns, frame.source, pose)
+                writer.add(place, pack_cells(found.cells), small)
         yield frame, place
         if time.monotonic() - committed > _COMMIT_EVERY_S:
             writer.commit()

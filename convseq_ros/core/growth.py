@@ -4,8 +4,7 @@
 
 import math
 
-from convseq_ros.config import KeyframeConfig, OnlineConfig
-from convseq_ros.core.keyframes import KeyframeSelector
+from convseq_ros.config import OnlineConfig
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.thumbnail import thumbnail
 from convseq_ros.core.types import Descriptor, Frame, Pose
@@ -21,8 +20,8 @@ class Growth:
         Grows; what is in it already comes from earlier sessions.
     online : OnlineConfig
         What is recent.
-    keyframes : KeyframeConfig
-        Which frames are added.
+    thumbnail_width_px : int
+        Width of the pictures that are kept of its places; 0 for none.
 
     Attributes
     ----------
@@ -32,18 +31,17 @@ class Growth:
     """
 
     def __init__(
-        self, reference_map: ReferenceMap, online: OnlineConfig, keyframes: KeyframeConfig
+        self, reference_map: ReferenceMap, online: OnlineConfig, thumbnail_width_px: int
     ) -> None:
         self._map = reference_map
         self._exclusion_ns = round(online.exclusion_s * 1e9)
         self._exclusion_m = online.exclusion_m
-        self._keyframes = keyframes
+        self._width_px = thumbnail_width_px
         self.reset()
 
     def reset(self) -> None:
         """Begin a new session: all that is in the map is the past."""
         self.session_start = self._usable = len(self._map)
-        self._selector = KeyframeSelector(self._keyframes)
         self._pose: Pose | None = None
         self._travelled_m = 0.0
         self._passed_m: list[float] = []
@@ -69,10 +67,10 @@ class Growth:
         return self._usable
 
     def add(self, frame: Frame, descriptor: Descriptor) -> None:
-        """Add a frame to the map if it is worth keeping."""
-        if frame.gray is None or not self._selector.wants(frame.stamp_ns, descriptor):
+        """Add a frame to the map unless it could not be read."""
+        if frame.gray is None:
             return
-        small = thumbnail(frame.gray, self._keyframes.thumbnail_width_px)
+        small = thumbnail(frame.gray, self._width_px)
         place = Place(frame.stamp_ns, frame.source, frame.pose)
         self._map.add(place, pack_cells(descriptor.cells), small)
         self._passed_m.append(self._travelled_m)

@@ -6,14 +6,18 @@ import os
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map_reader import MapReader
 from convseq_ros.core.map_writer import MapWriter
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
 
-def open_map(path: Path, encoding: EncodingConfig | None = None) -> ReferenceMap:
+def open_map(
+    path: Path,
+    encoding: EncodingConfig | None = None,
+    keyframes: KeyframeConfig | None = None,
+) -> ReferenceMap:
     """
     Read a map: all that is searched in; cells and thumbnails when they are asked for.
 
@@ -23,6 +27,8 @@ def open_map(path: Path, encoding: EncodingConfig | None = None) -> ReferenceMap
         The file; it is not changed, and must stay where it is while the map is used.
     encoding : EncodingConfig, optional
         How query images will be encoded; without it the map's own settings are taken.
+    keyframes : KeyframeConfig, optional
+        How far apart those will be that are added; without it the map's own settings are taken.
 
     Raises
     ------
@@ -31,8 +37,8 @@ def open_map(path: Path, encoding: EncodingConfig | None = None) -> ReferenceMap
         Damaged cells are found when they are read.
 
     """
-    reader = MapReader(path, encoding)
-    return ReferenceMap(reader.encoding, reader.columns(), reader)
+    reader = MapReader(path, encoding, keyframes)
+    return ReferenceMap(reader.encoding, reader.columns(), reader, reader.keyframes)
 
 
 def save_map(reference_map: ReferenceMap, path: Path) -> None:
@@ -48,7 +54,9 @@ def save_map(reference_map: ReferenceMap, path: Path) -> None:
     part = path.with_name(path.name + '.part')
     try:
         part.unlink(missing_ok=True)
-        with MapWriter(part, reference_map.encoding) as writer:
+        with MapWriter(
+            part, reference_map.encoding, keyframes=reference_map.keyframes
+        ) as writer:
             copy_places(reference_map, writer, len(reference_map))
         os.replace(part, path)
     except (MapError, OSError) as error:
@@ -68,5 +76,5 @@ def copy_places(reference_map: ReferenceMap, writer: MapWriter, end: int) -> Non
 
 
 def describe_file(path: Path) -> dict[str, Any]:
-    """Return what a map file says about itself: encoding, the tool that made it, thumbnails."""
+    """Return what a map file says about itself: settings, the tool that made it, thumbnails."""
     return MapReader(path).about()

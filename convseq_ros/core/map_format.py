@@ -15,7 +15,8 @@ import sqlite3
 from typing import Any
 import zlib
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros import __version__
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.hog import BINS
 from convseq_ros.errors import ConfigError, MapError
@@ -85,11 +86,23 @@ def picture_crc(index: int, cells: bytes, thumbnail: bytes) -> int:
     return zlib.crc32(thumbnail, zlib.crc32(cells, zlib.crc32(b'%d' % index)))
 
 
-def checked_encoding(
-    path: Path, database: sqlite3.Connection, encoding: EncodingConfig | None
-) -> EncodingConfig:
+def about(encoding: EncodingConfig, keyframes: KeyframeConfig) -> dict[str, str]:
+    """Return what a new map says about itself, as it is stored."""
+    return {
+        'encoding': json.dumps(cell_settings(encoding)),
+        'keyframes': json.dumps(keyframes.spacing),
+        'tool': __version__,
+    }
+
+
+def checked_settings(
+    path: Path,
+    database: sqlite3.Connection,
+    encoding: EncodingConfig | None,
+    keyframes: KeyframeConfig | None,
+) -> tuple[EncodingConfig, KeyframeConfig]:
     """
-    Return how the images of a map were encoded.
+    Return how the images of a map were encoded, and how far apart they are.
 
     Parameters
     ----------
@@ -99,6 +112,9 @@ def checked_encoding(
         The map.
     encoding : EncodingConfig, optional
         How query images will be encoded; without it the map's own settings are taken.
+    keyframes : KeyframeConfig, optional
+        How far apart those will be that are added to it; without it the map's own settings are
+        taken. Every frame, in maps that do not say.
 
     Raises
     ------
@@ -114,16 +130,19 @@ def checked_encoding(
             f'{path}: map format {version}, this program reads {FORMAT_VERSION}; '
             f'{"update convseq_ros" if version > FORMAT_VERSION else "build the map again"}'
         )
-    about = dict(database.execute('SELECT name, value FROM about'))
+    said = dict(database.execute('SELECT name, value FROM about'))
     try:
-        settings = json.loads(about['encoding'])
+        settings = json.loads(said['encoding'])
         made_with = EncodingConfig(**settings)
+        apart = KeyframeConfig(**json.loads(said.get('keyframes', '{}')))
     except (KeyError, TypeError, ValueError, ConfigError) as error:
         raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
-    for name, wanted in cell_settings(encoding or made_with).items():
+    asked = cell_settings(encoding or made_with) | (keyframes or apart).spacing
+    settings |= apart.spacing
+    for name, wanted in asked.items():
         if settings.get(name) != wanted:
             raise MapError(
                 f'{path}: made with {name} {settings.get(name)}, asked for {wanted}; '
                 f'set {name} to {settings.get(name)} or build the map again'
             )
-    return encoding or made_with
+    return encoding or made_with, keyframes or apart

@@ -45,7 +45,9 @@ class MapKeeper:
         _refuse_read_only(path)
         self._path = path
         self._map = reference_map
-        self._writer = MapWriter(path, reference_map.encoding, append=path.exists())
+        self._writer = MapWriter(
+            path, reference_map.encoding, path.exists(), reference_map.keyframes
+        )
         self._lock = Lock()
         self._committed_ns: int | None = None
         self._has_failed = False

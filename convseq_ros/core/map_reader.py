@@ -14,9 +14,9 @@ from threading import Lock
 from typing import Any
 import weakref
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.hog import BINS, CELL_PX
-from convseq_ros.core.map_format import checked_encoding, decode_cells, picture_crc, place_crc
+from convseq_ros.core.map_format import checked_settings, decode_cells, picture_crc, place_crc
 from convseq_ros.core.reference_map import Columns, empty_columns, Picture
 from convseq_ros.errors import MapError
 import numpy as np
@@ -38,6 +38,8 @@ class MapReader:
         The file.
     encoding : EncodingConfig, optional
         How query images will be encoded; without it the map's own settings are taken.
+    keyframes : KeyframeConfig, optional
+        How far apart those will be that are added; without it the map's own settings are taken.
 
     Raises
     ------
@@ -47,7 +49,12 @@ class MapReader:
 
     """
 
-    def __init__(self, path: Path, encoding: EncodingConfig | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        encoding: EncodingConfig | None = None,
+        keyframes: KeyframeConfig | None = None,
+    ) -> None:
         self._path = path
         self._lock = Lock()
         with self._explained():
@@ -55,7 +62,9 @@ class MapReader:
             self._end = weakref.finalize(self, self._database.close)
             # A thread may still read when the process ends; what is only read needs no closing.
             self._end.atexit = False
-            self.encoding = checked_encoding(path, self._database, encoding)
+            self.encoding, self.keyframes = checked_settings(
+                path, self._database, encoding, keyframes
+            )
         side = self.encoding.image_size_px // CELL_PX
         self._cell_shape = side, side, BINS
 

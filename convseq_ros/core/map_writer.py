@@ -4,16 +4,14 @@
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-import json
 from pathlib import Path
 import sqlite3
 from typing import Self
 
-from convseq_ros import __version__
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map_format import (
-    cell_settings,
-    checked_encoding,
+    about,
+    checked_settings,
     encode_cells,
     picture_crc,
     place_crc,
@@ -39,7 +37,9 @@ class MapWriter:
     encoding : EncodingConfig
         How the images are encoded.
     append : bool
-        Add to an existing map, which must be of the same encoding.
+        Add to an existing map, which must have been made with the same settings.
+    keyframes : KeyframeConfig
+        How far apart they are.
 
     Attributes
     ----------
@@ -49,13 +49,20 @@ class MapWriter:
     Raises
     ------
     MapError
-        If a new file exists already, or an existing one is missing, foreign, damaged or of another
-        encoding; later, if the disk is full.
+        If a new file exists already, or an existing one is missing, foreign, damaged or made
+        with other settings; later, if the disk is full.
 
     """
 
-    def __init__(self, path: Path, encoding: EncodingConfig, append: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        encoding: EncodingConfig,
+        append: bool = False,
+        keyframes: KeyframeConfig = KeyframeConfig(),
+    ) -> None:
         self.encoding = encoding
+        self._keyframes = keyframes
         self._path = path
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to append to')
@@ -65,7 +72,7 @@ class MapWriter:
             self._database = sqlite3.connect(path, check_same_thread=False)
             try:
                 if append:
-                    checked_encoding(path, self._database, encoding)
+                    checked_settings(path, self._database, encoding, keyframes)
                 else:
                     self._begin()
                 last = 'SELECT coalesce(max(reference_index), -1) FROM places'
@@ -126,8 +133,8 @@ class MapWriter:
 
     def _begin(self) -> None:
         self._database.executescript(SCHEMA)
-        about = {'encoding': json.dumps(cell_settings(self.encoding)), 'tool': __version__}
-        self._database.executemany('INSERT INTO about VALUES (?, ?)', about.items())
+        facts = about(self.encoding, self._keyframes)
+        self._database.executemany('INSERT INTO about VALUES (?, ?)', facts.items())
         self._database.commit()
 
     @contextmanager

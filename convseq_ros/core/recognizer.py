@@ -11,6 +11,7 @@ from convseq_ros.core.acceptance import Acceptance
 from convseq_ros.core.candidates import best_candidates
 from convseq_ros.core.descriptor import describe, nothing_seen
 from convseq_ros.core.growth import Growth
+from convseq_ros.core.keyframes import KeyframeSelector
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.pace import Pace
@@ -18,7 +19,7 @@ from convseq_ros.core.query_buffer import QueryBuffer, Seen
 from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.retrieval import Shortlist
 from convseq_ros.core.sequence import choose_length, diagonal, Row
-from convseq_ros.core.shift import relative_yaw, shift_px
+from convseq_ros.core.shift import measured
 from convseq_ros.core.slope import SlopeSearch
 from convseq_ros.core.standstill import Standstill
 from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Pose, Reason, Status
@@ -60,14 +61,20 @@ class PlaceRecognizer:
         self._frames = 0
         self._last_stamp_ns: int | None = None
         self._answer: Match | None = None
+        self._is_news = False
         self._nothing = nothing_seen(config.encoding)
         self._standstill = Standstill(config.motion, own_way)
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
-        self._pace = Pace() if own_way and chosen.speed_search else None
+        online = config.online.mode == 'online'
+        apart = config.keyframes if online else reference_map.keyframes
+        self._keyframes = KeyframeSelector(apart)
+        is_paced = own_way and chosen.speed_search and self._keyframes.keeps_pace
+        self._pace = Pace() if is_paced else None
         self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
         self._growth: Growth | None = None
-        if config.online.mode == 'online':
-            self._growth = Growth(reference_map, config.online, config.keyframes)
+        if online:
+            width_px = config.keyframes.thumbnail_width_px
+            self._growth = Growth(reference_map, config.online, width_px)
         self._shortlist: Shortlist | None = None
         if chosen.search == 'shortlist':
             self._shortlist = Shortlist(
@@ -95,9 +102,11 @@ class PlaceRecognizer:
         """Forget the frames seen so far; counting goes on, and so does the map."""
         self._buffer.clear()
         self._last_stamp_ns = self._answer = None
-        for stage in (self._acceptance, self._standstill, self._pace, self._slopes):
-            if stage:
-                stage.reset()
+        for stage in (self._keyframes, self._standstill, self._acceptance):
+            stage.reset()
+        for of_own_way in (self._pace, self._slopes):
+            if of_own_way:
+                of_own_way.reset()
 
     def process(self, frame: Frame) -> Match:
         """
@@ -113,19 +122,22 @@ class PlaceRecognizer:
         Notes
         -----
         With the following departures from the paper, the last three with coherent matching only:
-        (1) in online mode the frame is added to the map afterwards; (2) a robot that stands still
-        is told the same again; (3) frames that a steady stream lacks, by its stamps, hold their
-        places in the sequence; (4) a drive at another speed than the map's is followed.
+        (1) in online mode the frame is added to the map afterwards; (2) if the map's places are
+        keyframes, frames in between are told the same again; (3) a robot that stands still is,
+        too; (4) frames that a steady stream lacks, by its stamps, hold their places in the
+        sequence; (5) a drive at another speed than the map's is followed.
 
         """
         if frame.gray is None:
             match = self.recognize(frame.stamp_ns, self._nothing, frame.pose)
             return replace(match, reason=Reason.UNREADABLE)
-        descriptor = describe(frame.gray, self.config.encoding)
+        descriptor = self._nothing
+        if self._keyframes.is_due(frame.stamp_ns, frame.pose):
+            descriptor = describe(frame.gray, self.config.encoding)
         match = self.recognize(frame.stamp_ns, descriptor, frame.pose)
-        if self._growth and match.reason not in (Reason.STATIONARY, Reason.OUT_OF_ORDER):
+        if self._growth and self._is_news:
             self._growth.add(frame, descriptor)
-        return _measured(match, frame, descriptor)
+        return measured(match, frame, descriptor)
 
     def recognize(
         self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None
@@ -133,11 +145,19 @@ class PlaceRecognizer:
         """Do what `process` does, but for the map, for a frame that is described already."""
         answer = partial(Match, self._frames, stamp_ns)
         self._frames += 1
+        self._is_news = False
         if not self._in_order(stamp_ns):
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
+        if not self._keyframes.is_due(stamp_ns, pose):
+            return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)
+        if not self._keyframes.wants(stamp_ns, descriptor, pose):
+            if not descriptor.informative:
+                return answer(Status.SKIPPED, Reason.UNINFORMATIVE)
+            return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)
         missing = self._pace.missing(stamp_ns) if self._pace else 0
         if self._standstill.holds(descriptor, pose):
-            return self._the_same(answer)
+            return self._the_same(answer, Reason.STATIONARY)
+        self._is_news = True
         self._hold_places(missing)
         usable = len(self.reference_map)
         if self._growth:
@@ -229,13 +249,13 @@ class PlaceRecognizer:
             return np.zeros(0, np.int64)
         return self._shortlist.ends([one.first_sight for one in window], slope, length)
 
-    def _the_same(self, answer: Callable[..., Match]) -> Match:
-        """Answer once more as for the last frame that moved; it is no news, so no match."""
+    def _the_same(self, answer: Callable[..., Match], reason: Reason) -> Match:
+        """Answer once more as for the last frame that was news; this is none, so no match."""
         last = self._answer
         if last is None or not last.candidates:
-            return answer(Status.SKIPPED, Reason.STATIONARY)
+            return answer(Status.SKIPPED, reason)
         return answer(
-            Status.REJECTED, Reason.STATIONARY, last.candidates, last.sequence_length,
+            Status.REJECTED, reason, last.candidates, last.sequence_length,
             confidence=last.confidence,
         )  # fmt: skip
 
@@ -277,14 +297,3 @@ class PlaceRecognizer:
         best = candidates[0]
         shift = self.matcher.shift(seen.query, best.reference_index)
         return replace(best, shift=shift), *candidates[1:]
-
-
-def _measured(match: Match, frame: Frame, descriptor: Descriptor) -> Match:
-    """Add what a shift means in the frame's own pixels, and to its camera."""
-    best = match.best
-    if best is None or best.shift is None or frame.gray is None:
-        return match
-    height, width = frame.gray.shape
-    moved_px = shift_px(best.shift, height, width, descriptor.cells.shape[1])
-    yaw_rad = relative_yaw(moved_px, frame.camera) if frame.camera else None
-    return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

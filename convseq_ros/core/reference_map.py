@@ -8,7 +8,7 @@ import sys
 from threading import Lock
 from typing import overload, Protocol
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.growing_array import GrowingArray
 from convseq_ros.core.hog import BINS, CELL_PX
@@ -121,6 +121,8 @@ class ReferenceMap:
         What is known of places whose pictures are stored; none by default.
     pictures : Pictures, optional
         Where these are stored.
+    keyframes : KeyframeConfig
+        How far apart its places are; what is matched with them shall be as well.
 
     Notes
     -----
@@ -133,8 +135,10 @@ class ReferenceMap:
         encoding: EncodingConfig = EncodingConfig(),
         columns: Columns | None = None,
         pictures: Pictures | None = None,
+        keyframes: KeyframeConfig = KeyframeConfig(),
     ) -> None:
         self.encoding = encoding
+        self.keyframes = keyframes
         columns = columns or empty_columns(self.cell_shape)
         self._stamps_ns = GrowingArray(columns.stamps_ns)
         self._sources = columns.sources

@@ -48,9 +48,10 @@ class Session:
         self.path = path
         self.is_growing = config.online.mode == 'online'
         if path is None or (self.is_growing and not path.exists()):
-            reference_map = ReferenceMap(config.encoding)
+            reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
         else:
-            reference_map = open_map(path, config.encoding)
+            added = config.keyframes if self.is_growing else None
+            reference_map = open_map(path, config.encoding, added)
         self.committed_s: float | None = None
         self._keeper: MapKeeper | None = None
         if path is not None and self.is_growing:
@@ -66,6 +67,11 @@ class Session:
     def kept(self) -> int:
         """Places that are safe in the file."""
         return self._keeper.committed if self._keeper else 0
+
+    @property
+    def keyframes_m(self) -> float:
+        """Way between the map's keyframes, and so between queries if there is odometry; or 0."""
+        return self.recognizer.reference_map.keyframes.keyframe_distance_m
 
     @property
     def added(self) -> int:

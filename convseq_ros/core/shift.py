@@ -8,9 +8,10 @@ counter-clockwise seen from above and a positive yaw (REP-103), sees things furt
 reference does; so the way from query to reference is to the left, and columns are negative.
 """
 
+from dataclasses import replace
 import math
 
-from convseq_ros.core.types import Camera, Shift
+from convseq_ros.core.types import Camera, Descriptor, Frame, Match, Shift
 
 
 def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
@@ -61,3 +62,14 @@ def relative_yaw(shift_px: Shift, camera: Camera) -> float:
 
     """
     return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
+
+
+def measured(match: Match, frame: Frame, descriptor: Descriptor) -> Match:
+    """Return an answer with what its shift means in the frame's own pixels, and to its camera."""
+    best = match.best
+    if best is None or best.shift is None or frame.gray is None:
+        return match
+    height, width = frame.gray.shape
+    moved_px = shift_px(best.shift, height, width, descriptor.cells.shape[1])
+    yaw_rad = relative_yaw(moved_px, frame.camera) if frame.camera else None
+    return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

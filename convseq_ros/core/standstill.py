@@ -49,7 +49,7 @@ class Standstill:
         if not descriptor.informative:
             return False
         if pose and self._pose and self._config.stationary_m:
-            still = _near(pose, self._pose, self._config.stationary_m)
+            still = near(pose, self._pose, self._config.stationary_m)
         else:
             still = self._looks_alike(descriptor)
         if not still:
@@ -63,7 +63,8 @@ class Standstill:
         return similarity(descriptor, last) > self._config.stationary_overlap
 
 
-def _near(pose: Pose, other: Pose, distance_m: float) -> bool:
+def near(pose: Pose, other: Pose, distance_m: float) -> bool:
+    """Return whether a pose is nearer than this to another, and turned by less than a 20th."""
     cosine = abs(sum(a * b for a, b in zip(pose.orientation, other.orientation, strict=True)))
     turn_rad = 2 * math.acos(min(cosine, 1.0))
     return math.dist(pose.position, other.position) < distance_m and turn_rad < _TURN_RAD

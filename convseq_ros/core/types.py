@@ -127,6 +127,7 @@ class Reason(StrEnum):
     COOL_DOWN = 'cool_down'
     RECENT = 'recent'
     STATIONARY = 'stationary'
+    BETWEEN_KEYFRAMES = 'between_keyframes'
     WARMING_UP = 'warming_up'
     UNINFORMATIVE = 'uninformative'
     UNREADABLE = 'unreadable'

@@ -157,7 +157,9 @@ def _online(material: Material, config: Config) -> Config:
 def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any]]:
     online = config.online.mode == 'online'
     _, reference = material.drives(config.encoding)
-    reference_map = ReferenceMap(config.encoding) if online else reference.reference_map
+    reference_map = reference.reference_map
+    if online:
+        reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
     recognizer = PlaceRecognizer(reference_map, config)
     recognizer.matcher.warm_up()
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}

@@ -15,7 +15,7 @@ from convseq_ros.evaluation.drive import Drive
 
 def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
     """Return a map of the references from `first` to before `last`."""
-    part = ReferenceMap(whole.encoding)
+    part = ReferenceMap(whole.encoding, keyframes=whole.keyframes)
     for index in range(first, last):
         part.add(whole.places[index], whole.packed(index))
     return part

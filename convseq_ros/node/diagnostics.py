@@ -142,7 +142,13 @@ class Diagnostics:
             )
         if dropped_now:
             return DiagnosticStatus.WARN, (
-                f'{dropped_now} frames dropped: they come faster than they are processed'
+                f'{dropped_now} frames dropped: they come faster than they are processed; have '
+                'fewer sent, or a map of keyframes (keyframe_interval_s)'
+            )
+        if situation.session.keyframes_m and not situation.odometry_heard:
+            return DiagnosticStatus.WARN, (
+                f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
+                'odometry by which to look as often; remap it: -r odom:=TOPIC'
             )
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'

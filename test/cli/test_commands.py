@@ -77,11 +77,40 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
 
 def test_maps_are_appended_to(drive, tmp_path, capsys):
     path = tmp_path / 'map.db'
-    assert main(['build-map', str(drive), str(path), '--keyframe-interval-s', '0.2']) == 0
+    assert main(['build-map', str(drive), str(path)]) == 0
     assert main(['build-map', str(drive), str(path), '--append', '--json']) == 0
     built = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert built['added'] == COUNT and built['references'] == COUNT // 2 + COUNT
+    assert built['added'] == COUNT and built['references'] == 2 * COUNT
     assert len(open_map(path)) == built['references']
+
+
+def test_a_map_of_keyframes_is_replayed_at_keyframes_and_appended_to_alike(
+    drive, tmp_path, capsys
+):
+    path, output = tmp_path / 'map.db', tmp_path / 'result.csv'
+    build = ['build-map', str(drive), str(path)]
+    assert main([*build, '--keyframe-interval-s', '0.2']) == 0
+    assert len(open_map(path)) == COUNT // 2
+    arguments = ['replay', str(drive), '--map', str(path), '--output', str(output)]
+    assert main([*arguments, '--fixed-length', '3']) == 0
+    rows = read_results(output)
+    assert {row['reason'] for row in rows[1::2]} == {'between_keyframes'}
+    assert [row['best_index'] for row in rows[4::2]] == [*map(str, range(2, COUNT // 2))]
+    capsys.readouterr()
+    assert main([*build, '--append']) == 1
+    assert 'set keyframe_interval_s to 0.2' in capsys.readouterr().err
+    assert main([*build, '--append', '--keyframe-interval-s', '0.2']) == 0
+    assert len(open_map(path)) == 2 * (COUNT // 2)
+
+
+def test_keyframes_by_odometry_without_odometry_are_warned_about(drive, tmp_path, capsys):
+    path, output = tmp_path / 'map.db', tmp_path / 'result.csv'
+    assert main(['build-map', str(drive), str(path), '--keyframe-distance-m', '1.5']) == 0
+    assert len(open_map(path)) == COUNT
+    assert main(['replay', str(drive), '--map', str(path), '--output', str(output)]) == 0
+    assert 'a place every 1.5 m; without --odom every frame' in capsys.readouterr().err
+    reasons = {row['reason'] for row in read_results(output)}
+    assert 'between_keyframes' not in reasons
 
 
 def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_path):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map that grows from the robot's own past."""
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig, OnlineConfig
+from convseq_ros.config import EncodingConfig, OnlineConfig
 from convseq_ros.core.descriptor import describe, nothing_seen
 from convseq_ros.core.growth import Growth
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
@@ -20,12 +20,12 @@ def at(x):
     return Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def grown(online, seconds, poses=None, earlier=0, keyframes=KeyframeConfig()):
+def grown(online, seconds, poses=None, earlier=0):
     """Drive for some seconds; return the growth and how much was usable at each."""
     reference_map = ReferenceMap(SMALL)
     for index in range(earlier):
         reference_map.add(Place(index), pack_cells(SEEN.cells))
-    growth = Growth(reference_map, online, keyframes)
+    growth = Growth(reference_map, online, 0)
     usable = []
     for second in range(seconds):
         pose = poses[second] if poses else None
@@ -63,12 +63,6 @@ def test_a_place_holds_what_a_built_map_holds():
     place = reference_map.places[1]
     assert (place.stamp_ns, place.source, place.pose) == (SECOND, 'camera', at(3))
     assert np.array_equal(reference_map.packed(1), pack_cells(SEEN.cells))
-
-
-def test_keyframes_are_chosen_as_for_a_built_map():
-    spaced = KeyframeConfig(keyframe_interval_s=3.0)
-    _, reference_map, _ = grown(OnlineConfig(), 10, keyframes=spaced)
-    assert [place.stamp_ns // SECOND for place in reference_map.places] == [0, 3, 6, 9]
 
 
 def test_a_frame_that_could_not_be_read_is_no_place():

@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which frames become references."""
 
+import math
+
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.descriptor import describe, nothing_seen
 from convseq_ros.core.keyframes import KeyframeSelector
+from convseq_ros.core.types import Pose
 import numpy as np
+import pytest
 
 BLANK = nothing_seen(EncodingConfig())
 
@@ -40,3 +44,49 @@ def test_a_scene_that_did_not_change_is_left_out():
 
 def test_blank_frames_are_left_out_when_the_scene_decides():
     assert not KeyframeSelector(KeyframeConfig(keyframe_overlap=0.9)).wants(0, BLANK)
+
+
+def at(x, turned_rad=0.0):
+    return Pose((x, 0.0, 0.0), (0.0, 0.0, math.sin(turned_rad / 2), math.cos(turned_rad / 2)))
+
+
+def test_by_odometry_frames_are_kept_at_the_way_asked_for_however_long_it_takes():
+    selector = KeyframeSelector(KeyframeConfig(keyframe_distance_m=1.0))
+    way = [0.0, 0.6, 0.9, 1.1, 1.1, 1.1, 1.9, 2.2, 9.0]
+    kept = [x for time, x in enumerate(way) if selector.wants(time, BLANK, at(x))]
+    assert kept == [0.0, 1.1, 2.2, 9.0]
+
+
+def test_turning_on_the_spot_makes_keyframes():
+    selector = KeyframeSelector(KeyframeConfig(keyframe_distance_m=1.0))
+    turns = [0.0, 0.2, 0.4, 0.6, 0.8]
+    assert [selector.wants(0, BLANK, at(0, turn)) for turn in turns] == [
+        True, False, True, False, True
+    ]  # fmt: skip
+
+
+def test_without_odometry_the_way_decides_nothing():
+    selector = KeyframeSelector(KeyframeConfig(keyframe_distance_m=1.0))
+    poses = [None, at(0), None, at(0), at(0)]
+    assert [selector.wants(0, BLANK, pose) for pose in poses] == [True, True, True, True, False]
+
+
+def test_a_frame_that_is_only_asked_about_is_no_keyframe():
+    selector = KeyframeSelector(KeyframeConfig(keyframe_interval_s=1.0))
+    assert all(selector.is_due(0) for _ in range(3)) and selector.wants(0, BLANK)
+    assert not selector.is_due(1)
+    selector.reset()
+    assert selector.is_due(1)
+
+
+@pytest.mark.parametrize(
+    ('settings', 'expected'),
+    [
+        ({}, True),
+        ({'keyframe_interval_s': 0.5}, True),
+        ({'keyframe_distance_m': 0.5}, False),
+        ({'keyframe_overlap': 0.9}, False),
+    ],
+)
+def test_only_by_time_do_keyframes_keep_the_pace_of_a_camera(settings, expected):
+    assert KeyframeSelector(KeyframeConfig(**settings)).keeps_pace == expected

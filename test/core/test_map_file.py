@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import sys
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core import map_format
 from convseq_ros.core import reference_map as reference_map_module
 from convseq_ros.core.compiled import available
@@ -95,6 +95,23 @@ def test_a_map_is_not_overwritten_by_mistake(map_path):
 def test_appending_with_other_settings_is_refused(map_path):
     with pytest.raises(MapError, match='image_size_px 64, asked for 512'):
         MapWriter(map_path, EncodingConfig(), append=True)
+
+
+def test_a_map_knows_how_far_apart_its_places_are(tmp_path):
+    path, apart = tmp_path / 'map.db', KeyframeConfig(keyframe_interval_s=0.5)
+    save_map(ReferenceMap(ENCODING, keyframes=apart), path)
+    assert open_map(path).keyframes.spacing == apart.spacing
+    assert open_map(path, ENCODING, apart).keyframes == apart
+    with pytest.raises(MapError, match=r'interval_s 0.5, asked for 0.0; set keyframe_interval_s'):
+        open_map(path, ENCODING, KeyframeConfig())
+    with pytest.raises(MapError, match=r'keyframe_interval_s 0.5, asked for 2'):
+        MapWriter(path, ENCODING, True, KeyframeConfig(keyframe_interval_s=2))
+
+
+def test_a_map_that_does_not_say_holds_every_frame(map_path):
+    with sqlite3.connect(map_path) as database:
+        database.execute("DELETE FROM about WHERE name = 'keyframes'")
+    assert open_map(map_path, ENCODING, KeyframeConfig()).keyframes == KeyframeConfig()
 
 
 def test_opening_does_not_change_the_file(map_path):

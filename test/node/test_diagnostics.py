@@ -6,8 +6,12 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.config import KeyframeConfig
+from convseq_ros.core.map_file import save_map
+from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.node import diagnostics as module
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
 
@@ -41,6 +45,29 @@ def test_a_node_that_gets_images_is_well(client, vpr, map_path, street, image):
     assert status.level == DiagnosticStatus.OK
     keys = {item.key for item in status.values}
     assert {'received_hz', 'processed_hz', 'queue', 'dropped', 'latency_ms', 'last_reason'} <= keys
+
+
+def test_keyframes_by_odometry_that_nobody_sends_are_a_warning(
+    client, vpr, street, image, tmp_path
+):
+    path = tmp_path / 'spaced.db'
+    save_map(ReferenceMap(keyframes=KeyframeConfig(keyframe_distance_m=1.5)), path)
+    vpr(map_path=path, mode='online', keyframe_distance_m=1.5, **PERIOD)
+    camera = client.camera(Image)
+    status = status_with(client, 'a place every 1.5 m, but there is no odometry')
+    assert status.level == DiagnosticStatus.WARN
+    odometry = client.node.create_publisher(Odometry, '/odom', 1)
+
+    message = Odometry()
+    message.header.stamp.sec, message.pose.pose.orientation.w = 1, 1.0
+
+    def told():
+        odometry.publish(message)
+        camera.publish(image(street[0], SECOND))
+        return len(heard) and heard[-1].status[0].level == DiagnosticStatus.OK
+
+    heard = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_for(told)
 
 
 def test_a_node_with_the_same_name_is_a_warning(client, vpr, map_path):

@@ -94,16 +94,19 @@ def rows_of(table):
     ]
 
 
-def test_the_node_answers_as_replay_and_makes_the_same_map(client, start, recording, tmp_path):
-    options = []
-    for name, value in PARAMETERS.items():
+@pytest.mark.parametrize('spacing', [{}, {'keyframe_distance_m': 1.5}])
+def test_the_node_answers_as_replay_and_makes_the_same_map(
+    client, start, recording, tmp_path, spacing
+):
+    options, parameters = [], PARAMETERS | spacing
+    for name, value in parameters.items():
         options += ['--' + name.replace('_', '-'), str(value).lower()]
     offline, live = tmp_path / 'offline.csv', tmp_path / 'live.csv'
     assert main([
         'replay', str(recording), '--map', str(tmp_path / 'offline.db'), '--output', str(offline),
         '--odom', '/wheels', '--camera-info', '/cam/info', *options,
     ]) == 0  # fmt: skip
-    settings = PARAMETERS | {
+    settings = parameters | {
         'map_path': tmp_path / 'live.db', 'result_file': live, 'queue_size': 1000,
     }
     node = start(
@@ -131,6 +134,11 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(client, start, record
         place.stamp_ns for place in maps[1].places
     ]
     # The drive must be worth the comparison.
+    if spacing:
+        reasons = [row['reason'] for row in expected]
+        assert reasons.count('between_keyframes') > 15 and 'accepted' in reasons
+        assert len(maps[1]) < len(PLACES) - 15
+        return
     assert {'accepted', 'recent', 'stationary', 'ambiguous'} <= {
         row['reason'] for row in expected
     }
