@@ -195,8 +195,8 @@ class KeyframeConfig(Checked):
     """
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Least time between two keyframes; 0 takes every frame.',
-        unit='s', low=0.0, high=3600.0,
+        0.0, 'Least time between two keyframes, of which a camera may be a tenth early; '
+        '0 takes every frame.', unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
         0.0, 'With odometry, least way between two keyframes, unless the robot turns by a '

@@ -7,6 +7,9 @@ from convseq_ros.core.matching.regional import similarity
 from convseq_ros.core.standstill import near
 from convseq_ros.core.types import Descriptor, Pose
 
+# A frame that comes a little early is the one that is due: no camera keeps time exactly.
+_EARLIEST = 0.9
+
 
 class KeyframeSelector:
     """
@@ -21,8 +24,9 @@ class KeyframeSelector:
 
     def __init__(self, config: KeyframeConfig) -> None:
         self._config = config
-        self._interval_ns = round(config.keyframe_interval_s * 1e9)
-        self._last: tuple[int, Descriptor, Pose | None] | None = None
+        self._interval_ns = round(_EARLIEST * config.keyframe_interval_s * 1e9)
+        self._last: tuple[int, Descriptor] | None = None
+        self._pose: Pose | None = None
 
     @property
     def keeps_pace(self) -> bool:
@@ -31,20 +35,17 @@ class KeyframeSelector:
 
     def reset(self) -> None:
         """Forget the frames chosen so far."""
-        self._last = None
+        self._last = self._pose = None
 
     def is_due(self, stamp_ns: int, pose: Pose | None = None) -> bool:
         """Return whether a frame is far enough from the last keyframe, whatever it shows."""
-        if self._last is None:
+        if self._last is None or stamp_ns < self._last[0]:
             return True
-        last_ns, _, last_pose = self._last
-        if stamp_ns < last_ns:
-            return True
-        if stamp_ns - last_ns < self._interval_ns:
+        if stamp_ns - self._last[0] < self._interval_ns:
             return False
-        if pose is None or last_pose is None:
+        if pose is None or self._pose is None:
             return True
-        return not near(pose, last_pose, self._config.keyframe_distance_m)
+        return not near(pose, self._pose, self._config.keyframe_distance_m)
 
     def wants(self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None) -> bool:
         """
@@ -59,5 +60,5 @@ class KeyframeSelector:
             return False
         if overlap < 1.0 and self._last and similarity(descriptor, self._last[1]) > overlap:
             return False
-        self._last = stamp_ns, descriptor, pose
+        self._last, self._pose = (stamp_ns, descriptor), pose or self._pose
         return True

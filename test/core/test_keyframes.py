@@ -65,10 +65,18 @@ def test_turning_on_the_spot_makes_keyframes():
     ]  # fmt: skip
 
 
-def test_without_odometry_the_way_decides_nothing():
+def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():
+    selector = KeyframeSelector(KeyframeConfig(keyframe_interval_s=0.2))
+    jitter_ms = np.random.default_rng(0).integers(-6, 7, 40)
+    stamps = (np.arange(40) * 100 + jitter_ms) * 1_000_000
+    kept = [index for index, stamp in enumerate(stamps) if selector.wants(int(stamp), BLANK)]
+    assert kept == [*range(0, 40, 2)]
+
+
+def test_a_frame_whose_pose_is_not_known_is_kept():
     selector = KeyframeSelector(KeyframeConfig(keyframe_distance_m=1.0))
     poses = [None, at(0), None, at(0), at(0)]
-    assert [selector.wants(0, BLANK, pose) for pose in poses] == [True, True, True, True, False]
+    assert [selector.wants(0, BLANK, pose) for pose in poses] == [True, True, True, False, False]
 
 
 def test_a_frame_that_is_only_asked_about_is_no_keyframe():
