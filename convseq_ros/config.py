@@ -195,16 +195,16 @@ class KeyframeConfig(Checked):
     """
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Least time between two keyframes, of which a camera may be a tenth early; '
-        '0 takes every frame.', unit='s', low=0.0, high=3600.0,
+        0.0, 'Least time between two keyframes, of which a camera may be a tenth early.',
+        unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
         0.0, 'With odometry, least way between two keyframes, unless the robot turns by a '
-        'twentieth of a turn; 0 takes every frame.', unit='m', low=0.0, high=1000.0,
+        'twentieth of a turn.', unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
-        1.0, 'A frame more similar than this to the last keyframe is passed over, which is '
-        'sooner in dim light; 1 takes every frame.', low=0.0, high=1.0,
+        0.75, 'A frame of which a larger share than this moved together since the last keyframe '
+        'is passed over; 1 takes every frame, as the paper does.', low=0.0, high=1.0,
     )
     thumbnail_width_px: int = parameter(
         128, 'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
@@ -219,6 +219,9 @@ class KeyframeConfig(Checked):
             'keyframe_distance_m': self.keyframe_distance_m,
             'keyframe_overlap': self.keyframe_overlap,
         }
+
+
+EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
 
 @dataclass(frozen=True, slots=True)

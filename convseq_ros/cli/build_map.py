@@ -134,7 +134,7 @@ def _add_places(
     frames: Iterable[Frame], writer: MapWriter, track: PoseTrack, keyframes: KeyframeConfig
 ) -> Iterator[tuple[Frame, Place | None]]:
     """Add what is worth keeping; yield every frame with the place that it became."""
-    selector = KeyframeSelector(keyframes)
+    selector = KeyframeSelector(keyframes, writer.encoding)
     committed = time.monotonic()
     for frame in frames:
         place, pose = None, track.at(frame.stamp_ns)

@@ -4,7 +4,7 @@
 
 import math
 
-from convseq_ros.config import OnlineConfig
+from convseq_ros.config import Config
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.thumbnail import thumbnail
 from convseq_ros.core.types import Descriptor, Frame, Pose
@@ -18,10 +18,8 @@ class Growth:
     ----------
     reference_map : ReferenceMap
         Grows; what is in it already comes from earlier sessions.
-    online : OnlineConfig
-        What is recent.
-    thumbnail_width_px : int
-        Width of the pictures that are kept of its places; 0 for none.
+    config : Config
+        What is recent, and how wide the pictures are that are kept of its places.
 
     Attributes
     ----------
@@ -30,13 +28,11 @@ class Growth:
 
     """
 
-    def __init__(
-        self, reference_map: ReferenceMap, online: OnlineConfig, thumbnail_width_px: int
-    ) -> None:
+    def __init__(self, reference_map: ReferenceMap, config: Config) -> None:
         self._map = reference_map
-        self._exclusion_ns = round(online.exclusion_s * 1e9)
-        self._exclusion_m = online.exclusion_m
-        self._width_px = thumbnail_width_px
+        self._exclusion_ns = round(config.online.exclusion_s * 1e9)
+        self._exclusion_m = config.online.exclusion_m
+        self._width_px = config.keyframes.thumbnail_width_px
         self.reset()
 
     def reset(self) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which frames of a drive become references, and which are matched with them."""
 
-from convseq_ros.config import KeyframeConfig
-from convseq_ros.core.matching.regional import similarity
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.matching.overlap import Overlap
 from convseq_ros.core.standstill import near
 from convseq_ros.core.types import Descriptor, Pose
 
@@ -13,35 +13,39 @@ _EARLIEST = 0.9
 
 class KeyframeSelector:
     """
-    Chooses frames that are apart by time, way and scene; every frame by default.
+    Chooses frames that are apart by scene, time and way.
 
     Parameters
     ----------
     config : KeyframeConfig
-        Least time and way, and largest similarity, between two keyframes.
+        Largest overlap, and least time and way, between two keyframes.
+    encoding : EncodingConfig
+        What is salient, which overlaps are about.
 
     """
 
-    def __init__(self, config: KeyframeConfig) -> None:
+    def __init__(
+        self, config: KeyframeConfig, encoding: EncodingConfig = EncodingConfig()
+    ) -> None:
         self._config = config
         self._interval_ns = round(_EARLIEST * config.keyframe_interval_s * 1e9)
-        self._last: tuple[int, Descriptor] | None = None
+        self._overlap: Overlap | None = None
+        if config.keyframe_overlap < 1.0:
+            self._overlap = Overlap(encoding.saliency_threshold)
+        self._last_ns: int | None = None
         self._pose: Pose | None = None
-
-    @property
-    def keeps_pace(self) -> bool:
-        """Whether the keyframes of a steady stream are one, since time alone decides."""
-        return not self._config.keyframe_distance_m and self._config.keyframe_overlap == 1.0
 
     def reset(self) -> None:
         """Forget the frames chosen so far."""
-        self._last = self._pose = None
+        self._last_ns = self._pose = None
+        if self._overlap:
+            self._overlap.forget()
 
     def is_due(self, stamp_ns: int, pose: Pose | None = None) -> bool:
         """Return whether a frame is far enough from the last keyframe, whatever it shows."""
-        if self._last is None or stamp_ns < self._last[0]:
+        if self._last_ns is None or stamp_ns < self._last_ns:
             return True
-        if stamp_ns - self._last[0] < self._interval_ns:
+        if stamp_ns - self._last_ns < self._interval_ns:
             return False
         if pose is None or self._pose is None:
             return True
@@ -53,12 +57,13 @@ class KeyframeSelector:
 
         Uninformative frames are wanted only where the scene does not decide.
         """
-        overlap = self._config.keyframe_overlap
         if not self.is_due(stamp_ns, pose):
             return False
-        if overlap < 1.0 and not descriptor.informative:
-            return False
-        if overlap < 1.0 and self._last and similarity(descriptor, self._last[1]) > overlap:
-            return False
-        self._last, self._pose = (stamp_ns, descriptor), pose or self._pose
+        if self._overlap:
+            if not descriptor.informative:
+                return False
+            if self._overlap.of(descriptor) > self._config.keyframe_overlap:
+                return False
+            self._overlap.remember(descriptor)
+        self._last_ns, self._pose = stamp_ns, pose or self._pose
         return True

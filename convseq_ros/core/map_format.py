@@ -16,7 +16,7 @@ from typing import Any
 import zlib
 
 from convseq_ros import __version__
-from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.hog import BINS
 from convseq_ros.errors import ConfigError, MapError
@@ -134,7 +134,9 @@ def checked_settings(
     try:
         settings = json.loads(said['encoding'])
         made_with = EncodingConfig(**settings)
-        apart = KeyframeConfig(**json.loads(said.get('keyframes', '{}')))
+        apart = EVERY_FRAME
+        if 'keyframes' in said:
+            apart = KeyframeConfig(**json.loads(said['keyframes']))
     except (KeyError, TypeError, ValueError, ConfigError) as error:
         raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
     asked = cell_settings(encoding or made_with) | (keyframes or apart).spacing

@@ -8,7 +8,7 @@ from pathlib import Path
 import sqlite3
 from typing import Self
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.map_format import (
     about,
     checked_settings,
@@ -59,7 +59,7 @@ class MapWriter:
         path: Path,
         encoding: EncodingConfig,
         append: bool = False,
-        keyframes: KeyframeConfig = KeyframeConfig(),
+        keyframes: KeyframeConfig = EVERY_FRAME,
     ) -> None:
         self.encoding = encoding
         self._keyframes = keyframes

@@ -67,14 +67,12 @@ class PlaceRecognizer:
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
         online = config.online.mode == 'online'
         apart = config.keyframes if online else reference_map.keyframes
-        self._keyframes = KeyframeSelector(apart)
-        is_paced = own_way and chosen.speed_search and self._keyframes.keeps_pace
-        self._pace = Pace() if is_paced else None
+        self._keyframes = KeyframeSelector(apart, config.encoding)
+        self._pace = Pace() if own_way and chosen.speed_search else None
         self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
         self._growth: Growth | None = None
         if online:
-            width_px = config.keyframes.thumbnail_width_px
-            self._growth = Growth(reference_map, config.online, width_px)
+            self._growth = Growth(reference_map, config)
         self._shortlist: Shortlist | None = None
         if chosen.search == 'shortlist':
             self._shortlist = Shortlist(
@@ -102,11 +100,10 @@ class PlaceRecognizer:
         """Forget the frames seen so far; counting goes on, and so does the map."""
         self._buffer.clear()
         self._last_stamp_ns = self._answer = None
-        for stage in (self._keyframes, self._standstill, self._acceptance):
-            stage.reset()
-        for of_own_way in (self._pace, self._slopes):
-            if of_own_way:
-                of_own_way.reset()
+        stages = self._keyframes, self._standstill, self._acceptance, self._pace, self._slopes
+        for stage in stages:
+            if stage:
+                stage.reset()
 
     def process(self, frame: Frame) -> Match:
         """
@@ -148,17 +145,19 @@ class PlaceRecognizer:
         self._is_news = False
         if not self._in_order(stamp_ns):
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
+        if self._pace:
+            self._pace.missing(stamp_ns)
         if not self._keyframes.is_due(stamp_ns, pose):
             return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)
+        if self._standstill.holds(descriptor, pose):
+            self._missing()
+            return self._the_same(answer, Reason.STATIONARY)
         if not self._keyframes.wants(stamp_ns, descriptor, pose):
             if not descriptor.informative:
                 return answer(Status.SKIPPED, Reason.UNINFORMATIVE)
             return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)
-        missing = self._pace.missing(stamp_ns) if self._pace else 0
-        if self._standstill.holds(descriptor, pose):
-            return self._the_same(answer, Reason.STATIONARY)
         self._is_news = True
-        self._hold_places(missing)
+        self._hold_places(self._missing())
         usable = len(self.reference_map)
         if self._growth:
             usable = self._growth.usable(stamp_ns, pose)
@@ -271,6 +270,9 @@ class PlaceRecognizer:
         self._last_stamp_ns = stamp_ns
         return True
 
+    def _missing(self) -> int:
+        return self._pace.missing_keyframes() if self._pace else 0
+
     def _hold_places(self, missing: int) -> None:
         """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
         if missing > _LONGEST_GAP:
@@ -291,9 +293,7 @@ class PlaceRecognizer:
         most = max(self.config.sequence.window, self._acceptance.window)
         self._buffer.append(seen, most)
 
-    def _with_shift(
-        self, candidates: Sequence[Candidate], seen: Seen
-    ) -> tuple[Candidate, ...]:
+    def _with_shift(self, candidates: Sequence[Candidate], seen: Seen) -> tuple[Candidate, ...]:
         best = candidates[0]
         shift = self.matcher.shift(seen.query, best.reference_index)
         return replace(best, shift=shift), *candidates[1:]

@@ -8,7 +8,7 @@ import sys
 from threading import Lock
 from typing import overload, Protocol
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.growing_array import GrowingArray
 from convseq_ros.core.hog import BINS, CELL_PX
@@ -122,7 +122,7 @@ class ReferenceMap:
     pictures : Pictures, optional
         Where these are stored.
     keyframes : KeyframeConfig
-        How far apart its places are; what is matched with them shall be as well.
+        How far apart its places are, and with them what is matched; every frame by default.
 
     Notes
     -----
@@ -135,7 +135,7 @@ class ReferenceMap:
         encoding: EncodingConfig = EncodingConfig(),
         columns: Columns | None = None,
         pictures: Pictures | None = None,
-        keyframes: KeyframeConfig = KeyframeConfig(),
+        keyframes: KeyframeConfig = EVERY_FRAME,
     ) -> None:
         self.encoding = encoding
         self.keyframes = keyframes

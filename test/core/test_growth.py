@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map that grows from the robot's own past."""
 
-from convseq_ros.config import EncodingConfig, OnlineConfig
+from convseq_ros.config import Config, EncodingConfig, OnlineConfig
 from convseq_ros.core.descriptor import describe, nothing_seen
 from convseq_ros.core.growth import Growth
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
@@ -25,7 +25,7 @@ def grown(online, seconds, poses=None, earlier=0):
     reference_map = ReferenceMap(SMALL)
     for index in range(earlier):
         reference_map.add(Place(index), pack_cells(SEEN.cells))
-    growth = Growth(reference_map, online, 0)
+    growth = Growth(reference_map, Config(online=online))
     usable = []
     for second in range(seconds):
         pose = poses[second] if poses else None

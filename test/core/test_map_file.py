@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import sys
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core import map_format
 from convseq_ros.core import reference_map as reference_map_module
 from convseq_ros.core.compiled import available
@@ -111,7 +111,7 @@ def test_a_map_knows_how_far_apart_its_places_are(tmp_path):
 def test_a_map_that_does_not_say_holds_every_frame(map_path):
     with sqlite3.connect(map_path) as database:
         database.execute("DELETE FROM about WHERE name = 'keyframes'")
-    assert open_map(map_path, ENCODING, KeyframeConfig()).keyframes == KeyframeConfig()
+    assert open_map(map_path, ENCODING, EVERY_FRAME).keyframes == EVERY_FRAME
 
 
 def test_opening_does_not_change_the_file(map_path):

@@ -51,3 +51,25 @@ def test_after_a_reset_the_pace_is_learnt_anew():
 
 def test_equal_stamps_are_borne():
     assert missing([5] * 12) == [0] * 12
+
+
+def missing_keyframes(shown, keyframes):
+    """Return how many keyframes are missing before each keyframe that was shown."""
+    pace, found = Pace(), {}
+    for index in shown:
+        pace.missing(index * STEP_NS)
+        if index in keyframes:
+            found[index] = pace.missing_keyframes()
+    return found
+
+
+def test_lost_frames_are_as_many_keyframes_if_each_is_one():
+    shown = [index for index in range(60) if index not in (30, 31, 45)]
+    found = missing_keyframes(shown, shown)
+    assert {index: count for index, count in found.items() if count} == {32: 2, 46: 1}
+
+
+def test_frames_lost_between_keyframes_are_none_and_long_gaps_are_several():
+    shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
+    found = missing_keyframes(shown, range(0, 120, 5))
+    assert {index: count for index, count in found.items() if count} == {80: 3}

@@ -9,6 +9,7 @@ from convseq_ros.config import (
     EncodingConfig,
     KeyframeConfig,
     MatchingConfig,
+    MotionConfig,
     OnlineConfig,
     SequenceConfig,
 )
@@ -139,12 +140,26 @@ def test_a_stop_and_lost_frames_leave_the_keyframes_in_step(third_places, image)
 
 
 def test_where_the_scene_decides_a_blank_frame_is_uninformative_and_no_place():
-    config = replace(ONLINE, keyframes=KeyframeConfig(keyframe_overlap=0.9))
+    config = replace(ONLINE, keyframes=KeyframeConfig())
     grown = ReferenceMap(SMALL, keyframes=config.keyframes)
     blank = Frame(0, np.full((48, 64), 128, np.uint8))
     match = PlaceRecognizer(grown, config).process(blank)
     assert (match.status, match.reason) == (Status.SKIPPED, Reason.UNINFORMATIVE)
     assert len(grown) == 0
+
+
+def test_by_default_a_camera_too_fast_for_its_robot_is_thinned_out(image):
+    """Every place is shown four times, with other noise."""
+    config = replace(ONLINE, keyframes=KeyframeConfig(), motion=MotionConfig(stationary_overlap=1))
+    grown = ReferenceMap(SMALL, keyframes=config.keyframes)
+    recognizer = PlaceRecognizer(grown, config)
+    matches = [
+        recognizer.process(Frame(index * STEP_NS // 4, image(index // 4 % 40, index)))
+        for index in range(4 * 80)
+    ]
+    assert 75 <= len(grown) <= 85
+    assert {match.reason for match in matches[1::4]} == {Reason.BETWEEN_KEYFRAMES}
+    assert [match.best.reference_index for match in matches[-40::4]] == [*range(30, 40)]
 
 
 def test_a_map_of_other_keyframes_is_used_as_it_is_but_not_added_to(tmp_path, image):

@@ -1,0 +1,58 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much of an image moved together since another."""
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.matching.evening import evened
+from convseq_ros.core.matching.overlap import Overlap
+import cv2
+import numpy as np
+import pytest
+
+SCENE = cv2.resize(np.random.default_rng(0).random((30, 60), np.float32), (640, 320)) * 200
+HEIGHT, WIDTH = 240, 320
+
+
+def view(scale=1.0, light=1.0, noise=0.0, seed=0):
+    """Return what a camera sees of a wall from nearer (scale above 1) or in less light."""
+    turned = cv2.getRotationMatrix2D((320, 160), 0, scale)
+    seen = cv2.warpAffine(SCENE, turned, (640, 320))[40 : 40 + HEIGHT, 160 : 160 + WIDTH] * light
+    seen = seen + np.random.default_rng(seed).normal(0, noise or 1e-9, seen.shape)
+    return describe(np.clip(seen, 0, 255).astype(np.uint8))
+
+
+def since(first, *others):
+    overlap = Overlap(0.5)
+    overlap.remember(first)
+    return [overlap.of(other) for other in others]
+
+
+def test_it_is_the_coherent_score_with_evened_cells():
+    one, other = view(noise=2), view(1.1, noise=2, seed=1)
+    seen = see(other, 4.0, projected_regions(evened(other.cells)))
+    expected, _ = coherent_score(seen, projected_regions(evened(one.cells)))
+    assert since(one, other) == pytest.approx([expected], abs=1e-6)
+
+
+def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
+    shares = since(view(), *(view(scale) for scale in (1.0, 1.05, 1.1, 1.2, 1.4)))
+    assert shares[0] > 0.95 and shares[-1] < 0.5
+    assert sorted(shares, reverse=True) == shares
+
+
+def test_it_hardly_depends_on_the_light():
+    """A third of the contrast costs a few hundredths at most."""
+    by_day = since(view(noise=1), *(view(scale, 1.0, 1, 1) for scale in (1.1, 1.2)))
+    dimly = since(view(1, 0.3, 1), *(view(scale, 0.3, 1, 1) for scale in (1.1, 1.2)))
+    assert dimly == pytest.approx(by_day, abs=0.08)
+
+
+def test_nothing_remembered_or_nothing_shown_is_no_overlap():
+    overlap = Overlap(0.5)
+    assert overlap.of(view()) == 0.0
+    overlap.remember(view())
+    assert overlap.of(nothing_seen(EncodingConfig())) == 0.0
+    overlap.forget()
+    assert overlap.of(view()) == 0.0
