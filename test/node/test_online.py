@@ -23,7 +23,11 @@ from std_srvs.srv import Trigger
 
 SECOND = 1_000_000_000
 LATER_S = 1000
-ONLINE = {'mode': 'online', 'exclusion_s': 5.0, 'fixed_length': 1, 'rival_distance': 2}
+# With every frame, as in the map of the street.
+ONLINE = {
+    'mode': 'online', 'exclusion_s': 5.0, 'fixed_length': 1, 'rival_distance': 2,
+    'keyframe_overlap': 1.0,
+}  # fmt: skip
 
 
 def drive(camera, street, image, places, begin_s=LATER_S):

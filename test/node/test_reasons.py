@@ -39,6 +39,9 @@ DRIVES = {
     'one place': (1, PAIR, [0, 0], 'warming_up map_too_short'),
     'no place': (0, {}, [0, 0], 'no_map'),
     'a map that grows': (0, ONLINE | {'exclusion_s': 5.0}, [0, 1], 'recent'),
+    'a camera too fast': (
+        0, ONLINE | {'keyframe_interval_s': 5.0}, [0, 1, 2], 'recent between_keyframes',
+    ),
     'a robot that stands': (
         25, PAIR | {'matching': 'coherent'}, [3, 4, 4, 4], 'warming_up weak stationary',
     ),
