@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.config import Config
+from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
 from convseq_ros.evaluation.cache import Cache, default_folder
@@ -74,7 +74,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Evaluate, write the run folder, and print the table."""
-    config = chosen_config(chosen)
+    # Truth counts frames.
+    config = chosen_config(chosen, EVERY_FRAME.spacing)
     cache = Cache(None if chosen.no_cache else chosen.cache or default_folder())
     if chosen.study:
         return _run_studies(chosen, config, cache)

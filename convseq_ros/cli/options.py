@@ -3,7 +3,7 @@
 """Command-line options and parameter files, derived from `convseq_ros.config`."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,9 +49,11 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     add_parameters(parser, 'parameters', core_parameters())
 
 
-def chosen_config(chosen: argparse.Namespace) -> Config:
+def chosen_config(
+    chosen: argparse.Namespace, otherwise: Mapping[str, Value] | None = None
+) -> Config:
     """
-    Return the configuration that file and options ask for.
+    Return the configuration that file and options ask for, or else a command, or the defaults.
 
     Raises
     ------
@@ -60,7 +62,7 @@ def chosen_config(chosen: argparse.Namespace) -> Config:
 
     """
     values = read_parameter_file(chosen.config) if chosen.config else {}
-    return make_config(values | given(chosen, core_parameters()))
+    return make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
 
 
 def read_parameter_file(path: Path) -> dict[str, Any]:

@@ -15,6 +15,7 @@ _CLOSURES = ['-r', 'loop_closure:=/vpr_node/loop_closure']
 _POSES = ['-r', 'pose:=/vpr_node/pose']
 _STALLED_S = 30.0
 _END_S = 60.0
+_POLL_S = 0.2
 
 
 def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object]) -> None:
@@ -53,23 +54,33 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
         '-m', 'convseq_ros.node.player', str(folder / 'drive'), '--rate', f'{rate:g}',
         '--odom', '/odom', '--camera-info', '/camera/camera_info', '--wait-subscribers', '60',
     ]
-    # The player waits for vpr_node, which is the last of the others to listen.
     with (
         running('pose_graph', graph, folder, _END_S) as back_end,
         running('false_closures', liar, folder, _END_S) as injector,
         running('vpr_node', vpr, folder, _END_S) as node,
-        running('player', player, folder, _END_S) as playing,
     ):
         nodes = {'pose_graph': back_end, 'false_closures': injector, 'vpr_node': node}
-        while playing.poll() is None:
-            _check(nodes, folder)
-            time.sleep(0.2)
+        _wait_for_back_end(nodes, folder)
+        # The player waits for vpr_node by itself.
+        with running('player', player, folder, _END_S) as playing:
+            while playing.poll() is None:
+                _check(nodes, folder)
+                time.sleep(_POLL_S)
         if playing.returncode:
             raise ConvseqError(f'the player failed; see {folder / "player.log"}')
         rows = wait_for_rows(table, frames, _STALLED_S)
         _check(nodes, folder)
         if rows < frames:
             raise ConvseqError(f'{rows} of {frames} frames were recognised; see {folder}/*.log')
+
+
+def _wait_for_back_end(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
+    until_s = time.monotonic() + _STALLED_S
+    while 'listening' not in (folder / 'pose_graph.log').read_text():
+        _check(processes, folder)
+        if time.monotonic() > until_s:
+            raise ConvseqError(f'pose_graph does not listen; see {folder / "pose_graph.log"}')
+        time.sleep(_POLL_S)
 
 
 def _check(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:

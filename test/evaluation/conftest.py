@@ -9,6 +9,7 @@ from convseq_ros.config import (
     AcceptanceConfig,
     Config,
     EncodingConfig,
+    EVERY_FRAME,
     MatchingConfig,
     SequenceConfig,
 )
@@ -27,6 +28,7 @@ QUICK = Config(
     matching=MatchingConfig(matching='regional', search='exhaustive', kernel='numpy'),
     sequence=SequenceConfig(min_length=2, max_overlap_length=3, max_length=4),
     acceptance=AcceptanceConfig(rival_distance=3),
+    keyframes=EVERY_FRAME,
 )
 
 
