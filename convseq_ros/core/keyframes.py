@@ -21,19 +21,31 @@ class KeyframeSelector:
         Largest overlap, and least time and way, between two keyframes.
     encoding : EncodingConfig
         What is salient, which overlaps are about.
+    kernel : str
+        What computes overlaps; as in MatchingConfig.
 
     """
 
     def __init__(
-        self, config: KeyframeConfig, encoding: EncodingConfig = EncodingConfig()
+        self,
+        config: KeyframeConfig,
+        encoding: EncodingConfig = EncodingConfig(),
+        kernel: str = 'auto',
     ) -> None:
         self._config = config
         self._interval_ns = round(_EARLIEST * config.keyframe_interval_s * 1e9)
         self._overlap: Overlap | None = None
         if config.keyframe_overlap < 1.0:
-            self._overlap = Overlap(encoding.saliency_threshold)
+            self._overlap = Overlap(encoding.saliency_threshold, kernel)
         self._last_ns: int | None = None
         self._pose: Pose | None = None
+
+    def warm_up(self, drawn: Descriptor) -> None:
+        """Compile or load what frames will need, with any image; before the first frame."""
+        if self._overlap:
+            self._overlap.remember(drawn)
+            self._overlap.of(drawn)
+            self._overlap.forget()
 
     def reset(self) -> None:
         """Forget the frames chosen so far."""

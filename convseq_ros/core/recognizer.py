@@ -67,7 +67,7 @@ class PlaceRecognizer:
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
         online = config.online.mode == 'online'
         apart = config.keyframes if online else reference_map.keyframes
-        self._keyframes = KeyframeSelector(apart, config.encoding)
+        self.keyframes = KeyframeSelector(apart, config.encoding, chosen.kernel)
         self._pace = Pace() if own_way and chosen.speed_search else None
         self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
         self._growth: Growth | None = None
@@ -100,7 +100,7 @@ class PlaceRecognizer:
         """Forget the frames seen so far; counting goes on, and so does the map."""
         self._buffer.clear()
         self._last_stamp_ns = self._answer = None
-        stages = self._keyframes, self._standstill, self._acceptance, self._pace, self._slopes
+        stages = self.keyframes, self._standstill, self._acceptance, self._pace, self._slopes
         for stage in stages:
             if stage:
                 stage.reset()
@@ -129,7 +129,7 @@ class PlaceRecognizer:
             match = self.recognize(frame.stamp_ns, self._nothing, frame.pose)
             return replace(match, reason=Reason.UNREADABLE)
         descriptor = self._nothing
-        if self._keyframes.is_due(frame.stamp_ns, frame.pose):
+        if self.keyframes.is_due(frame.stamp_ns, frame.pose):
             descriptor = describe(frame.gray, self.config.encoding)
         match = self.recognize(frame.stamp_ns, descriptor, frame.pose)
         if self._growth and self._is_news:
@@ -147,12 +147,12 @@ class PlaceRecognizer:
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
         if self._pace:
             self._pace.missing(stamp_ns)
-        if not self._keyframes.is_due(stamp_ns, pose):
+        if not self.keyframes.is_due(stamp_ns, pose):
             return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)
         if self._standstill.holds(descriptor, pose):
             self._missing()
             return self._the_same(answer, Reason.STATIONARY)
-        if not self._keyframes.wants(stamp_ns, descriptor, pose):
+        if not self.keyframes.wants(stamp_ns, descriptor, pose):
             if not descriptor.informative:
                 return answer(Status.SKIPPED, Reason.UNINFORMATIVE)
             return self._the_same(answer, Reason.BETWEEN_KEYFRAMES)

@@ -87,7 +87,7 @@ class Session:
         """Compile what is compiled at its first use, which may take seconds."""
         encoding = self.recognizer.config.encoding
         drawn = np.arange(64 * 64, dtype=np.uint16).astype(np.uint8).reshape(64, 64)
-        describe(drawn, encoding)
+        self.recognizer.keyframes.warm_up(describe(drawn, encoding))
         self.recognizer.matcher.warm_up()
 
     def keep(self) -> None:

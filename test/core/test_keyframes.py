@@ -83,6 +83,12 @@ def test_a_frame_whose_pose_is_not_known_is_kept():
     assert [selector.wants(0, BLANK, pose) for pose in poses] == [True, True, True, False, False]
 
 
+def test_warming_up_is_no_keyframe():
+    selector = KeyframeSelector(KeyframeConfig())
+    selector.warm_up(noise(0))
+    assert selector.wants(0, noise(0)) and not selector.wants(1, noise(0))
+
+
 def test_a_frame_that_is_only_asked_about_is_no_keyframe():
     selector = KeyframeSelector(by(keyframe_interval_s=1.0))
     assert all(selector.is_due(0) for _ in range(3)) and selector.wants(0, BLANK)

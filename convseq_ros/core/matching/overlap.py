@@ -22,11 +22,14 @@ class Overlap:
     ----------
     saliency_threshold : float
         Share of 8 bits of entropy that makes a region salient.
+    kernel : str
+        As in MatchingConfig; its scores are those of the definition in any case.
 
     """
 
-    def __init__(self, saliency_threshold: float) -> None:
-        _, self._pair = chosen_kernels(MatchingConfig(matching='coherent'))
+    def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
+        matching = MatchingConfig(matching='coherent', kernel=kernel)
+        _, self._pair = chosen_kernels(matching)
         self._least_bits = saliency_threshold * MAX_BITS
         self._remembered: Any = None
 
