@@ -65,13 +65,13 @@ class PlaceRecognizer:
         self._nothing = nothing_seen(config.encoding)
         self._standstill = Standstill(config.motion, own_way)
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
-        online = config.online.mode == 'online'
-        apart = config.keyframes if online else reference_map.keyframes
-        self.keyframes = KeyframeSelector(apart, config.encoding, chosen.kernel)
+        self.keyframes = KeyframeSelector(
+            reference_map.keyframes, config.encoding, chosen.kernel
+        )
         self._pace = Pace() if own_way and chosen.speed_search else None
         self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
         self._growth: Growth | None = None
-        if online:
+        if config.online.mode == 'online':
             self._growth = Growth(reference_map, config)
         self._shortlist: Shortlist | None = None
         if chosen.search == 'shortlist':
