@@ -40,6 +40,7 @@ test: lint types contract test-newest test-noble
 
 lint: .venv/test.stamp
 	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
 
 types: .venv/test.stamp
 	.venv/bin/mypy convseq_ros

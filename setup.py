@@ -24,7 +24,9 @@ setup(
     packages=find_packages(exclude=['test*']),
     package_data={
         NAME: [
-            'py.typed', 'core/matching/projection.*', 'data_sets/*.yaml',
+            'py.typed',
+            'core/matching/projection.*',
+            'data_sets/*.yaml',
             'data_sets/studies/*.yaml',
         ],
         f'{NAME}.evaluation.report': ['*.css', '*.html', '*.js'],
@@ -58,8 +60,15 @@ setup(
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
-            'gtsam>=4.3', 'hypothesis>=6.98', 'numba>=0.61', 'onnx', 'onnxruntime',
-            'pytest>=7.4', 'pytest-rerunfailures', 'pytest-timeout>=2.2', 'scikit-learn',
+            'gtsam>=4.3',
+            'hypothesis>=6.98',
+            'numba>=0.61',
+            'onnx',
+            'onnxruntime',
+            'pytest>=7.4',
+            'pytest-rerunfailures',
+            'pytest-timeout>=2.2',
+            'scikit-learn',
         ],
         'dev': [
             'catkin_pkg',
@@ -71,9 +80,6 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [
-            f'convseq = {NAME}.cli:main',
-            f'vpr_node = {NAME}.node.vpr_node:main',
-        ],
+        'console_scripts': [f'convseq = {NAME}.cli:main', f'vpr_node = {NAME}.node.vpr_node:main']
     },
 )

@@ -138,9 +138,11 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
         if own:
             about = _ABOUT[name].format(frames=measured['about']['frames'])
             parts += [f'## {title}\n', _wrapped(about), _markdown(own)]
-    parts.append(_APPROXIMATE.format(
-        int8=_errors(rows, 'int8'), float32=_errors(rows, 'float32'), half=_rounding(rows)
-    ))  # fmt: skip
+    parts.append(
+        _APPROXIMATE.format(
+            int8=_errors(rows, 'int8'), float32=_errors(rows, 'float32'), half=_rounding(rows)
+        )
+    )
     parts.append(_ADVICE)
     text = '\n'.join(parts)
     (docs / 'PERFORMANCE.md').write_text(text, encoding='utf-8')
@@ -163,9 +165,10 @@ def _markdown(rows: Iterable[Row]) -> str:
     used = [place for place in range(len(COLUMNS)) if any(line[place] for line in lines)]
     heads = [COLUMNS[place] for place in used]
     body = [[line[place] for place in used] for line in lines]
-    return '\n'.join(
-        f'| {" | ".join(line)} |' for line in [heads, ['---'] * len(heads), *body]
-    ) + '\n'  # fmt: skip
+    return (
+        '\n'.join(f'| {" | ".join(line)} |' for line in [heads, ['---'] * len(heads), *body])
+        + '\n'
+    )
 
 
 def _errors(rows: Sequence[Row], kernel: str) -> str:

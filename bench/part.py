@@ -62,17 +62,31 @@ def run(
     environment = os.environ | {key: str(setting.threads) for key in BLAS}
     if not setting.compiled:
         environment['NUMBA_DISABLE_JIT'] = '1'
-    command = [sys.executable, '-m', 'bench.part', name, '--folder', str(folder), '--sizes',
-               *map(str, sizes), '--threads', str(setting.threads)]  # fmt: skip
+    command = [
+        sys.executable,
+        '-m',
+        'bench.part',
+        name,
+        '--folder',
+        str(folder),
+        '--sizes',
+        *map(str, sizes),
+        '--threads',
+        str(setting.threads),
+    ]
 
     def pin() -> None:
         if setting.pinned:
             os.sched_setaffinity(0, cores[: setting.threads])
 
     done = subprocess.run(
-        command + ['--quick'] * quick, env=environment, preexec_fn=pin, stdout=subprocess.PIPE,
-        text=True, check=False,
-    )  # fmt: skip
+        command + ['--quick'] * quick,
+        env=environment,
+        preexec_fn=pin,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
     if done.returncode:
         return [_failed(name, setting, 'failed; see what it printed')]
     findings = json.loads(done.stdout.splitlines()[-1])

@@ -47,18 +47,40 @@ def draw_cost(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
         if points:
             color, label = _LINES[side]
             sizes, costs = zip(*points, strict=True)
-            axes.plot(sizes, costs, color=color, linewidth=2.4, marker='o', markersize=7,
-                      markeredgecolor='white', markeredgewidth=1.4, zorder=3)  # fmt: skip
+            axes.plot(
+                sizes,
+                costs,
+                color=color,
+                linewidth=2.4,
+                marker='o',
+                markersize=7,
+                markeredgecolor='white',
+                markeredgewidth=1.4,
+                zorder=3,
+            )
             axes.annotate(
-                f'{label}\n{in_units(costs[-1])}', (sizes[-1], costs[-1]), (12, 0),
-                textcoords='offset points', va='center', color=color, fontsize=11, weight='bold',
-            )  # fmt: skip
+                f'{label}\n{in_units(costs[-1])}',
+                (sizes[-1], costs[-1]),
+                (12, 0),
+                textcoords='offset points',
+                va='center',
+                color=color,
+                fontsize=11,
+                weight='bold',
+            )
     for rate_hz, place in _CAMERAS_HZ.items():
         axes.axhline(1e3 / rate_hz, color=_DIM, linewidth=1, linestyle=(0, (4, 3)), zorder=1)
         axes.annotate(
-            f'a camera at {rate_hz} Hz', (place, 1e3 / rate_hz), (0, 4), color=_DIM, fontsize=9,
-            xycoords=('axes fraction', 'data'), textcoords='offset points', ha='center', zorder=2,
-        )  # fmt: skip
+            f'a camera at {rate_hz} Hz',
+            (place, 1e3 / rate_hz),
+            (0, 4),
+            color=_DIM,
+            fontsize=9,
+            xycoords=('axes fraction', 'data'),
+            textcoords='offset points',
+            ha='center',
+            zorder=2,
+        )
     _dress(figure, axes, rows[0]['threads'])
     path.parent.mkdir(parents=True, exist_ok=True)
     save(figure, path)
@@ -78,10 +100,23 @@ def _dress(figure: Any, axes: Any, cores: int) -> None:
     for spine in axes.spines.values():
         spine.set_visible(False)
     axes.set_xlabel('references in the map', color=_DIM, fontsize=11, labelpad=8)
-    figure.text(0.03, 0.945, 'What a frame costs, from image to answer', color=_INK, fontsize=15,
-                weight='bold', va='center')  # fmt: skip
-    figure.text(0.03, 0.895, f'sequences of 10 frames, {cores} core{"s" * (cores > 1)}; '
-                'both axes logarithmic', color=_DIM, fontsize=10.5, va='center')  # fmt: skip
+    figure.text(
+        0.03,
+        0.945,
+        'What a frame costs, from image to answer',
+        color=_INK,
+        fontsize=15,
+        weight='bold',
+        va='center',
+    )
+    figure.text(
+        0.03,
+        0.895,
+        f'sequences of 10 frames, {cores} core{"s" * (cores > 1)}; both axes logarithmic',
+        color=_DIM,
+        fontsize=10.5,
+        va='center',
+    )
 
 
 def _points(rows: Sequence[Mapping[str, Any]], side: str) -> list[tuple[int, float]]:

@@ -33,13 +33,17 @@ def main() -> None:
     session.warm_up()
     for number, image in enumerate(images):
         session.recognizer.process(Frame(number * _PERIOD_NS, np.array(image)))
-    print(json.dumps({
-        'open_s': open_s,
-        'warm_s': warm_s,
-        'before_mb': before_mb,
-        'resident_mb': _resident_mb('VmRSS'),
-        'most_mb': _resident_mb('VmHWM'),
-    }))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                'open_s': open_s,
+                'warm_s': warm_s,
+                'before_mb': before_mb,
+                'resident_mb': _resident_mb('VmRSS'),
+                'most_mb': _resident_mb('VmHWM'),
+            }
+        )
+    )
 
 
 def _resident_mb(name: str) -> float:

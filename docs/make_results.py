@@ -30,8 +30,9 @@ METHODS = {
     'coherent-k1': 'coherent-k1=convseq-k1',
     'coherent-k1-exhaustive': 'coherent-k1-exhaustive=convseq-k1+search=exhaustive',
     'layout-kept': 'layout-kept=convseq+remove_layout=false',
-    'layout-kept-k1-exhaustive':
-        'layout-kept-k1-exhaustive=convseq-k1+search=exhaustive+remove_layout=false',
+    'layout-kept-k1-exhaustive': (
+        'layout-kept-k1-exhaustive=convseq-k1+search=exhaustive+remove_layout=false'
+    ),
     'regional': 'regional=convseq+matching=regional+search=exhaustive',
     'regional-k10': 'regional-k10=convseq-k10+matching=regional+search=exhaustive',
     'convseq-forward': 'convseq-forward',
@@ -46,8 +47,15 @@ DECIDING = (
     'whole_rows=convseq+search=exhaustive',
     *(f'listed_{number}=convseq+search=shortlist+shortlist_length={number}' for number in LISTED),
 )
-STUDIES = ('k_ablation', 'thresholds', 'speed', 'dropped_frames', 'stops', 'image_size',
-           'appearance')  # fmt: skip
+STUDIES = (
+    'k_ablation',
+    'thresholds',
+    'speed',
+    'dropped_frames',
+    'stops',
+    'image_size',
+    'appearance',
+)
 QUICK_STUDIES = STUDIES[:5]
 LONG = 'street_hour'
 FIGURES = {
@@ -96,18 +104,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def evaluate(folder: str, *arguments: str) -> int:
         output = str(chosen.results / folder)
-        return convseq([
-            'evaluate', *arguments, '--data-root', str(chosen.data_root), '--output', output,
-        ])  # fmt: skip
+        return convseq(
+            ['evaluate', *arguments, '--data-root', str(chosen.data_root), '--output', output]
+        )
 
     steps = [
-        ('.', *there, *_methods(*METHODS.values(), 'published'), '--protocol', 'closed',
-         '--protocol', 'open', '--threshold-from-others'),
-        ('decisions', *there, *short, *_methods(*DECIDING), '--protocol', 'open',
-         '--protocol', 'past'),
+        (
+            '.',
+            *there,
+            *_methods(*METHODS.values(), 'published'),
+            '--protocol',
+            'closed',
+            '--protocol',
+            'open',
+            '--threshold-from-others',
+        ),
+        (
+            'decisions',
+            *there,
+            *short,
+            *_methods(*DECIDING),
+            '--protocol',
+            'open',
+            '--protocol',
+            'past',
+        ),
         ('long', *long, *_methods(SHIPPED)),
         *(('.', '--study', study) for study in chosen.study),
-    ]  # fmt: skip
+    ]
     if any(evaluate(*step) for step in steps):
         return 1
     write_text(chosen.output, page(chosen.results, chosen.study, absent))
@@ -144,8 +168,9 @@ def page(results: Path, studies: Iterable[str], absent: Mapping[str, str]) -> st
                 'at the shipped decision, the last three with a threshold on the score that only '
                 'other places gave.\n'
             )
-        parts.append(_table(figures.values(), ([_cell(run, key) for key in figures]
-                                               for run in own)))  # fmt: skip
+        parts.append(
+            _table(figures.values(), ([_cell(run, key) for key in figures] for run in own))
+        )
     for study in studies:
         parts += _study(results, study)
     parts.append(UNKNOWN)
@@ -162,9 +187,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--results', type=Path, default=Path('docs/results'), help='run folder')
     parser.add_argument('--output', type=Path, default=Path('docs/RESULTS.md'))
     parser.add_argument(
-        '--study', nargs='*', choices=STUDIES, default=QUICK_STUDIES,
+        '--study',
+        nargs='*',
+        choices=STUDIES,
+        default=QUICK_STUDIES,
         help='studies to run (all but image_size and appearance, which take longer)',
-    )  # fmt: skip
+    )
     return parser
 
 
@@ -193,29 +221,46 @@ def _decisions(results: Path) -> Iterable[str]:
     of = {(run.set, run.method): run for run in runs}
     shipped = [of[name, 'coherent'] for name in names] + read_run(results / 'long')
     yield DECISIONS
-    yield _table(['set', *DECISION_FIGURES.values()], (
-        [run.set, *(_cell(run.summary, key) for key in DECISION_FIGURES)] for run in shipped
-    ))  # fmt: skip
+    yield _table(
+        ['set', *DECISION_FIGURES.values()],
+        ([run.set, *(_cell(run.summary, key) for key in DECISION_FIGURES)] for run in shipped),
+    )
     yield AGREEMENT
     others = [f'listed_{number}' for number in LISTED]
-    yield _table(['set', *(f'{number} references' for number in LISTED)], (
-        [name, *(f'{agreement(of[name, "whole_rows"], of[name, other]):.3f}' for other in others)]
-        for name in names
-    ))  # fmt: skip
-    yield _table(['references', 'recall', 'slips', 'false', 'pairs a frame'], (
-        [label, *_sum([of[name, other] for name in names])]
-        for label, other in zip((*LISTED, 'all'), (*others, 'whole_rows'), strict=True)
-    ))  # fmt: skip
+    yield _table(
+        ['set', *(f'{number} references' for number in LISTED)],
+        (
+            [
+                name,
+                *(f'{agreement(of[name, "whole_rows"], of[name, other]):.3f}' for other in others),
+            ]
+            for name in names
+        ),
+    )
+    yield _table(
+        ['references', 'recall', 'slips', 'false', 'pairs a frame'],
+        (
+            [label, *_sum([of[name, other] for name in names])]
+            for label, other in zip((*LISTED, 'all'), (*others, 'whole_rows'), strict=True)
+        ),
+    )
     yield RELIABILITY
     told = [run.summary['calibration'] or {} for run in shipped]
-    for heading, key in (('As shipped:\n', 'as_shipped'),
-                         ('From other places:\n', 'from_others')):  # fmt: skip
+    for heading, key in (('As shipped:\n', 'as_shipped'), ('From other places:\n', 'from_others')):
         yield heading
         rows = pooled([one[key] for one in told if one.get(key)])
-        yield _table(['confidence', 'frames', 'mean confidence', 'right'], (
-            [f'{row["low"]:g} to {row["high"]:g}', str(row['count']), f'{row["said"]:.3f}',
-             f'{row["right"]:.3f}'] for row in rows
-        ))  # fmt: skip
+        yield _table(
+            ['confidence', 'frames', 'mean confidence', 'right'],
+            (
+                [
+                    f'{row["low"]:g} to {row["high"]:g}',
+                    str(row['count']),
+                    f'{row["said"]:.3f}',
+                    f'{row["right"]:.3f}',
+                ]
+                for row in rows
+            ),
+        )
 
 
 def _sum(runs: Iterable[Run]) -> list[str]:
@@ -226,9 +271,11 @@ def _sum(runs: Iterable[Run]) -> list[str]:
     frames = sum(one['queries'] for one in all_of)
     pairs = sum(one['pairs_per_frame'] * one['queries'] for one in all_of)
     return [
-        f'{found / reach:.3f}', str(sum(one['slips'] for one in all_of)),
-        str(sum(one['false_closures'] for one in all_of)), f'{pairs / frames:.0f}',
-    ]  # fmt: skip
+        f'{found / reach:.3f}',
+        str(sum(one['slips'] for one in all_of)),
+        str(sum(one['false_closures'] for one in all_of)),
+        f'{pairs / frames:.0f}',
+    ]
 
 
 def _missing(data_set: DataSet) -> str:
@@ -239,9 +286,13 @@ def _missing(data_set: DataSet) -> str:
 
 def _ordered(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     order = list(METHODS)
-    return sorted(runs, key=lambda run: (
-        order.index(run['method']) if run['method'] in order else len(order), run['method'],
-    ))  # fmt: skip
+    return sorted(
+        runs,
+        key=lambda run: (
+            order.index(run['method']) if run['method'] in order else len(order),
+            run['method'],
+        ),
+    )
 
 
 def _about(about: Mapping[str, Any]) -> str:

@@ -182,11 +182,18 @@ def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
         last = pair.second_offset_m
         lanes = ((0.0, offset_m), (ROUND_M - 5, offset_m), (ROUND_M, last), (300.0, last))
     drive = Drive(
-        speed_mps=SPEED_MPS * speed, frame_rate_hz=SPEED_MPS / pair.step_m,
-        num_frames=int(pair.count / speed), lane_offset_m=offset_m, lanes=lanes,
-        heading_deg=pair.heading_deg * asks, light=pair.light if asks else pair.map_light,
-        noise=pair.noise * asks, seed=2 * pair.seed + asks, width_px=320, height_px=240,
-    )  # fmt: skip
+        speed_mps=SPEED_MPS * speed,
+        frame_rate_hz=SPEED_MPS / pair.step_m,
+        num_frames=int(pair.count / speed),
+        lane_offset_m=offset_m,
+        lanes=lanes,
+        heading_deg=pair.heading_deg * asks,
+        light=pair.light if asks else pair.map_light,
+        noise=pair.noise * asks,
+        seed=2 * pair.seed + asks,
+        width_px=320,
+        height_px=240,
+    )
     way: Street | Terrace | Route = Street(1000.0, pair.seed)
     if pair.kind.startswith('terrace'):
         way = Terrace(1000.0, pair.seed, int(pair.kind[-1]))

@@ -69,9 +69,7 @@ def against_past(pair: Pair, frames: list[Frame], right: Flags | None = None) ->
     return answers(frames, ReferenceMap(ENCODING), right, Truth(right).slip, **settings)
 
 
-def in_map(
-    frames: list[Frame], references: list[Frame], right: Flags, slip: Flags
-) -> Iterator:
+def in_map(frames: list[Frame], references: list[Frame], right: Flags, slip: Flags) -> Iterator:
     """Yield the answers to a drive in a map."""
     made = ReferenceMap(ENCODING)
     for one in references:

@@ -23,11 +23,13 @@ REGULARISATION = 0.02
 def fit(folder: Path) -> npt.NDArray[np.float32]:
     """Return the mean and, beside it, the scaled leading axes: float32 of shape (72, 33)."""
     frames = [frame.gray for frame in open_source(folder)][::2]
-    regions = np.concatenate([
-        coherent.joined_regions(describe(gray).cells).astype(np.float64)
-        for gray in frames
-        if gray is not None
-    ])
+    regions = np.concatenate(
+        [
+            coherent.joined_regions(describe(gray).cells).astype(np.float64)
+            for gray in frames
+            if gray is not None
+        ]
+    )
     mean = regions.mean(axis=0)
     values, vectors = np.linalg.eigh(np.cov(regions.T, bias=True))
     values, vectors = values[::-1][:NUMBERS], vectors[:, ::-1][:, :NUMBERS]

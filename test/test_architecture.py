@@ -19,10 +19,7 @@ SCRIPTS = [
     for folder in ('bench', 'examples', 'launch', 'scripts', 'test')
     for path in sorted((REPOSITORY / folder).rglob('*.py'))
 ]
-HEADER = [
-    '# Copyright 2026 The convseq_ros authors',
-    '# SPDX-License-Identifier: Apache-2.0',
-]
+HEADER = ['# Copyright 2026 The convseq_ros authors', '# SPDX-License-Identifier: Apache-2.0']
 MOST_LINES = 300
 OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'numba', 'rosbags', 'tqdm', 'yaml', 'zstandard')
 STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py')
@@ -73,7 +70,9 @@ def test_everything_but_the_node_imports_without_ros_and_optional_libraries():
     absent = ('rclpy', 'ament_index_python', *OPTIONAL)
     result = subprocess.run(
         [sys.executable, '-c', IMPORT_WITHOUT, ','.join(absent)],
-        capture_output=True, text=True, check=False,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert result.returncode == 0, result.stderr
     assert {'convseq_ros.config', 'convseq_ros.core.types'} <= set(result.stdout.split())

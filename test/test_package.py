@@ -19,12 +19,31 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 SCRIPTS = Path(sysconfig.get_path('scripts'))
 KNOWN_KEYS = {
     # ROS 2 Jazzy packages
-    'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'launch_ros',
-    'launch_testing_ros', 'nav_msgs', 'rcl_interfaces', 'rclpy', 'ros2launch', 'rosgraph_msgs',
-    'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs',
+    'ament_index_python',
+    'builtin_interfaces',
+    'diagnostic_msgs',
+    'geometry_msgs',
+    'launch_ros',
+    'launch_testing_ros',
+    'nav_msgs',
+    'rcl_interfaces',
+    'rclpy',
+    'ros2launch',
+    'rosgraph_msgs',
+    'sensor_msgs',
+    'std_msgs',
+    'std_srvs',
+    'visualization_msgs',
     # rosdep keys that apt serves on Ubuntu 24.04
-    'python3-hypothesis', 'python3-matplotlib', 'python3-mypy', 'python3-numpy',
-    'python3-opencv', 'python3-pytest', 'python3-skimage', 'python3-tqdm', 'python3-yaml',
+    'python3-hypothesis',
+    'python3-matplotlib',
+    'python3-mypy',
+    'python3-numpy',
+    'python3-opencv',
+    'python3-pytest',
+    'python3-skimage',
+    'python3-tqdm',
+    'python3-yaml',
 }
 NOT_SOURCE = shutil.ignore_patterns('.*', 'build', 'install', 'log', 'test', '*.egg-info')
 
@@ -50,7 +69,11 @@ def colcon(root: Path, *verb: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {'PYTHONWARNINGS': 'ignore', 'COLCON_LOG_PATH': str(root / 'log')}
     return subprocess.run(
         [SCRIPTS / 'colcon', *verb],
-        cwd=root, env=environment, capture_output=True, text=True, check=False,
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
@@ -79,7 +102,11 @@ def assert_shared_files_are_in(prefix: Path) -> None:
 def assert_node_reports_a_missing_map(command: list[str], environment: dict[str, str]) -> None:
     result = subprocess.run(
         [*command, '--ros-args', '-p', 'map_path:=absent.db'],
-        env=environment, capture_output=True, text=True, timeout=60, check=False,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert result.returncode == 1, result.stderr
     assert 'absent.db' in result.stderr
@@ -106,9 +133,7 @@ def test_every_ros_package_in_use_is_a_dependency(manifest):
     sources = (REPOSITORY / 'convseq_ros').rglob('*.py')
     used = {name for path in sources for name in pattern.findall(path.read_text())}
     assert used == {
-        item.text
-        for item in manifest.iter('exec_depend')
-        if pattern.match(f'import {item.text}')
+        item.text for item in manifest.iter('exec_depend') if pattern.match(f'import {item.text}')
     }
 
 

@@ -70,8 +70,13 @@ def recording(drive, tmp_path_factory):
             pixels = np.zeros_like(gray) if index == BLACK else gray
             message = kinds['sensor_msgs/msg/Image'](
                 kinds['std_msgs/msg/Header'](stamp, 'camera'),
-                240, 320, 'mono8', 0, 320, pixels.ravel(),
-            )  # fmt: skip
+                240,
+                320,
+                'mono8',
+                0,
+                320,
+                pixels.ravel(),
+            )
             if index == UNREADABLE:
                 message = replace(message, step=3)
             data = store.serialize_cdr(message, message.__msgtype__)
@@ -93,17 +98,32 @@ def answers_of_the_node(recording, map_path, path):
     environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     node = subprocess.Popen(
         [
-            *python, 'convseq_ros.node.vpr_node', '--ros-args', '-p', f'map_path:={map_path}',
-            '-p', f'result_file:={path}', '-p', 'queue_size:=1000', '-p', 'max_wait_s:=0.0',
+            *python,
+            'convseq_ros.node.vpr_node',
+            '--ros-args',
+            '-p',
+            f'map_path:={map_path}',
+            '-p',
+            f'result_file:={path}',
+            '-p',
+            'queue_size:=1000',
+            '-p',
+            'max_wait_s:=0.0',
         ],
-        cwd=path.parent, env=environment, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        cwd=path.parent,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     part = path.with_name(path.name + '.part')
     try:
         subprocess.run(
             [*python, 'convseq_ros.node.player', recording, '--rate', '2'],
-            cwd=path.parent, env=environment, check=True, timeout=60,
-        )  # fmt: skip
+            cwd=path.parent,
+            env=environment,
+            check=True,
+            timeout=60,
+        )
         deadline = 600
         while len(part.read_text().splitlines()) <= NUM_FRAMES and deadline:
             deadline -= 1

@@ -28,10 +28,32 @@ def test_rows_round_trip(tmp_path):
         for match in (ACCEPTED, REJECTED, SKIPPED):
             table.write(match, 1.5)
     accepted, rejected, skipped = read_results(path)
-    assert accepted == dict(zip(COLUMNS, (
-        '3', '3000', 'accepted', 'accepted', '4', '4000', '0.9123457', '0.8000', '7', '4',
-        '0.9123457', '0.5', '-2.0', '100', '1.500', '7.5', '-40.0', '0.08000',
-    ), strict=True))  # fmt: skip
+    assert accepted == dict(
+        zip(
+            COLUMNS,
+            (
+                '3',
+                '3000',
+                'accepted',
+                'accepted',
+                '4',
+                '4000',
+                '0.9123457',
+                '0.8000',
+                '7',
+                '4',
+                '0.9123457',
+                '0.5',
+                '-2.0',
+                '100',
+                '1.500',
+                '7.5',
+                '-40.0',
+                '0.08000',
+            ),
+            strict=True,
+        )
+    )
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
     assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''
     assert skipped['best_index'] == '' and skipped['reason'] == 'uninformative'

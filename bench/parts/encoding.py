@@ -25,6 +25,8 @@ def measure(work: Work) -> list[Finding]:
     faster = ours.faster_than(times[_AGAINST])
     return [
         Finding(what=what, side=_AGAINST).timed(times[_AGAINST]),
-        Finding(what=what, side=f'ours, {side}').timed(ours).compared(faster, _AGAINST)
+        Finding(what=what, side=f'ours, {side}')
+        .timed(ours)
+        .compared(faster, _AGAINST)
         .aiming(at_least(faster, least), at_most(ours.median, most_ms, 'ms')),
-    ]  # fmt: skip
+    ]

@@ -127,8 +127,10 @@ def _uncompiled(work: Work, size: int) -> Finding:
     times = Times(tuple(drive.frame_ms() for _ in range(3 if work.quick else _ROUNDS)))
     finding = Finding(
         what=f'frame, k = {LENGTH}, R = {size:,}, {_FEWER_LISTED} candidates',
-        side='coherent, shortlist, no numba', threads=work.threads, note=drive.note(),
-    )  # fmt: skip
+        side='coherent, shortlist, no numba',
+        threads=work.threads,
+        note=drive.note(),
+    )
     return finding.timed(times).aiming(at_most(times.median, _MOST_UNCOMPILED_MS, 'ms'))
 
 
@@ -170,9 +172,13 @@ def _told(
         finding = finding.timed(times).compared(released / times.median, against)
     yield finding
     yield Finding(
-        what=what, side=against, value=released, threads=threads, runs=len(own),
+        what=what,
+        side=against,
+        value=released,
+        threads=threads,
+        runs=len(own),
         note=f'{LENGTH} encodings and {LENGTH} rows, from the cost of steps taken in turn',
-    )  # fmt: skip
+    )
 
 
 class _Script:

@@ -38,14 +38,22 @@ def _map(work: Work, size: int) -> list[Finding]:
     most_mb = max(run['most_mb'] for run in warm)
     what = f'map, R = {size:,}'
     opened = Finding(
-        what=what, side='open', unit='s', value=open_s, runs=len(warm),
+        what=what,
+        side='open',
+        unit='s',
+        value=open_s,
+        runs=len(warm),
         note=f'{cold["open_s"]:.2f} s when it is not in the file cache; loading the kernels '
         f'takes {warm_s:.2f} s more',
-    )  # fmt: skip
+    )
     resident = Finding(
-        what=what, side='resident', unit='MB', value=resident_mb, runs=len(warm),
+        what=what,
+        side='resident',
+        unit='MB',
+        value=resident_mb,
+        runs=len(warm),
         note=f'{before_mb:.0f} MB of them Python and libraries; {most_mb:.0f} MB at most',
-    )  # fmt: skip
+    )
     stored = Finding(
         what=what, side='disk, a reference', unit='kB', value=kb, note='thumbnails included'
     )

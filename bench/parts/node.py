@@ -63,9 +63,15 @@ def _told(work: Work, what: str, rate_hz: int, run: 'Run') -> Finding:
     if run.late:
         note += f'; {run.late} images published late'
     finding = Finding(
-        what=what, side='p95, image to answer', threads=work.threads, value=p95,
-        low=p50, high=p99, runs=len(run.latencies_ms), note=note,
-    )  # fmt: skip
+        what=what,
+        side='p95, image to answer',
+        threads=work.threads,
+        value=p95,
+        low=p50,
+        high=p99,
+        runs=len(run.latencies_ms),
+        note=note,
+    )
     if rate_hz != _WANTED_HZ or not most_ms:
         return finding
     return finding.aiming(at_most(p95, most_ms, 'ms'), at_most(dropped, 0, 'frames dropped'))
@@ -85,14 +91,23 @@ def _node(work: Work, size: int) -> Iterator[subprocess.Popen[bytes]]:
     own, others = cores[: work.threads], cores[work.threads :] or cores
     path = work.map_path(size).absolute()
     command = [
-        sys.executable, '-m', 'convseq_ros.node.vpr_node', '--ros-args',
-        '-p', f'map_path:={path}', '-r', f'image:={TOPIC}',
-    ]  # fmt: skip
+        sys.executable,
+        '-m',
+        'convseq_ros.node.vpr_node',
+        '--ros-args',
+        '-p',
+        f'map_path:={path}',
+        '-r',
+        f'image:={TOPIC}',
+    ]
     with Path(work.folder, 'vpr_node.log').open('wb') as log:
         process = subprocess.Popen(
-            command, env=_environment(), stdout=log, stderr=subprocess.STDOUT,
+            command,
+            env=_environment(),
+            stdout=log,
+            stderr=subprocess.STDOUT,
             preexec_fn=lambda: os.sched_setaffinity(0, own),
-        )  # fmt: skip
+        )
         os.sched_setaffinity(0, others)
         try:
             yield process

@@ -110,9 +110,13 @@ def _compared(
     ]
     share = _share(times.get(_KERNEL), operations, speeds.get(_INT8))
     finding = Finding(
-        what=what, side=_KERNEL, value=share, unit='of peak', threads=work.threads,
+        what=what,
+        side=_KERNEL,
+        value=share,
+        unit='of peak',
+        threads=work.threads,
         note='' if share else 'there is no int8 peak to compare with',
-    )  # fmt: skip
+    )
     if share and wanted_share and work.threads == 1:
         finding = finding.aiming(at_least(share, wanted_share, 'of peak'))
     return [*findings, finding]
@@ -140,11 +144,14 @@ def _stored(work: Work) -> list[Finding]:
             largest['regional'] = max(largest['regional'], max(scores) - min(scores))
     return [
         Finding(
-            what='cells as stored, in half precision', side=f'{matching} scores', value=error,
-            unit='largest difference', runs=len(queries) ** 2,
+            what='cells as stored, in half precision',
+            side=f'{matching} scores',
+            value=error,
+            unit='largest difference',
+            runs=len(queries) ** 2,
         )
         for matching, error in largest.items()
-    ]  # fmt: skip
+    ]
 
 
 def _add_kernels(

@@ -16,10 +16,13 @@ def measure(work: Work) -> list[Finding]:
     rng = np.random.default_rng(0)
     rows = list(rng.random((_LENGTH, _REFERENCES), np.float32))
     ends = np.sort(rng.choice(_REFERENCES, _ENDS, replace=False))
-    times = work.in_turn({
-        f'all {_REFERENCES} ends': lambda: sequence_scores(rows),
-        f'{_ENDS} ends': lambda: sequence_scores(rows, ends=ends),
-    }, 2)  # fmt: skip
+    times = work.in_turn(
+        {
+            f'all {_REFERENCES} ends': lambda: sequence_scores(rows),
+            f'{_ENDS} ends': lambda: sequence_scores(rows, ends=ends),
+        },
+        2,
+    )
     what = f'sequence stage, k = {_LENGTH}, R = {_REFERENCES:,}'
     return [
         Finding(what=what, side=name).timed(found).aiming(at_most(found.median, 0.2, 'ms'))

@@ -59,8 +59,7 @@ def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
     rows = _read(path)
     if rows.ndim < 2 or len(rows) != count:
         raise SourceError(
-            f'{path}: an array of shape {rows.shape} for {count} images; '
-            'expected one row for each'
+            f'{path}: an array of shape {rows.shape} for {count} images; expected one row for each'
         )
     return rows.reshape(count, -1)
 

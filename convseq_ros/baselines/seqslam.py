@@ -40,9 +40,7 @@ def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     )
     mean = patches.mean(axis=(1, 3), keepdims=True)
     deviation = patches.std(axis=(1, 3), keepdims=True)
-    normal = np.divide(
-        patches - mean, deviation, out=np.zeros_like(patches), where=deviation > 0
-    )
+    normal = np.divide(patches - mean, deviation, out=np.zeros_like(patches), where=deviation > 0)
     return normal.ravel()
 
 
@@ -105,9 +103,7 @@ def enhanced(
     return similarity.astype(np.float32)
 
 
-def trajectory_scores(
-    rows: Sequence[npt.NDArray[np.float32] | None],
-) -> npt.NDArray[np.float64]:
+def trajectory_scores(rows: Sequence[npt.NDArray[np.float32] | None]) -> npt.NDArray[np.float64]:
     """
     Return for every reference the best trajectory that ends there.
 

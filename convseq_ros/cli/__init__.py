@@ -51,8 +51,9 @@ def main(args: Sequence[str] | None = None) -> int:
     except ConvseqError as error:
         print(f'convseq {chosen.command}: {error}', file=sys.stderr)
     except OSError as error:
-        print(f'convseq {chosen.command}: {error.filename or ""}: {error.strerror}',
-              file=sys.stderr)
+        print(
+            f'convseq {chosen.command}: {error.filename or ""}: {error.strerror}', file=sys.stderr
+        )
     except KeyboardInterrupt:
         print(f'convseq {chosen.command}: interrupted', file=sys.stderr)
     return 1

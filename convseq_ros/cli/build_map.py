@@ -125,9 +125,16 @@ def build(
     if not added:
         raise SourceError(f'{recording}: none of its {frames} images could be used')
     return Built(
-        str(path), frames, added, len(writer), unreadable, with_pose,
-        time.monotonic() - started, path.stat().st_size, interrupted,
-    )  # fmt: skip
+        str(path),
+        frames,
+        added,
+        len(writer),
+        unreadable,
+        with_pose,
+        time.monotonic() - started,
+        path.stat().st_size,
+        interrupted,
+    )
 
 
 def _add_places(

@@ -35,9 +35,11 @@ def yaml(known: Iterable[Parameter]) -> str:
     for item in known:
         unit = f'{item.bounds} {item.unit}'.strip()
         lines += textwrap.wrap(
-            f'{item.doc} [{unit}]' if unit else item.doc, 94, initial_indent='    # ',
+            f'{item.doc} [{unit}]' if unit else item.doc,
+            94,
+            initial_indent='    # ',
             subsequent_indent='    # ',
-        )  # fmt: skip
+        )
         lines.append(f'    {item.name}: {json.dumps(item.default)}')
     return '\n'.join(lines)
 

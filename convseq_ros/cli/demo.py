@@ -61,10 +61,12 @@ class Drives:
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        '--data', type=Path, metavar='FOLDER',
+        '--data',
+        type=Path,
+        metavar='FOLDER',
         help='folder with two drives, query first by name (folders of images or recordings), and '
         'perhaps ground_truth.csv (query,reference); default: a street that is drawn',
-    )  # fmt: skip
+    )
     parser.add_argument('--output', type=Path, default=Path('demo'), help='results (demo)')
     street = parser.add_argument_group('the drawn second drive')
     street.add_argument('--frames', type=int, default=120, help='images (120)')
@@ -82,9 +84,11 @@ def run(chosen: argparse.Namespace) -> int:
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
     build(
-        drives.reference, map_path, odom=side_topics(drives.reference).odom,
+        drives.reference,
+        map_path,
+        odom=side_topics(drives.reference).odom,
         encoding=config.encoding,
-    )  # fmt: skip
+    )
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query)
@@ -121,10 +125,14 @@ def _drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
     street = Street(length_m=chosen.frames * max(1.0, chosen.speed / 10) + 60, seed=7)
     first = Drive(num_frames=chosen.frames + 10)
     second = Drive(
-        num_frames=chosen.frames, start_m=3.4, speed_mps=chosen.speed, seed=5,
-        lane_offset_m=chosen.lane_offset, light=chosen.light,
+        num_frames=chosen.frames,
+        start_m=3.4,
+        speed_mps=chosen.speed,
+        seed=5,
+        lane_offset_m=chosen.lane_offset,
+        light=chosen.light,
         start_ns=first.start_ns + 3600 * 10**9,
-    )  # fmt: skip
+    )
     distances = []
     for name, drive in (('first', first), ('second', second)):
         shots = draw(street, drive)
@@ -176,9 +184,7 @@ def _given_truth(data: Path, queries: int, references: int) -> npt.NDArray[np.in
 
 
 def _table(
-    live: Sequence[dict[str, str]],
-    offline: Sequence[dict[str, str]],
-    truth: npt.NDArray[np.int64],
+    live: Sequence[dict[str, str]], offline: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]
 ) -> str:
     same = sum(
         all(each[name] == offline[int(each['query_index'])][name] for name in _COMPARED)

@@ -26,47 +26,64 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
     parser.add_argument(
-        'sets', nargs='*', metavar='SET',
+        'sets',
+        nargs='*',
+        metavar='SET',
         help=f'data set: a YAML file, or one of {", ".join(ready_made())}',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--method', action='append', metavar='METHOD',
+        '--method',
+        action='append',
+        metavar='METHOD',
         help='[label=]KIND[-kN][@single|@dynamic|@kN][+option=value]..., KIND one of '
         f'{", ".join(forms)}, or {PUBLISHED} for the score matrices that the set names; may be '
         f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--protocol', action='append', choices=(CLOSED, OPEN, PAST),
+        '--protocol',
+        action='append',
+        choices=(CLOSED, OPEN, PAST),
         help='the whole map, half of it removed, or each drive against its own past; may be given '
         'more than once (default closed); a set without reference is always matched against its '
         'own past',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'
     )
     parser.add_argument(
-        '--threshold-from-others', action='store_true',
+        '--threshold-from-others',
+        action='store_true',
         help='also take the threshold for each set from the sets of other places',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--exclude-recent', type=int, metavar='N',
+        '--exclude-recent',
+        type=int,
+        metavar='N',
         help='latest frames that are no loop closure, for a drive against its own past',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--study', type=Path, action='append', metavar='FILE', default=[],
+        '--study',
+        type=Path,
+        action='append',
+        metavar='FILE',
+        default=[],
         help='run a study, a YAML file, instead; may be given more than once',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--output', type=Path, default=Path('results'), help='run folder to write (results)'
     )
     parser.add_argument(
-        '--data-root', type=Path, default=Path(),
+        '--data-root',
+        type=Path,
+        default=Path(),
         help='where the folders of ready-made sets are (the present folder)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--cache', type=Path, metavar='DIR',
+        '--cache',
+        type=Path,
+        metavar='DIR',
         help=f'where encodings and results are kept ({default_folder()})',
-    )  # fmt: skip
+    )
     parser.add_argument('--no-cache', action='store_true', help='compute everything anew')
     parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
     add_config(parser)

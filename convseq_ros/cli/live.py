@@ -64,13 +64,25 @@ def recognise_live(
     }
     settings = [f'{name}:={value}' for name, value in parameters.items()]
     node = [
-        '-m', 'convseq_ros.node.vpr_node', '--ros-args',
+        '-m',
+        'convseq_ros.node.vpr_node',
+        '--ros-args',
         *(part for each in settings for part in ('-p', each)),
-    ]  # fmt: skip
+    ]
     player = [
-        sys.executable, '-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}',
-        '--odom', odom, '--camera-info', camera_info, '--wait-subscribers', '60',
-    ]  # fmt: skip
+        sys.executable,
+        '-m',
+        'convseq_ros.node.player',
+        str(recording),
+        '--rate',
+        f'{rate:g}',
+        '--odom',
+        odom,
+        '--camera-info',
+        camera_info,
+        '--wait-subscribers',
+        '60',
+    ]
     with running('vpr_node', node, folder, _END_S) as process:
         played = subprocess.run(player, env=environment(folder), check=False)
         if played.returncode or process.poll() is not None:

@@ -43,9 +43,11 @@ def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, V
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add `--config FILE` and an option for every parameter that decides a match."""
     parser.add_argument(
-        '--config', type=Path, metavar='FILE',
+        '--config',
+        type=Path,
+        metavar='FILE',
         help='parameter file, the same YAML that the node reads; options win over it',
-    )  # fmt: skip
+    )
     add_parameters(parser, 'parameters', core_parameters())
 
 

@@ -64,9 +64,11 @@ def running(
     """
     with (folder / f'{name}.log').open('wb') as log:
         process = subprocess.Popen(
-            [sys.executable, *arguments], env=environment(folder),
-            stdout=log, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+            [sys.executable, *arguments],
+            env=environment(folder),
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
         try:
             yield process
         finally:

@@ -26,9 +26,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument(
-        '--map', type=Path, required=True,
+        '--map',
+        type=Path,
+        required=True,
         help='reference map; with --mode online it is made if there is none, and grows',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--output', type=Path, default=Path('result.csv'), help='table to write (result.csv)'
     )
@@ -46,9 +48,7 @@ def run(chosen: argparse.Namespace) -> int:
     session = Session(chosen.map, chosen_config(chosen))
     matches, durations = [], []
     try:
-        source = open_annotated(
-            chosen.recording, chosen.topic, chosen.odom, chosen.camera_info
-        )
+        source = open_annotated(chosen.recording, chosen.topic, chosen.odom, chosen.camera_info)
         if session.keyframes_m and not chosen.odom:
             print(
                 f'warning: {chosen.map}: has a place every {session.keyframes_m:g} m; without '

@@ -14,17 +14,32 @@ from convseq_ros.evaluation.report.figures import write_figures
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        'result', type=Path, nargs='+', metavar='RESULT',
+        'result',
+        type=Path,
+        nargs='+',
+        metavar='RESULT',
         help='folder that `convseq evaluate --output` wrote',
-    )  # fmt: skip
-    parser.add_argument('--output', type=Path, default=Path('report.html'), metavar='FILE',
-                        help='the page (default: %(default)s)')
-    parser.add_argument('--figures', type=Path, metavar='FOLDER',
-                        help='also write every chart as PNG and SVG; needs matplotlib')
+    )
     parser.add_argument(
-        '--max-megabytes', type=float, default=MOST_MEGABYTES, metavar='SIZE',
+        '--output',
+        type=Path,
+        default=Path('report.html'),
+        metavar='FILE',
+        help='the page (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--figures',
+        type=Path,
+        metavar='FOLDER',
+        help='also write every chart as PNG and SVG; needs matplotlib',
+    )
+    parser.add_argument(
+        '--max-megabytes',
+        type=float,
+        default=MOST_MEGABYTES,
+        metavar='SIZE',
         help='show fewer pairs rather than write a larger page (default: %(default)s)',
-    )  # fmt: skip
+    )
 
 
 def run(chosen: argparse.Namespace) -> int:

@@ -11,9 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 
-def describe(
-    gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()
-) -> Descriptor:
+def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:
     """
     Return the descriptor of a grey image of any size.
 

@@ -86,9 +86,7 @@ def gradients(
 
 @compiled
 def _across(
-    line: npt.NDArray[np.float64],
-    slopes: npt.NDArray[np.float64],
-    means: npt.NDArray[np.float64],
+    line: npt.NDArray[np.float64], slopes: npt.NDArray[np.float64], means: npt.NDArray[np.float64]
 ) -> None:
     a, b, c, d, e = line[:-4], line[1:-3], line[2:-2], line[3:-1], line[4:]
     for x in range(slopes.size):

@@ -14,9 +14,7 @@ from convseq_ros.errors import MapError
 
 
 def open_map(
-    path: Path,
-    encoding: EncodingConfig | None = None,
-    keyframes: KeyframeConfig | None = None,
+    path: Path, encoding: EncodingConfig | None = None, keyframes: KeyframeConfig | None = None
 ) -> ReferenceMap:
     """
     Read a map: all that is searched in; cells and thumbnails when they are asked for.
@@ -54,9 +52,7 @@ def save_map(reference_map: ReferenceMap, path: Path) -> None:
     part = path.with_name(path.name + '.part')
     try:
         part.unlink(missing_ok=True)
-        with MapWriter(
-            part, reference_map.encoding, keyframes=reference_map.keyframes
-        ) as writer:
+        with MapWriter(part, reference_map.encoding, keyframes=reference_map.keyframes) as writer:
             copy_places(reference_map, writer, len(reference_map))
         os.replace(part, path)
     except (MapError, OSError) as error:

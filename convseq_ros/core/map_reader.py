@@ -171,8 +171,8 @@ def _connected(path: Path) -> sqlite3.Connection:
             raise MapError(f'{path}: not a convseq map')
     database = _connect(path, 'ro')
     try:
-        pages, = database.execute('PRAGMA page_count').fetchone()
-        page_bytes, = database.execute('PRAGMA page_size').fetchone()
+        (pages,) = database.execute('PRAGMA page_count').fetchone()
+        (page_bytes,) = database.execute('PRAGMA page_size').fetchone()
     except sqlite3.OperationalError:
         database.close()
         journal = path.with_name(path.name + '-journal')

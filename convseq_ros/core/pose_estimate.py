@@ -103,9 +103,13 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
     x, y, z, w = pose.orientation
     return Pose(
         pose.position,
-        (cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * w,
-         cosine * w - sine * z),
-    )  # fmt: skip
+        (
+            cosine * x - sine * y,
+            cosine * y + sine * x,
+            cosine * z + sine * w,
+            cosine * w - sine * z,
+        ),
+    )
 
 
 def _to_nearer_neighbour(places: Sequence[Place], index: int) -> Matrix:

@@ -65,9 +65,7 @@ class PlaceRecognizer:
         self._nothing = nothing_seen(config.encoding)
         self._standstill = Standstill(config.motion, own_way)
         self._acceptance = Acceptance(chosen.matching, config.acceptance.acceptance_rule)
-        self.keyframes = KeyframeSelector(
-            reference_map.keyframes, config.encoding, chosen.kernel
-        )
+        self.keyframes = KeyframeSelector(reference_map.keyframes, config.encoding, chosen.kernel)
         self._pace = Pace() if own_way and chosen.speed_search else None
         self._slopes = SlopeSearch() if own_way and chosen.speed_search else None
         self._growth: Growth | None = None
@@ -136,9 +134,7 @@ class PlaceRecognizer:
             self._growth.add(frame, descriptor)
         return measured(match, frame, descriptor)
 
-    def recognize(
-        self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None
-    ) -> Match:
+    def recognize(self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None) -> Match:
         """Do what `process` does, but for the map, for a frame that is described already."""
         answer = partial(Match, self._frames, stamp_ns)
         self._frames += 1
@@ -221,9 +217,7 @@ class PlaceRecognizer:
         candidates = best_candidates(ends, scores, self.reference_map.places, settings)
         if not candidates:
             short = usable <= diagonal(length, slope)[-1]
-            return skipped(
-                Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP, (), length, pairs
-            )
+            return skipped(Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP, (), length, pairs)
         reason, sure = self._acceptance.judge(frame, stamp_ns, candidates, settings, slope)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         candidates = self._with_shift(candidates, seen)
@@ -254,9 +248,12 @@ class PlaceRecognizer:
         if last is None or not last.candidates:
             return answer(Status.SKIPPED, reason)
         return answer(
-            Status.REJECTED, reason, last.candidates, last.sequence_length,
+            Status.REJECTED,
+            reason,
+            last.candidates,
+            last.sequence_length,
             confidence=last.confidence,
-        )  # fmt: skip
+        )
 
     def _in_order(self, stamp_ns: int) -> bool:
         late_ns = 0 if self._last_stamp_ns is None else self._last_stamp_ns - stamp_ns

@@ -150,11 +150,7 @@ class Shortlist:
         self._proven = ends[best]
 
     def _continued(
-        self,
-        ends: npt.NDArray[np.int64],
-        rows: Sequence[Row | None],
-        slope: float,
-        count: int,
+        self, ends: npt.NDArray[np.int64], rows: Sequence[Row | None], slope: float, count: int
     ) -> npt.NDArray[np.int64]:
         """Return where diagonals that were listed for an earlier frame end now."""
         for step, row in zip(diagonal(len(rows), slope), rows, strict=True):
@@ -200,9 +196,7 @@ class Shortlist:
         for inverse in self._inverse_distances(references[known:]):
             self._nearness.append(inverse)
 
-    def _inverse_distances(
-        self, references: npt.NDArray[np.float16]
-    ) -> npt.NDArray[np.float32]:
+    def _inverse_distances(self, references: npt.NDArray[np.float16]) -> npt.NDArray[np.float32]:
         inverse = np.zeros(len(references), np.float32)
         weights = self._variance ** (-2 * _POWER)
         start = 0

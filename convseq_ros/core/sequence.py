@@ -55,9 +55,7 @@ def choose_length(
         return config.fixed_length if config.fixed_length <= available else None
 
     def overlaps(other: Descriptor) -> bool:
-        return (
-            not other.informative or similarity(outward[0], other) >= config.overlap_threshold
-        )
+        return not other.informative or similarity(outward[0], other) >= config.overlap_threshold
 
     length = config.min_length
     while length < config.max_overlap_length and length <= available:

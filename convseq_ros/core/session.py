@@ -118,4 +118,3 @@ class Session:
         """
         if self._keeper:
             self._keeper.close()
-

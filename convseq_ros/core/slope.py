@@ -42,9 +42,7 @@ class SlopeSearch:
         self._closely.clear()
 
     def follow(
-        self,
-        rows: Sequence[Row | None],
-        closer: Callable[[float], Scores] | None = None,
+        self, rows: Sequence[Row | None], closer: Callable[[float], Scores] | None = None
     ) -> float:
         """
         Take in the newest frame and return the slope, references per frame.

@@ -26,8 +26,9 @@ def agreement(one: Run, other: Run) -> float:
             'cannot be compared; evaluate both on one set'
         )
     pairs = zip(one.frames, other.frames, strict=True)
-    same = sum(_alike(first['reference_index'], second['reference_index'])
-               for first, second in pairs)  # fmt: skip
+    same = sum(
+        _alike(first['reference_index'], second['reference_index']) for first, second in pairs
+    )
     return same / len(one.frames)
 
 

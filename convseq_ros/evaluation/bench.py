@@ -11,13 +11,7 @@ from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import protocols
 from convseq_ros.evaluation.cache import Cache
-from convseq_ros.evaluation.comparison import (
-    calibrate,
-    compare_times,
-    Result,
-    Summary,
-    transfer,
-)
+from convseq_ros.evaluation.comparison import calibrate, compare_times, Result, Summary, transfer
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import MethodName, parse_method
@@ -231,18 +225,21 @@ def _known_curve(verdicts: Verdicts, criterion: str) -> Any:
 def _describe_set(folder: Path, name: str, protocol: str, material: Material) -> None:
     data_set = material.data_set
     queries, references = material.truth.right.shape
-    write_json(folder / 'set.json', {
-        'name': name,
-        'title': data_set.title + (', half of the map removed' if protocol == OPEN else ''),
-        'protocol': protocol,
-        'truth': data_set.truth.kind,
-        'tolerance': data_set.truth.tolerance,
-        'radius_m': data_set.truth.radius_m or None,
-        'exclude_recent': data_set.exclude_recent if data_set.online else None,
-        'queries': queries,
-        'references': references,
-        'query': str(data_set.query),
-        'reference': str(data_set.reference) if data_set.reference else None,
-        'source': data_set.source,
-        'base': data_set.name if protocol == OPEN else None,
-    })
+    write_json(
+        folder / 'set.json',
+        {
+            'name': name,
+            'title': data_set.title + (', half of the map removed' if protocol == OPEN else ''),
+            'protocol': protocol,
+            'truth': data_set.truth.kind,
+            'tolerance': data_set.truth.tolerance,
+            'radius_m': data_set.truth.radius_m or None,
+            'exclude_recent': data_set.exclude_recent if data_set.online else None,
+            'queries': queries,
+            'references': references,
+            'query': str(data_set.query),
+            'reference': str(data_set.reference) if data_set.reference else None,
+            'source': data_set.source,
+            'base': data_set.name if protocol == OPEN else None,
+        },
+    )

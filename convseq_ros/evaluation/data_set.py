@@ -114,7 +114,6 @@ class DataSet:
         """Whether the query is matched against its own past."""
         return self.reference is None
 
-
     @property
     def own_pasts(self) -> 'list[DataSet]':
         """Its drives, each against its own past, forwards and backwards: nothing is revisited."""
@@ -163,16 +162,24 @@ def open_data_set(text: str, data_root: Path = Path()) -> DataSet:
         return read_data_set(path, path.parent)
     if text in ready_made():
         return read_data_set(READY_MADE / f'{text}.yaml', data_root)
-    raise ConfigError(
-        f'{text}: no data set; give a YAML file or one of {", ".join(ready_made())}'
-    )
+    raise ConfigError(f'{text}: no data set; give a YAML file or one of {", ".join(ready_made())}')
 
 
 def read_data_set(path: Path, base: Path) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
     content = read_yaml(path)
-    known = ('name', 'title', 'query', 'reference', 'truth', 'exclude_recent', 'place',
-             'published', 'where', 'source')  # fmt: skip
+    known = (
+        'name',
+        'title',
+        'query',
+        'reference',
+        'truth',
+        'exclude_recent',
+        'place',
+        'published',
+        'where',
+        'source',
+    )
     refuse_unknown(content, known, path)
     name = str(content.get('name', path.stem))
     if not re.fullmatch(r'[\w.-]+', name) or name.startswith('.'):

@@ -145,9 +145,7 @@ class Drive:
     def reference_map(self) -> ReferenceMap:
         """The drive as a map; frames that could not be read hold their places."""
         made = ReferenceMap(self.encoding)
-        for stamp_ns, name, one in zip(
-            self.stamps_ns, self.names, self.descriptors, strict=True
-        ):
+        for stamp_ns, name, one in zip(self.stamps_ns, self.names, self.descriptors, strict=True):
             made.add(Place(stamp_ns, name), pack_cells(one.cells))
         return made
 
@@ -172,9 +170,14 @@ def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Dr
     columns = [kept[item.name] for item in fields(Descriptor)]
     descriptors = [Descriptor(*map(_value, row)) for row in zip(*columns, strict=True)]
     return Drive(
-        images, encoding, kept['stamps_ns'].tolist(), kept['names'].tolist(),
-        kept['readable'].tolist(), descriptors, float(kept['encode_ms']),
-    )  # fmt: skip
+        images,
+        encoding,
+        kept['stamps_ns'].tolist(),
+        kept['names'].tolist(),
+        kept['readable'].tolist(),
+        descriptors,
+        float(kept['encode_ms']),
+    )
 
 
 def _paced(whole: Drive, images: Images, order: Sequence[int]) -> Drive:

@@ -51,9 +51,7 @@ class Material:
         if encoding not in self._drives:
             query = describe_drive(self.query, encoding, self.cache)
             own_past = self.reference == self.query
-            reference = query if own_past else describe_drive(
-                self.reference, encoding, self.cache
-            )  # fmt: skip
+            reference = query if own_past else describe_drive(self.reference, encoding, self.cache)
             self._drives[encoding] = query, reference
         return self._drives[encoding]
 
@@ -140,9 +138,7 @@ def _poses(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
     return within_radius(first, second, data_set.truth.radius_m)
 
 
-def _positions(
-    data_set: DataSet, part: Part, drive: Drive, name: str
-) -> npt.NDArray[np.float64]:
+def _positions(data_set: DataSet, part: Part, drive: Drive, name: str) -> npt.NDArray[np.float64]:
     if part.backwards:
         raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')
     if data_set.truth.path is not None:

@@ -70,11 +70,7 @@ def parse_method(text: str) -> MethodName:
 
 
 def _label(
-    kind: str,
-    argument: str,
-    length: str | None,
-    sequence: str | None,
-    options: Mapping[str, str],
+    kind: str, argument: str, length: str | None, sequence: str | None, options: Mapping[str, str]
 ) -> str:
     name = PurePath(argument.split(',')[0]).stem if argument else kind
     parts = [name, f'k{length}' if length else '', sequence or '', *options.values()]

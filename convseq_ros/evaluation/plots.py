@@ -127,9 +127,13 @@ def draw_curves(
     for index, (name, (recall, precision)) in enumerate(curves.items()):
         if len(recall):
             axes.plot(
-                [0.0, *recall], [precision[0], *precision], label=name, color=f'C{index % 10}',
-                linestyle='--' if index >= 10 else '-', linewidth=1.5,
-            )  # fmt: skip
+                [0.0, *recall],
+                [precision[0], *precision],
+                label=name,
+                color=f'C{index % 10}',
+                linestyle='--' if index >= 10 else '-',
+                linewidth=1.5,
+            )
     axes.set(xlim=(0, 1.01), ylim=(0, 1.02))
     axes.grid(alpha=0.3)
     if any(len(recall) for recall, _ in curves.values()):
@@ -251,10 +255,18 @@ def _show_matrix(
     for spine in axes.spines.values():
         spine.set(color=DIM, linewidth=0.8)
     axes.legend(
-        loc='lower left', bbox_to_anchor=(0, 1.005), ncols=3, frameon=False, fontsize=12,
-        labelcolor=PALE, borderaxespad=0, handletextpad=0.5, columnspacing=1.8, markerscale=1.6,
+        loc='lower left',
+        bbox_to_anchor=(0, 1.005),
+        ncols=3,
+        frameon=False,
+        fontsize=12,
+        labelcolor=PALE,
+        borderaxespad=0,
+        handletextpad=0.5,
+        columnspacing=1.8,
+        markerscale=1.6,
         handlelength=1.4,
-    )  # fmt: skip
+    )
 
 
 def _show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
@@ -263,9 +275,13 @@ def _show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
     finite = scores[np.isfinite(scores)]
     low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
     axes.imshow(
-        scores, cmap=LinearSegmentedColormap.from_list('night', NIGHT), vmin=low, vmax=high,
-        aspect='auto', interpolation='nearest',
-    )  # fmt: skip
+        scores,
+        cmap=LinearSegmentedColormap.from_list('night', NIGHT),
+        vmin=low,
+        vmax=high,
+        aspect='auto',
+        interpolation='nearest',
+    )
 
 
 def _show_path(
@@ -276,6 +292,12 @@ def _show_path(
     for chosen, color, label in ((right, RIGHT, 'right'), (wrong, WRONG, 'wrong')):
         if chosen.any():
             axes.scatter(
-                found[chosen], queries[chosen], s=size, color=color, edgecolor=DARK,
-                linewidth=0.6, label=f'{chosen.sum()} {label}', zorder=3,
-            )  # fmt: skip
+                found[chosen],
+                queries[chosen],
+                s=size,
+                color=color,
+                edgecolor=DARK,
+                linewidth=0.6,
+                label=f'{chosen.sum()} {label}',
+                zorder=3,
+            )

@@ -16,11 +16,7 @@ from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method, PairScores
 from convseq_ros.evaluation.recognition import answer_again, past_only, recognize
-from convseq_ros.evaluation.sequence_matching import (
-    choose_lengths,
-    decide_frames,
-    score_sequences,
-)
+from convseq_ros.evaluation.sequence_matching import choose_lengths, decide_frames, score_sequences
 import numpy as np
 import numpy.typing as npt
 
@@ -109,10 +105,16 @@ def open_set(material: Material, method: Method) -> Outcome:
         right.append(kept)
         reach.append(in_reach(kept[:, first:last], found, method.kind.direction))
     return Outcome(
-        OPEN, matches, np.concatenate(scores), np.concatenate(right),
-        np.concatenate([material.truth.slip] * len(spans)), np.concatenate(reach),
-        [half for half in spans for _ in range(len(query))], query, pairs,
-    )  # fmt: skip
+        OPEN,
+        matches,
+        np.concatenate(scores),
+        np.concatenate(right),
+        np.concatenate([material.truth.slip] * len(spans)),
+        np.concatenate(reach),
+        [half for half in spans for _ in range(len(query))],
+        query,
+        pairs,
+    )
 
 
 def online(material: Material, method: Method) -> Outcome:
@@ -165,9 +167,7 @@ def _afresh(protocol: str, material: Material, method: Method) -> Outcome:
     query, _ = material.drives(method.config.encoding)
     found = recognize(material, method.config)
     lengths = [match.sequence_length for match in found.matches]
-    scores = score_sequences(
-        found.rows, query, lengths, partial_windows=_leaves_the_map(method)
-    )
+    scores = score_sequences(found.rows, query, lengths, partial_windows=_leaves_the_map(method))
     frame_ms = float(np.median(found.durations_ms))
     pairs = PairScores(found.rows, query.encode_ms, max(0.0, frame_ms - query.encode_ms))
     outcome = _whole_map(protocol, material, method, pairs, found.matches, scores)
@@ -200,14 +200,16 @@ def _answers(
     if method.kind.recognizer:
         again = answer_again(material, method.config, *span)
     lengths = (
-        _lengths(material, method)
-        if again is None
-        else [match.sequence_length for match in again]
+        _lengths(material, method) if again is None else [match.sequence_length for match in again]
     )
     found = score_sequences(
-        pairs.scores[:, kept], query, lengths, method.kind.direction, pairs.scorer,
+        pairs.scores[:, kept],
+        query,
+        lengths,
+        method.kind.direction,
+        pairs.scorer,
         _leaves_the_map(method),
-    )  # fmt: skip
+    )
     places = reference.reference_map.places[kept]
     matches = again or decide_frames(found, query, places, lengths, method.config)
     scores = np.full(pairs.scores.shape, -np.inf)

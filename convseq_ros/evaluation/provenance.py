@@ -11,8 +11,14 @@ from typing import Any
 
 from convseq_ros import __version__
 
-_LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'scikit-image', 'onnxruntime',
-              'numba')  # fmt: skip
+_LIBRARIES = (
+    'numpy',
+    'opencv-python-headless',
+    'opencv-python',
+    'scikit-image',
+    'onnxruntime',
+    'numba',
+)
 
 
 def provenance() -> dict[str, Any]:

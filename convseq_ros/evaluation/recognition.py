@@ -194,10 +194,12 @@ def _match(stored: dict[str, Any]) -> Match:
         Candidate(**{**one, 'shift': one['shift'] and tuple(one['shift'])})
         for one in stored['candidates']
     )
-    return Match(**{
-        **stored,
-        'status': Status(stored['status']),
-        'reason': Reason(stored['reason']),
-        'candidates': candidates,
-        'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
-    })
+    return Match(
+        **{
+            **stored,
+            'status': Status(stored['status']),
+            'reason': Reason(stored['reason']),
+            'candidates': candidates,
+            'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
+        }
+    )

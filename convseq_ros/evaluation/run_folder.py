@@ -171,10 +171,14 @@ def write_curve(path: Path, curve: Curve) -> None:
     """Write curve.csv."""
     points = zip(curve.threshold, curve.precision, curve.recall, strict=True)
     names = ('threshold', 'precision', 'recall')
-    write_table(path, names, (
-        {name: f'{value:.7g}' for name, value in zip(names, point, strict=True)}
-        for point in points
-    ))  # fmt: skip
+    write_table(
+        path,
+        names,
+        (
+            {name: f'{value:.7g}' for name, value in zip(names, point, strict=True)}
+            for point in points
+        ),
+    )
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
@@ -189,15 +193,19 @@ def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) ->
     rows = []
     for summary in summaries:
         transferred = summary.get('transferred') or {}
-        rows.append({
-            **summary,
-            'transferred': None,
-            **{f'transferred_{name}': value for name, value in transferred.items()},
-        })
+        rows.append(
+            {
+                **summary,
+                'transferred': None,
+                **{f'transferred_{name}': value for name, value in transferred.items()},
+            }
+        )
     extra = dict.fromkeys(
-        name for one in rows for name in one
+        name
+        for one in rows
+        for name in one
         if name.startswith('transferred_') and name != 'transferred_others'
-    )  # fmt: skip
+    )
     names = [name for name in columns if name != 'transferred'] + list(extra)
     write_table(folder / 'summary.csv', names, rows)
 

@@ -72,10 +72,15 @@ class Verdicts:
     def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
         """Return the verdicts on some frames, repeated if asked for more than once."""
         return Verdicts(
-            self.matched[chosen], self.known[chosen], self.correct[chosen], self.slip[chosen],
-            self.accepted[chosen], self.reach[chosen], self.lengths[chosen],
+            self.matched[chosen],
+            self.known[chosen],
+            self.correct[chosen],
+            self.slip[chosen],
+            self.accepted[chosen],
+            self.reach[chosen],
+            self.lengths[chosen],
             {name: values[chosen] for name, values in self.values.items()},
-        )  # fmt: skip
+        )
 
     def sure(self, criterion: str) -> npt.NDArray[np.float64]:
         """Return the values of a criterion, -inf where the method does not say."""
@@ -195,11 +200,12 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str,
         'in_reach': int(verdicts.reach.sum()),
         **decisions(verdicts),
         'mean_k': float(lengths.mean()) if len(lengths) else None,
-        'k_distribution': dict(sorted(Counter(map(str, lengths.tolist())).items(),
-                                      key=lambda item: int(item[0]))),
+        'k_distribution': dict(
+            sorted(Counter(map(str, lengths.tolist())).items(), key=lambda item: int(item[0]))
+        ),
         'pairs_per_frame': float(np.mean([match.pairs_scored for match in outcome.matches])),
         'encode_ms': outcome.pairs.encode_ms,
         'frame_ms': outcome.frame_ms,
         'pcu': None,
         'transferred': None,
-    }  # fmt: skip
+    }

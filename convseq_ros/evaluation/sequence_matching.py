@@ -81,9 +81,7 @@ def score_sequences(
         -inf where there is none.
 
     """
-    scorer = scorer or partial(
-        sequence_scores, direction=direction, partial=partial_windows
-    )
+    scorer = scorer or partial(sequence_scores, direction=direction, partial=partial_windows)
     seen = drive.informative & np.isfinite(rows).any(axis=1)
     usable = [row if there else None for row, there in zip(rows, seen, strict=True)]
     scores = np.full(rows.shape, -np.inf)

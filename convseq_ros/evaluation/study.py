@@ -134,17 +134,28 @@ def run_study(
                 for text in study.methods:
                     shown = {**chosen, **({'change': kind, 'amount': amount} if kind else {})}
                     report(f'{data_set.name}: {text} {shown}')
-                    rows.append({
-                        'set': data_set.name, 'method': parse_method(text).label, **shown,
-                        **_figures(material, text, settings, chosen),
-                    })  # fmt: skip
+                    rows.append(
+                        {
+                            'set': data_set.name,
+                            'method': parse_method(text).label,
+                            **shown,
+                            **_figures(material, text, settings, chosen),
+                        }
+                    )
     columns = dict.fromkeys(name for row in rows for name in row)
     rows = [{name: row.get(name) for name in columns} for row in rows]
     write_table(output / f'{study.name}.csv', columns, rows)
-    write_json(output / f'{study.name}.json', {
-        'study': study.name, 'methods': list(study.methods), 'configuration': flatten(config),
-        **provenance(), 'argv': list(argv), 'rows': rows,
-    })  # fmt: skip
+    write_json(
+        output / f'{study.name}.json',
+        {
+            'study': study.name,
+            'methods': list(study.methods),
+            'configuration': flatten(config),
+            **provenance(),
+            'argv': list(argv),
+            'rows': rows,
+        },
+    )
     return rows
 
 

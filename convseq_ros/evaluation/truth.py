@@ -90,10 +90,7 @@ def listed(
     """
     right = np.zeros(shape, np.bool_)
     for query, reference, *own in pairs.tolist():
-        for kind, index, count in (
-            ('query', query, shape[0]),
-            ('reference', reference, shape[1]),
-        ):
+        for kind, index, count in (('query', query, shape[0]), ('reference', reference, shape[1])):
             if not 0 <= index < count:
                 raise SourceError(
                     f'{where}: {kind} {index} does not exist, there are {count} (0 to '

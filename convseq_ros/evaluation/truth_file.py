@@ -153,8 +153,9 @@ def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64
         try:
             rows: list[Mapping[str, str]] = list(csv.DictReader(file))
             own = [row for row in rows if row.get('drive', drive) == drive]
-            positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)]
-                         for row in own]  # fmt: skip
+            positions = [
+                [float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in own
+            ]
         except (csv.Error, UnicodeDecodeError, KeyError, TypeError, ValueError):
             raise SourceError(
                 f'{path}: expected a CSV table with the columns x, y, z in metres'

@@ -20,23 +20,21 @@ from std_msgs.msg import Float64MultiArray, Header, Int64MultiArray
 _NS = 1_000_000_000
 _ORIGIN = (0.0, 0.0, 0.0)
 
-CANDIDATE = np.dtype([
-    ('x', '<f4'),
-    ('y', '<f4'),
-    ('z', '<f4'),
-    ('score', '<f4'),
-    ('index', '<u4'),
-    ('length', '<u4'),
-    ('stamp_sec', '<i4'),
-    ('stamp_nanosec', '<u4'),
-])
+CANDIDATE = np.dtype(
+    [
+        ('x', '<f4'),
+        ('y', '<f4'),
+        ('z', '<f4'),
+        ('score', '<f4'),
+        ('index', '<u4'),
+        ('length', '<u4'),
+        ('stamp_sec', '<i4'),
+        ('stamp_nanosec', '<u4'),
+    ]
+)
 """One row of `~/candidates`."""
 
-_FIELD_TYPES = {
-    'f4': PointField.FLOAT32,
-    'u4': PointField.UINT32,
-    'i4': PointField.INT32,
-}
+_FIELD_TYPES = {'f4': PointField.FLOAT32, 'u4': PointField.UINT32, 'i4': PointField.INT32}
 
 
 def stamp_to_ns(stamp: Time) -> int:
@@ -133,9 +131,7 @@ def pose_only_message(pose: Pose) -> PoseMessage:
     )
 
 
-def pose_message(
-    match: Match, estimate: PoseEstimate, frame_id: str
-) -> PoseWithCovarianceStamped:
+def pose_message(match: Match, estimate: PoseEstimate, frame_id: str) -> PoseWithCovarianceStamped:
     """
     Return where the camera is at the time of the query.
 

@@ -58,10 +58,7 @@ def _draw_agreement(
     colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(agreement) else hues[0]
     widths = middle_px, pictures.shape[1] - middle_px
     for (row, column, other_row, other_column), colour in zip(agreement, colours, strict=True):
-        for x, y in (
-            (column * widths[0], row),
-            (middle_px + other_column * widths[1], other_row),
-        ):
+        for x, y in ((column * widths[0], row), (middle_px + other_column * widths[1], other_row)):
             where = round(x), round(y * _HEIGHT_PX)
             cv2.circle(pictures, where, 2, colour.tolist(), -1, cv2.LINE_AA)
 

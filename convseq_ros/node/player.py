@@ -180,12 +180,16 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('recording', type=Path, metavar='RECORDING')
     result.add_argument('--topic', default='', help='image topic of the recording, if several')
     result.add_argument(
-        '--image-topic', default='/image', metavar='NAME',
+        '--image-topic',
+        default='/image',
+        metavar='NAME',
         help='topic to publish on; compressed images go to NAME/compressed (default: /image)',
     )
     for what in _SIDES:
         result.add_argument(
-            '--' + what.replace('_', '-'), default='', metavar='TOPIC',
+            '--' + what.replace('_', '-'),
+            default='',
+            metavar='TOPIC',
             help=f'also publish this {_SIDES[what].__name__} topic of the recording, on `{what}`',
         )
     result.add_argument(
@@ -196,11 +200,15 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('--loop', action='store_true', help='start again at the end')
     result.add_argument(
-        '--best-effort', action='store_true',
+        '--best-effort',
+        action='store_true',
         help='publish as many camera drivers do; images may be lost (default: reliable)',
     )
     result.add_argument(
-        '--wait-subscribers', type=_seconds, default=10.0, metavar='S',
+        '--wait-subscribers',
+        type=_seconds,
+        default=10.0,
+        metavar='S',
         help='wait up to S seconds for a subscriber; 0: do not wait (default: 10)',
     )
     return result

@@ -53,9 +53,7 @@ class Playlist:
 
     """
 
-    def __init__(
-        self, source: Source, path: Path, sides: dict[str, str], start_s: float
-    ) -> None:
+    def __init__(self, source: Source, path: Path, sides: dict[str, str], start_s: float) -> None:
         self._source = source
         self._path = path
         self._sides = sides

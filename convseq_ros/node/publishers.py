@@ -43,9 +43,7 @@ class MatchPublishers:
 
     """
 
-    def __init__(
-        self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]
-    ) -> None:
+    def __init__(self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]) -> None:
         self.config = config
         self._odometry_frame = odometry_frame
         self._index = node.create_publisher(Int32, '~/match_index', _DEPTH)
@@ -69,8 +67,9 @@ class MatchPublishers:
         """Publish the answer to one frame; -1 and 0 stand for no match and no score."""
         best, accepted = match.best, match.accepted
         places = recognizer.reference_map.places
-        poses = {item.reference_index: places[item.reference_index].pose
-                 for item in match.candidates}
+        poses = {
+            item.reference_index: places[item.reference_index].pose for item in match.candidates
+        }
         self._index.publish(Int32(data=accepted.reference_index if accepted else -1))
         self._score.publish(Float32(data=best.score if best else 0.0))
         self._length.publish(UInt32(data=match.sequence_length))

@@ -37,9 +37,7 @@ class ReferencePath:
         """Publish the map's path if there is news; nothing if it has no poses."""
         told, length, told_s = self._told
         now_s = time.monotonic()
-        if reference_map is told and (
-            len(reference_map) == length or now_s - told_s < _PERIOD_S
-        ):
+        if reference_map is told and (len(reference_map) == length or now_s - told_s < _PERIOD_S):
             return
         self._told = reference_map, len(reference_map), now_s
         message = path_message(reference_map, frame_id)

@@ -27,9 +27,7 @@ class Background:
     async def result_of(self, work: Callable[[], Result]) -> Result:
         """Return the result of work, or raise its error, while other callbacks are served."""
         future: Future[Result] = Future()
-        thread = threading.Thread(
-            target=settle, args=(future, work), name='service', daemon=True
-        )
+        thread = threading.Thread(target=settle, args=(future, work), name='service', daemon=True)
         self._threads.add(thread)
         thread.start()
         while thread.is_alive():

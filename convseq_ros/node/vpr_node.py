@@ -73,9 +73,7 @@ class VprNode(Node):
         self._ready = False
         self._statistics = Statistics()
         self._surroundings = Surroundings(self)
-        self._answers = MatchPublishers(
-            self, config, lambda: self._surroundings.odometry.frame_id
-        )
+        self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,
             self._surroundings,
@@ -85,9 +83,7 @@ class VprNode(Node):
             logger,
             self.context.ok,
         )
-        self._worker = Worker(
-            self._recognition.handle, config.queue_size, config.max_wait_s
-        )
+        self._worker = Worker(self._recognition.handle, config.queue_size, config.max_wait_s)
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
         )

@@ -98,9 +98,7 @@ class Drive:
         if any(not a[0] < b[0] for a, b in pairwise(self.lanes)):
             raise ConvseqError(f'lanes: the distances of {self.lanes} do not ascend')
         if not 20 <= self.field_of_view_deg <= 140:
-            raise ConvseqError(
-                f'field_of_view_deg: {self.field_of_view_deg} is outside 20 .. 140'
-            )
+            raise ConvseqError(f'field_of_view_deg: {self.field_of_view_deg} is outside 20 .. 140')
 
     @property
     def camera(self) -> Camera:
@@ -220,6 +218,6 @@ def _grain(drive: Drive, strength: float) -> Image:
 
 def _expose(image: Image, drive: Drive, grain: Image, index: int) -> Image:
     row, column = np.random.default_rng((drive.seed, index)).integers(0, 64, 2)
-    part = grain[row:row + drive.height_px, column:column + drive.width_px]
+    part = grain[row : row + drive.height_px, column : column + drive.width_px]
     exposed: Image = cv2.addWeighted(image, drive.brightness, part, 1.0, -128.0)
     return exposed

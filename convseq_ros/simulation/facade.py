@@ -9,12 +9,28 @@ import cv2
 import numpy as np
 
 _WALLS: tuple[Colour, ...] = (
-    (70, 88, 150), (60, 76, 128), (92, 112, 168), (150, 190, 214), (178, 204, 220),
-    (196, 206, 212), (168, 176, 180), (128, 158, 182), (120, 168, 202), (150, 170, 150),
-    (184, 168, 148), (150, 150, 196), (104, 128, 148), (140, 196, 226), (210, 216, 218),
+    (70, 88, 150),
+    (60, 76, 128),
+    (92, 112, 168),
+    (150, 190, 214),
+    (178, 204, 220),
+    (196, 206, 212),
+    (168, 176, 180),
+    (128, 158, 182),
+    (120, 168, 202),
+    (150, 170, 150),
+    (184, 168, 148),
+    (150, 150, 196),
+    (104, 128, 148),
+    (140, 196, 226),
+    (210, 216, 218),
 )
 _ROOFS: tuple[Colour, ...] = (
-    (58, 70, 120), (70, 72, 78), (86, 84, 82), (64, 90, 140), (74, 84, 96),
+    (58, 70, 120),
+    (70, 72, 78),
+    (86, 84, 82),
+    (64, 90, 140),
+    (74, 84, 96),
 )
 
 
@@ -62,9 +78,10 @@ def _roof(sheet: Sheet, rng: np.random.Generator, eaves: float) -> None:
             sheet.box(at - 0.1, eaves + 0.3, 1.2, 1.2, (205, 210, 212))
             shine = shade_of(WARM, 0.8) if rng.uniform() < 0.4 else None
             sheet.box(at, eaves + 0.4, 1.0, 0.95, (70, 62, 58), shine)
-            sheet.polygon([
-                (at - 0.3, eaves + 1.4), (at + 1.3, eaves + 1.4), (at + 0.5, eaves + 1.95)
-            ], shade_of(colour, 0.75))
+            sheet.polygon(
+                [(at - 0.3, eaves + 1.4), (at + 1.3, eaves + 1.4), (at + 0.5, eaves + 1.95)],
+                shade_of(colour, 0.75),
+            )
 
 
 def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -> None:
@@ -72,17 +89,29 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
     width, rise = sheet.width_m, sheet.height_m - eaves
     kind = rng.integers(3)
     if kind == 0:
-        outline = [(0.0, 0.0), (width, 0.0), (width, eaves), (width / 2, eaves + rise),
-                   (0.0, eaves)]
+        outline = [
+            (0.0, 0.0),
+            (width, 0.0),
+            (width, eaves),
+            (width / 2, eaves + rise),
+            (0.0, eaves),
+        ]
     elif kind == 1:
         steps = int(rng.integers(3, 6))
-        left = [(i * width / 2 / steps + j * 0.001, eaves + (i + j) * rise * 0.9 / steps)
-                for i in range(steps) for j in (0, 1)]
+        left = [
+            (i * width / 2 / steps + j * 0.001, eaves + (i + j) * rise * 0.9 / steps)
+            for i in range(steps)
+            for j in (0, 1)
+        ]
         right = [(width - x, z) for x, z in reversed(left)]
         outline = [(0.0, 0.0), *left, *right, (width, 0.0)]
     else:
-        outline = [(0.0, 0.0), (width, 0.0), (width, eaves + 0.4 * rise),
-                   (0.0, eaves + 0.4 * rise)]
+        outline = [
+            (0.0, 0.0),
+            (width, 0.0),
+            (width, eaves + 0.4 * rise),
+            (0.0, eaves + 0.4 * rise),
+        ]
     mask = Sheet(width, sheet.height_m, sheet.resolution)
     mask.polygon(outline, (255, 255, 255))
     sheet.image[:] = cv2.multiply(sheet.image, mask.image, scale=1 / 255)
@@ -115,7 +144,7 @@ def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: flo
     sheet.image[..., :3] = np.clip(relief[..., None] * np.array(wall, np.float32), 0, 255)
     sheet.image[..., 3] = 255
     if rng.uniform() < 0.5:
-        sheet.image[:sheet.image.shape[0] - round(eaves * sheet.resolution)] = 0
+        sheet.image[: sheet.image.shape[0] - round(eaves * sheet.resolution)] = 0
         _roof(sheet, rng, eaves)
         cornice = any_colour(rng, (0.0, 0.2), (0.5, 1.0))
         sheet.box(0, eaves - 0.25, width, 0.3, cornice)
@@ -160,8 +189,13 @@ def paint_side(rng: np.random.Generator, sheet: Sheet) -> None:
     if rng.uniform() < 0.4 and sheet.height_m > 5:
         board = any_colour(rng, (0.2, 0.8), (0.3, 1.0))
         sheet.box(0.8, sheet.height_m - 4.2, sheet.width_m * 0.6, 3.4, board, shade_of(board, 0.2))
-        sheet.text(1.0, sheet.height_m - 2.4, 0.8, word(rng, 3, 5), any_colour(
-            rng, (0.0, 0.3), (0.9, 1.0)))
+        sheet.text(
+            1.0,
+            sheet.height_m - 2.4,
+            0.8,
+            word(rng, 3, 5),
+            any_colour(rng, (0.0, 0.3), (0.9, 1.0)),
+        )
     else:
         style_seed = int(rng.integers(1 << 31))
         for storey in np.arange(1.0, sheet.height_m - 2.0, 3.0):

@@ -11,9 +11,20 @@ CAR_LENGTH_M, CAR_WIDTH_M, CAR_HEIGHT_M = 4.2, 1.75, 1.5
 _RUBBER: Colour = (28, 28, 28)
 _GLASS: Colour = (78, 66, 56)
 _CARS: tuple[Colour, ...] = (
-    (226, 228, 230), (186, 190, 192), (130, 132, 134), (72, 72, 74), (38, 38, 40), (40, 40, 170),
-    (120, 70, 36), (90, 50, 30), (60, 90, 50), (150, 170, 180), (160, 130, 90), (40, 150, 215),
-    (70, 60, 110), (60, 100, 140),
+    (226, 228, 230),
+    (186, 190, 192),
+    (130, 132, 134),
+    (72, 72, 74),
+    (38, 38, 40),
+    (40, 40, 170),
+    (120, 70, 36),
+    (90, 50, 30),
+    (60, 90, 50),
+    (150, 170, 180),
+    (160, 130, 90),
+    (40, 150, 215),
+    (70, 60, 110),
+    (60, 100, 140),
 )
 
 
@@ -23,10 +34,15 @@ def paint_tree(rng: np.random.Generator, sheet: Sheet) -> None:
     bark = shade_of((62, 84, 104), rng.uniform(0.7, 1.2))
     middle, fork = width / 2, height * rng.uniform(0.32, 0.45)
     foot = 0.12 + 0.012 * height
-    sheet.polygon([
-        (middle - foot, 0), (middle + foot, 0), (middle + foot / 2, fork + 0.8),
-        (middle - foot / 2, fork + 0.8),
-    ], bark)
+    sheet.polygon(
+        [
+            (middle - foot, 0),
+            (middle + foot, 0),
+            (middle + foot / 2, fork + 0.8),
+            (middle - foot / 2, fork + 0.8),
+        ],
+        bark,
+    )
     for angle in rng.uniform(-1.0, 1.0, 6):
         reach = rng.uniform(0.2, 0.4) * width
         sheet.line([(middle, fork), (middle + angle * reach, fork + reach * 1.2)], 0.09, bark)
@@ -68,10 +84,14 @@ def paint_sign(rng: np.random.Generator, sheet: Sheet) -> None:
             limit = f'{rng.integers(2, 9)}0'
             sheet.text(middle - 0.24, top - 0.12, 0.26, limit, (20, 20, 20))
         case 1:
-            sheet.polygon([(middle - 0.45, top - 0.35), (middle + 0.45, top - 0.35),
-                           (middle, top + 0.42)], (40, 40, 205))
-            sheet.polygon([(middle - 0.27, top - 0.24), (middle + 0.27, top - 0.24),
-                           (middle, top + 0.22)], (240, 240, 240))
+            sheet.polygon(
+                [(middle - 0.45, top - 0.35), (middle + 0.45, top - 0.35), (middle, top + 0.42)],
+                (40, 40, 205),
+            )
+            sheet.polygon(
+                [(middle - 0.27, top - 0.24), (middle + 0.27, top - 0.24), (middle, top + 0.22)],
+                (240, 240, 240),
+            )
         case 2:
             sheet.box(middle - 0.4, top - 0.4, 0.8, 0.8, (190, 90, 30))
             sheet.text(middle - 0.22, top - 0.22, 0.45, word(rng, 1, 1), (245, 245, 245))
@@ -101,18 +121,30 @@ def paint_car_side(rng: np.random.Generator, sheet: Sheet) -> None:
     nose = rng.uniform(0.62, 0.92)
     waist = rng.uniform(0.85, 0.95)
     roof_end, bonnet = nose * length - 0.9, nose * length
-    sheet.polygon([
-        (0.0, 0.28), (length, 0.28), (length, 0.66), (bonnet, waist), (roof_end, top - 0.02),
-        (0.0, top - 0.02),
-    ], paint)
-    sheet.polygon([
-        (0.2, top - 0.12), (roof_end - 0.05, top - 0.12), (bonnet - 0.3, waist),
-        (0.25, waist),
-    ], _GLASS)
-    sheet.polygon([
-        (0.40 * length, waist), (0.46 * length, waist), (0.52 * length, top - 0.12),
-        (0.46 * length, top - 0.12),
-    ], shade_of(_GLASS, 1.7))
+    sheet.polygon(
+        [
+            (0.0, 0.28),
+            (length, 0.28),
+            (length, 0.66),
+            (bonnet, waist),
+            (roof_end, top - 0.02),
+            (0.0, top - 0.02),
+        ],
+        paint,
+    )
+    sheet.polygon(
+        [(0.2, top - 0.12), (roof_end - 0.05, top - 0.12), (bonnet - 0.3, waist), (0.25, waist)],
+        _GLASS,
+    )
+    sheet.polygon(
+        [
+            (0.40 * length, waist),
+            (0.46 * length, waist),
+            (0.52 * length, top - 0.12),
+            (0.46 * length, top - 0.12),
+        ],
+        shade_of(_GLASS, 1.7),
+    )
     sheet.box(0.1, waist - 0.06, bonnet - 0.2, 0.04, shade_of(paint, 1.25))
     sheet.box(0.0, 0.37, length, 0.1, shade_of(paint, 0.78))
     for pillar in (0.36, 0.58):
@@ -134,15 +166,13 @@ def paint_car_end(rng: np.random.Generator, sheet: Sheet) -> None:
     width, top = sheet.width_m, sheet.height_m
     sheet.box(0.1, 0.0, 0.24, 0.4, _RUBBER)
     sheet.box(width - 0.34, 0.0, 0.24, 0.4, _RUBBER)
-    sheet.polygon([
-        (0.0, 0.25), (width, 0.25), (width, top - 0.02), (0.0, top - 0.02)
-    ], paint)
-    sheet.polygon([
-        (0.16, 0.92), (width - 0.16, 0.92), (width - 0.2, top - 0.12), (0.2, top - 0.12)
-    ], _GLASS)
-    sheet.polygon([
-        (0.4, 0.92), (0.7, 0.92), (0.95, top - 0.12), (0.65, top - 0.12)
-    ], shade_of(_GLASS, 1.6))
+    sheet.polygon([(0.0, 0.25), (width, 0.25), (width, top - 0.02), (0.0, top - 0.02)], paint)
+    sheet.polygon(
+        [(0.16, 0.92), (width - 0.16, 0.92), (width - 0.2, top - 0.12), (0.2, top - 0.12)], _GLASS
+    )
+    sheet.polygon(
+        [(0.4, 0.92), (0.7, 0.92), (0.95, top - 0.12), (0.65, top - 0.12)], shade_of(_GLASS, 1.6)
+    )
     sheet.box(0.0, 0.25, width, 0.2, shade_of(paint, 0.5))
     sheet.box(0.04, 0.84, width - 0.08, 0.05, shade_of(paint, 1.2))
     for lamp in (0.02, width - 0.3):

@@ -48,17 +48,35 @@ class Layout:
         return np.random.default_rng((self._seed, at + 1_000_000, topic))
 
     def _panel(
-        self, start: Point, end: Point, bottom: float, top: float, paint: Painter,
-        resolution: float = 32.0, visible_m: float = 170.0, facing: bool = False,
-        gain: float | None = None, seed: int | None = None,
+        self,
+        start: Point,
+        end: Point,
+        bottom: float,
+        top: float,
+        paint: Painter,
+        resolution: float = 32.0,
+        visible_m: float = 170.0,
+        facing: bool = False,
+        gain: float | None = None,
+        seed: int | None = None,
     ) -> Panel:
         self._count += 1
         seeds = (self._seed, self._index + 1_000_000, 99, self._count) if seed is None else (seed,)
         if gain is None:
             gain = (self._light.left if start[1] + end[1] > 0 else self._light.right) * 1.05
         return Panel(
-            start, end, bottom, top, visible_m, facing, resolution, seeds, paint, gain,
-            self._light, self._lamps,
+            start,
+            end,
+            bottom,
+            top,
+            visible_m,
+            facing,
+            resolution,
+            seeds,
+            paint,
+            gain,
+            self._light,
+            self._lamps,
         )
 
     def _lamp_places(self, index: int) -> list[Point]:
@@ -120,7 +138,7 @@ class Layout:
         height = float(rng.uniform(4.5, 9.0))
         half = height * float(rng.uniform(0.24, 0.36))
         return self._panel(
-            (x, y - half), (x, y + half), 0.0, height, furniture.paint_tree, facing=True,
+            (x, y - half), (x, y + half), 0.0, height, furniture.paint_tree, facing=True
         )
 
     def second_row(self) -> Iterator[Panel]:
@@ -143,8 +161,13 @@ class Layout:
             side = np.sign(y)
             foot = y + side * 1.2
             yield self._panel(
-                (x, foot + side * 0.15), (x, foot - side * 1.75), 0.0, 6.1, furniture.paint_lamp,
-                visible_m=110.0, resolution=40.0,
+                (x, foot + side * 0.15),
+                (x, foot - side * 1.75),
+                0.0,
+                6.1,
+                furniture.paint_lamp,
+                visible_m=110.0,
+                resolution=40.0,
             )
 
     def plants(self) -> Iterator[Panel]:
@@ -179,8 +202,15 @@ class Layout:
                 (furniture.paint_car_side, (x, inner), (x + long, inner)),
             ):
                 yield self._panel(
-                    start, end, 0.0, top, paint, resolution=48.0, visible_m=90.0,
-                    gain=self._light.ground, seed=seed,
+                    start,
+                    end,
+                    0.0,
+                    top,
+                    paint,
+                    resolution=48.0,
+                    visible_m=90.0,
+                    gain=self._light.ground,
+                    seed=seed,
                 )
 
     def signs(self) -> Iterator[Panel]:
@@ -192,21 +222,38 @@ class Layout:
                 kind = rng.uniform()
                 if kind < 0.4:
                     yield self._panel(
-                        (x, y + 0.55), (x, y - 0.55), 0.0, float(rng.uniform(2.4, 3.2)),
-                        furniture.paint_sign, resolution=60.0, visible_m=80.0, facing=True,
+                        (x, y + 0.55),
+                        (x, y - 0.55),
+                        0.0,
+                        float(rng.uniform(2.4, 3.2)),
+                        furniture.paint_sign,
+                        resolution=60.0,
+                        visible_m=80.0,
+                        facing=True,
                     )
                 elif kind < 0.6:
                     yield self._panel(
-                        (x, y + 0.35), (x, y - 0.35), 0.0, float(rng.uniform(0.8, 1.5)),
-                        furniture.paint_bin, resolution=60.0, visible_m=50.0, facing=True,
+                        (x, y + 0.35),
+                        (x, y - 0.35),
+                        0.0,
+                        float(rng.uniform(0.8, 1.5)),
+                        furniture.paint_bin,
+                        resolution=60.0,
+                        visible_m=50.0,
+                        facing=True,
                     )
                 else:
                     near = side * (FRONT_M - float(rng.uniform(0.6, 1.2)))
                     low = float(rng.uniform(2.7, 4.5))
                     ends = sorted((near, side * FRONT_M), reverse=True)
                     yield self._panel(
-                        (x, ends[0]), (x, ends[1]), low, low + float(rng.uniform(0.5, 1.8)),
-                        furniture.paint_hanging_sign, resolution=60.0, visible_m=80.0,
+                        (x, ends[0]),
+                        (x, ends[1]),
+                        low,
+                        low + float(rng.uniform(0.5, 1.8)),
+                        furniture.paint_hanging_sign,
+                        resolution=60.0,
+                        visible_m=80.0,
                     )
 
     def ground(self) -> Texture:
@@ -214,8 +261,12 @@ class Layout:
         sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, GROUND_RESOLUTION)
         half = furniture.CAR_WIDTH_M / 2
         shadows = [
-            (x - self._start - 0.1, GROUND_HALF_M + side * (_CAR_M + half) - half - 0.2,
-             furniture.CAR_LENGTH_M + 0.2, furniture.CAR_WIDTH_M + 0.4)
+            (
+                x - self._start - 0.1,
+                GROUND_HALF_M + side * (_CAR_M + half) - half - 0.2,
+                furniture.CAR_LENGTH_M + 0.2,
+                furniture.CAR_WIDTH_M + 0.4,
+            )
             for x, side, _ in self._bays()
         ]
         paint_ground(self._rng(80), sheet, shadows)

@@ -51,9 +51,7 @@ class Light:
 
 
 LIGHTS = {
-    'day': Light(
-        (222, 168, 112), (238, 226, 212), 1.10, 0.78, 1.0, (0.96, 1.0, 1.03), 170.0, 1.5
-    ),
+    'day': Light((222, 168, 112), (238, 226, 212), 1.10, 0.78, 1.0, (0.96, 1.0, 1.03), 170.0, 1.5),
     'overcast': Light(
         (196, 190, 184), (226, 223, 220), 0.86, 0.86, 0.88, (1.03, 1.0, 0.97), 110.0, 2.0
     ),
@@ -105,7 +103,7 @@ def illuminate(
     share = np.zeros(np.broadcast_shapes(x.shape, y.shape, z.shape), np.float32)
     for lamp_x, lamp_y in lamps:
         squared = (x - lamp_x) ** 2 + (y - lamp_y) ** 2 + (z - LAMP_HEIGHT_M) ** 2
-        share += light.lamps / (1.0 + squared / LAMP_RADIUS_M ** 2) ** 1.5
+        share += light.lamps / (1.0 + squared / LAMP_RADIUS_M**2) ** 1.5
     share /= 1.0 + 0.5 * share
     lamp = np.array(_LAMP_COLOUR, np.float32)
     colour = image[..., :3] * (tint + share[..., None] * lamp)

@@ -16,8 +16,13 @@ def word(rng: np.random.Generator, shortest: int, longest: int) -> str:
 
 
 def paint_window(
-    sheet: Sheet, rng: np.random.Generator, style: np.random.Generator, x: float, z: float,
-    width: float, height: float,
+    sheet: Sheet,
+    rng: np.random.Generator,
+    style: np.random.Generator,
+    x: float,
+    z: float,
+    width: float,
+    height: float,
 ) -> None:
     """Paint one window; `style` is the same for all windows of a house."""
     frame = any_colour(style, (0.0, 0.14), (0.25, 1.0))
@@ -42,8 +47,13 @@ def paint_window(
             slant = [(x, z + height * tall), (x + width, z + height), (x, z + height)]
             sheet.polygon(slant, shade_of(glass, 1.8), shine)
         case 3:
-            sheet.box(x + 0.2 * width, z, 0.3 * width, height * wide, any_colour(
-                rng, (0.3, 0.9), (0.2, 0.8)))
+            sheet.box(
+                x + 0.2 * width,
+                z,
+                0.3 * width,
+                height * wide,
+                any_colour(rng, (0.3, 0.9), (0.2, 0.8)),
+            )
     for share in np.arange(1, 1 + int(1 + 2.4 * bars)) / (1 + int(1 + 2.4 * bars)):
         sheet.box(x + share * width - 0.03, z, 0.06, height, frame)
     if bars > 0.4:

@@ -110,8 +110,13 @@ def _header(types: Any, shot: Shot, frame_id: str) -> Any:
 def _image_message(types: Any, shot: Shot) -> Any:
     height, width = shot.image.shape[:2]
     return types['sensor_msgs/msg/Image'](
-        header=_header(types, shot, 'camera'), height=height, width=width, encoding='bgr8',
-        is_bigendian=0, step=3 * width, data=np.ascontiguousarray(shot.image).reshape(-1),
+        header=_header(types, shot, 'camera'),
+        height=height,
+        width=width,
+        encoding='bgr8',
+        is_bigendian=0,
+        step=3 * width,
+        data=np.ascontiguousarray(shot.image).reshape(-1),
     )
 
 
@@ -124,10 +129,16 @@ def _compressed_message(types: Any, shot: Shot) -> Any:
 def _info_message(types: Any, shot: Shot, camera: Camera) -> Any:
     fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
     return types[_INFO](
-        header=_header(types, shot, 'camera'), height=camera.height_px, width=camera.width_px,
-        distortion_model='plumb_bob', d=np.zeros(5), r=np.eye(3).reshape(-1),
+        header=_header(types, shot, 'camera'),
+        height=camera.height_px,
+        width=camera.width_px,
+        distortion_model='plumb_bob',
+        d=np.zeros(5),
+        r=np.eye(3).reshape(-1),
         k=np.array((fx, 0, cx, 0, fy, cy, 0, 0, 1.0)),
-        p=np.array((fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0)), binning_x=0, binning_y=0,
+        p=np.array((fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0)),
+        binning_x=0,
+        binning_y=0,
         roi=types['sensor_msgs/msg/RegionOfInterest'](
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         ),
@@ -146,7 +157,8 @@ def _odometry_message(types: Any, shot: Shot, frame_id: str, at: Pose) -> Any:
         linear=vector(x=0.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0)
     )
     return types[_ODOMETRY](
-        header=_header(types, shot, frame_id), child_frame_id='base_link',
+        header=_header(types, shot, frame_id),
+        child_frame_id='base_link',
         pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=unknown),
         twist=types['geometry_msgs/msg/TwistWithCovariance'](twist=twist, covariance=unknown),
     )

@@ -75,7 +75,12 @@ class Sheet:
             cv2.fillPoly(self.glow, [pixels], shine or (0, 0, 0), cv2.LINE_AA, 4)
 
     def box(
-        self, x: float, z: float, width: float, height: float, colour: Colour,
+        self,
+        x: float,
+        z: float,
+        width: float,
+        height: float,
+        colour: Colour,
         shine: Colour | None = None,
     ) -> None:
         """Fill an upright rectangle whose lower left corner is x, z."""
@@ -90,13 +95,13 @@ class Sheet:
 
     def disc(self, x: float, z: float, radius: float, colour: Colour) -> None:
         """Fill a circle."""
-        (column, row), = self._pixels([(x, z)]).tolist()
+        ((column, row),) = self._pixels([(x, z)]).tolist()
         size = round(radius * self.resolution * 16)
         cv2.circle(self.image, (column, row), size, (*colour, 255), -1, cv2.LINE_AA, 4)
 
     def text(self, x: float, z: float, height: float, words: str, colour: Colour) -> None:
         """Write words whose capitals are as high as given."""
-        (column, row), = (self._pixels([(x, z)]) // 16).tolist()
+        ((column, row),) = (self._pixels([(x, z)]) // 16).tolist()
         scale = height * self.resolution / 21.0
         pen = cv2.FONT_HERSHEY_DUPLEX, scale
         thickness = max(1, round(scale * 2))
@@ -134,8 +139,9 @@ def any_colour(
     rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]
 ) -> Colour:
     """Return a random colour, BGR, with saturation and value from ranges in 0..1."""
-    hsv = np.array([[[
-        rng.uniform(0, 180), 255 * rng.uniform(*saturation), 255 * rng.uniform(*value)
-    ]]], np.uint8)
+    hsv = np.array(
+        [[[rng.uniform(0, 180), 255 * rng.uniform(*saturation), 255 * rng.uniform(*value)]]],
+        np.uint8,
+    )
     blue, green, red = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)[0, 0].tolist()
     return blue, green, red

@@ -42,7 +42,12 @@ class View:
     """
 
     def __init__(
-        self, street: Street, light: Light, width: int, height: int, field_of_view_deg: float,
+        self,
+        street: Street,
+        light: Light,
+        width: int,
+        height: int,
+        field_of_view_deg: float,
         height_m: float = 1.5,
     ) -> None:
         self._street, self._light = street, light
@@ -65,9 +70,9 @@ class View:
         clouds = cv2.resize(clouds, (self._width, self._height // 2))
         sky = sky + (0.03 * self._light.zenith[0] * clouds)[..., None]
         picture = np.full((self._height, self._width, 4), 255, np.uint8)
-        picture[:self._height // 2, :, :3] = np.clip(sky, 0, 255)
+        picture[: self._height // 2, :, :3] = np.clip(sky, 0, 255)
         earth = np.array((86, 110, 104)) * self._light.ground
-        picture[self._height // 2:, :, :3] = np.clip(earth, 0, 255)
+        picture[self._height // 2 :, :, :3] = np.clip(earth, 0, 255)
         return picture
 
     def draw(self, x: float, y: float, heading_rad: float) -> Image:
@@ -154,15 +159,22 @@ class View:
                 continue
             origin = right_a, panel.top - self._camera_z, deep_a
             self._warp(
-                panel.texture.level(*level), origin, (across, 0.0, inward),
-                (0.0, panel.bottom - panel.top, 0.0), (low + left, low + right, upper, lower),
+                panel.texture.level(*level),
+                origin,
+                (across, 0.0, inward),
+                (0.0, panel.bottom - panel.top, 0.0),
+                (low + left, low + right, upper, lower),
                 np.exp(-spread / self._light.visibility_m).astype(np.float32),
             )
 
     def _warp(
-        self, texture: Image, origin: tuple[float, float, float],
-        across: tuple[float, float, float], down: tuple[float, float, float],
-        region: tuple[int, int, int, int], clear: npt.NDArray[np.float32] | None,
+        self,
+        texture: Image,
+        origin: tuple[float, float, float],
+        across: tuple[float, float, float],
+        down: tuple[float, float, float],
+        region: tuple[int, int, int, int],
+        clear: npt.NDArray[np.float32] | None,
     ) -> None:
         """Paint a plane, given by a corner and two edges (right, up, deep), into a region."""
         left, right, upper, lower = region
@@ -171,11 +183,13 @@ class View:
         plane[:, 0] /= width
         plane[:, 1] /= height
         plane[:, 2] += 0.5 * (plane[:, 0] + plane[:, 1])
-        camera = np.array((
-            (self._focal, 0.0, self._width / 2 - left - 0.5),
-            (0.0, -self._focal, self._height / 2 - upper - 0.5),
-            (0.0, 0.0, 1.0),
-        ))
+        camera = np.array(
+            (
+                (self._focal, 0.0, self._width / 2 - left - 0.5),
+                (0.0, -self._focal, self._height / 2 - upper - 0.5),
+                (0.0, 0.0, 1.0),
+            )
+        )
         seen = cv2.warpPerspective(texture, camera @ plane, (right - left, lower - upper))
         target = self._canvas[upper:lower, left:right]
         alpha = seen[..., 3]
@@ -197,7 +211,8 @@ class View:
         for upper, lower, level in _runs(along, across):
             ends = [
                 self._x + d * (self._cos + side * self._width / 2 / self._focal * self._sin)
-                for d in (depth[upper], depth[lower - 1]) for side in (-1, 1)
+                for d in (depth[upper], depth[lower - 1])
+                for side in (-1, 1)
             ]
             known = self._stretches
             first = max(min(known), math.floor(min(ends) / STRETCH_M))
@@ -205,16 +220,22 @@ class View:
             if first > last:
                 continue
             key = (*level, first, last)
-            road = used[key] = self._roads[key] if key in self._roads else np.ascontiguousarray(
-                np.hstack([known[i].ground.level(*level) for i in range(first, last + 1)])
+            road = used[key] = (
+                self._roads[key]
+                if key in self._roads
+                else np.ascontiguousarray(
+                    np.hstack([known[i].ground.level(*level) for i in range(first, last + 1)])
+                )
             )
             right, deep = self._seen(first * STRETCH_M, GROUND_HALF_M)
             length, wide = (last + 1 - first) * STRETCH_M, 2 * GROUND_HALF_M
             self._warp(
-                road, (right, -self._camera_z, deep),
+                road,
+                (right, -self._camera_z, deep),
                 (length * self._sin, 0.0, length * self._cos),
                 (wide * self._cos, 0.0, -wide * self._sin),
-                (0, self._width, start + upper, start + lower), None,
+                (0, self._width, start + upper, start + lower),
+                None,
             )
         self._roads = used
 

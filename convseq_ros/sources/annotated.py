@@ -38,10 +38,7 @@ class AnnotatedFrames:
     """
 
     def __init__(
-        self,
-        source: Frames,
-        pose_at: Callable[[int], Pose | None] | None,
-        camera: Camera | None,
+        self, source: Frames, pose_at: Callable[[int], Pose | None] | None, camera: Camera | None
     ) -> None:
         self._source = source
         self._pose_at = pose_at

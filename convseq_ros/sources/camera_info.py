@@ -46,9 +46,13 @@ def camera_from_info(message: Any) -> Camera | None:
         cx, cy = cx - part.x_offset, cy - part.y_offset
     across, down = message.binning_x or 1, message.binning_y or 1
     return Camera(
-        max(1, width // across), max(1, height // down),
-        fx / across, fy / down, cx / across, cy / down,
-    )  # fmt: skip
+        max(1, width // across),
+        max(1, height // down),
+        fx / across,
+        fy / down,
+        cx / across,
+        cy / down,
+    )
 
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:

@@ -29,9 +29,7 @@ class PoseTrack:
 
     """
 
-    def __init__(
-        self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None
-    ) -> None:
+    def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
         self._kept = kept
         self._stamps: list[int] = []
         self._poses: list[Pose] = []

@@ -165,9 +165,7 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
         (message.stamp_ns, pose) for message in messages if (pose := _pose(message)) is not None
     ]
     if not poses:
-        raise SourceError(
-            f'{path}: no pose of {chosen} is whole and finite; choose another topic'
-        )
+        raise SourceError(f'{path}: no pose of {chosen} is whole and finite; choose another topic')
     return sorted(poses, key=lambda item: item[0])
 
 

@@ -17,11 +17,7 @@ from convseq_ros.sources.truncated_mcap import TruncatedMcap
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 STORAGE_SUFFIXES = ('.mcap', '.db3', '.bag')
-REPAIRS = {
-    '.mcap': 'mcap recover',
-    '.db3': 'sqlite3 FILE .recover',
-    '.bag': 'rosbag reindex',
-}
+REPAIRS = {'.mcap': 'mcap recover', '.db3': 'sqlite3 FILE .recover', '.bag': 'rosbag reindex'}
 
 
 class Storage(Protocol):

@@ -97,11 +97,13 @@ def compare(
         ]
         for robust in (False, True):
             solutions = [optimise(odometry, closures, robust=robust) for closures in told]
-            trials.append(Trial(
-                count,
-                robust,
-                tuple(error_m(solution, truth) for solution in solutions),
-                tuple(sum(solution.kept[:len(right)]) for solution in solutions),
-                tuple(sum(solution.kept[len(right):]) for solution in solutions),
-            ))
+            trials.append(
+                Trial(
+                    count,
+                    robust,
+                    tuple(error_m(solution, truth) for solution in solutions),
+                    tuple(sum(solution.kept[: len(right)]) for solution in solutions),
+                    tuple(sum(solution.kept[len(right) :]) for solution in solutions),
+                )
+            )
     return trials

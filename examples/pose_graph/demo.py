@@ -48,7 +48,11 @@ def main() -> int:
     parser.add_argument('--false', type=int, default=6, help='false closures sent live (6)')
     parser.add_argument('--draws', type=int, default=10, help='of false closures, each count (10)')
     parser.add_argument(
-        '--block', type=float, nargs=2, default=(110.0, 70.0), metavar='M',
+        '--block',
+        type=float,
+        nargs=2,
+        default=(110.0, 70.0),
+        metavar='M',
         help='width and depth of a block of the town (110 70)',
     )
     chosen = parser.parse_args()
@@ -102,11 +106,16 @@ def _run(chosen: argparse.Namespace) -> None:
     print(_table(errors, trials, len(right)))
     picture = folder / 'demo_slam.png'
     draw_picture(
-        picture, odometry, live, closures, truth, trials,
+        picture,
+        odometry,
+        live,
+        closures,
+        truth,
+        trials,
         f'{len(ours)} closures of its online mode, {len(ours) - len(right)} of them wrong, and '
         f'{sum(is_false)} false ones sent in between: the graph kept {sum(live.kept)} and '
         f'rejected {len(closures) - sum(live.kept)}',
-    )  # fmt: skip
+    )
     _write_results(folder / 'results.json', errors, trials, len(ours), len(right))
     if chosen.picture:
         shutil.copyfile(picture, chosen.picture)
@@ -195,14 +204,19 @@ def _least_most(counts: Sequence[int]) -> str:
 def _write_results(
     path: Path, errors: Mapping[str, float], trials: Sequence[Trial], sent: int, right: int
 ) -> None:
-    path.write_text(json.dumps({
-        'errors_m': errors,
-        'closures': sent,
-        'right': right,
-        'trials': [
-            {name: getattr(trial, name) for name in Trial.__slots__} for trial in trials
-        ],
-    }, indent=2))  # fmt: skip
+    path.write_text(
+        json.dumps(
+            {
+                'errors_m': errors,
+                'closures': sent,
+                'right': right,
+                'trials': [
+                    {name: getattr(trial, name) for name in Trial.__slots__} for trial in trials
+                ],
+            },
+            indent=2,
+        )
+    )
 
 
 def _say(what: str) -> None:

@@ -168,7 +168,9 @@ class Odometry:
 
 
 def optimise(
-    odometry: Odometry, closures: Sequence[Closure], noise: Noise | None = None,
+    odometry: Odometry,
+    closures: Sequence[Closure],
+    noise: Noise | None = None,
     robust: bool = True,
 ) -> Solution:
     """

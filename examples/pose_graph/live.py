@@ -44,15 +44,28 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_parameters(settings, table)]
     graph = [
         str(_HERE / 'pose_graph_node.py'),
-        *_parameters({'use_pose': 'true'}, folder / 'pose_graph.json'), *_CLOSURES, *_POSES,
+        *_parameters({'use_pose': 'true'}, folder / 'pose_graph.json'),
+        *_CLOSURES,
+        *_POSES,
     ]
     liar = [
-        str(_HERE / 'false_closures.py'), str(folder / 'false_closures.json'), '--ros-args',
+        str(_HERE / 'false_closures.py'),
+        str(folder / 'false_closures.json'),
+        '--ros-args',
         *_CLOSURES,
     ]
     player = [
-        '-m', 'convseq_ros.node.player', str(folder / 'drive'), '--rate', f'{rate:g}',
-        '--odom', '/odom', '--camera-info', '/camera/camera_info', '--wait-subscribers', '60',
+        '-m',
+        'convseq_ros.node.player',
+        str(folder / 'drive'),
+        '--rate',
+        f'{rate:g}',
+        '--odom',
+        '/odom',
+        '--camera-info',
+        '/camera/camera_info',
+        '--wait-subscribers',
+        '60',
     ]
     with (
         running('pose_graph', graph, folder, _END_S) as back_end,

@@ -21,16 +21,28 @@ _KEPT, _REJECTED = '#4ade80', '#ff6b6b'
 
 
 def draw_picture(
-    path: Path, odometry: Odometry, solution: Solution, closures: Sequence[Closure],
-    truth: Truth, trials: Sequence[Trial], told: str,
+    path: Path,
+    odometry: Odometry,
+    solution: Solution,
+    closures: Sequence[Closure],
+    truth: Truth,
+    trials: Sequence[Trial],
+    told: str,
 ) -> None:
     """Write a PNG, 1600 x 900: both paths with the closures, beside the errors; `told` above."""
     figure = Figure(figsize=(16, 9), dpi=100, facecolor=_DARK)
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
-        2, 2, width_ratios=(1.25, 1), left=0.04, right=0.975, top=0.86, bottom=0.085,
-        wspace=0.13, hspace=0.22,
-    )  # fmt: skip
+        2,
+        2,
+        width_ratios=(1.25, 1),
+        left=0.04,
+        right=0.975,
+        top=0.86,
+        bottom=0.085,
+        wspace=0.13,
+        hspace=0.22,
+    )
     real = true_path(solution, truth)
     before_m, after_m = error_m(solution, truth, before=True), error_m(solution, truth)
     places = [
@@ -51,9 +63,13 @@ def draw_picture(
     _legend(figure, solution.kept)
     _bars(_axes(figure, grid[:, 1], 'what false closures cost'), trials, before_m)
     figure.text(
-        0.04, 0.945, 'Loop closures of vpr_node in a GTSAM pose graph, live over ROS topics',
-        color=_PALE, fontsize=21, weight='bold',
-    )  # fmt: skip
+        0.04,
+        0.945,
+        'Loop closures of vpr_node in a GTSAM pose graph, live over ROS topics',
+        color=_PALE,
+        fontsize=21,
+        weight='bold',
+    )
     figure.text(0.04, 0.91, told, color=_DIM, fontsize=14)
     figure.savefig(path, facecolor=_DARK)
 
@@ -68,7 +84,9 @@ def _axes(figure: Any, cell: Any, title: str) -> Any:
 
 
 def _draw_closures(
-    axes: Any, path: npt.NDArray[np.float64], places: Sequence[tuple[int, ...]],
+    axes: Any,
+    path: npt.NDArray[np.float64],
+    places: Sequence[tuple[int, ...]],
     kept: Sequence[bool],
 ) -> None:
     for (query, reference), inlier in zip(places, kept, strict=True):
@@ -77,9 +95,15 @@ def _draw_closures(
             axes.plot(*ends.T, '-o', color=_KEPT, linewidth=1.3, markersize=3.5, zorder=4)
         else:
             axes.plot(
-                *ends.T, '--', color=_REJECTED, linewidth=1.4, alpha=0.85, zorder=3, marker='x',
+                *ends.T,
+                '--',
+                color=_REJECTED,
+                linewidth=1.4,
+                alpha=0.85,
+                zorder=3,
+                marker='x',
                 markersize=6,
-            )  # fmt: skip
+            )
 
 
 def _legend(figure: Any, kept: Sequence[bool]) -> None:
@@ -89,14 +113,25 @@ def _legend(figure: Any, kept: Sequence[bool]) -> None:
         Line2D([], [], color=_AFTER, linewidth=2, label='after'),
         Line2D([], [], color=_KEPT, marker='o', label=f'{sum(kept)} closures kept'),
         Line2D(
-            [], [], color=_REJECTED, marker='x', linestyle='--',
+            [],
+            [],
+            color=_REJECTED,
+            marker='x',
+            linestyle='--',
             label=f'{len(kept) - sum(kept)} rejected',
         ),
-    ]  # fmt: skip
+    ]
     figure.legend(
-        handles=handles, loc='lower left', bbox_to_anchor=(0.035, 0.005), ncols=5, frameon=False,
-        fontsize=13, labelcolor=_PALE, handlelength=1.8, columnspacing=1.8,
-    )  # fmt: skip
+        handles=handles,
+        loc='lower left',
+        bbox_to_anchor=(0.035, 0.005),
+        ncols=5,
+        frameon=False,
+        fontsize=13,
+        labelcolor=_PALE,
+        handlelength=1.8,
+        columnspacing=1.8,
+    )
 
 
 def _bars(axes: Any, trials: Sequence[Trial], before_m: float) -> None:
@@ -112,17 +147,23 @@ def _bars(axes: Any, trials: Sequence[Trial], before_m: float) -> None:
         at = np.arange(len(counts)) + shift
         axes.bar(at, middle, width=0.38, color=colour, alpha=0.9, label=label, zorder=2)
         axes.errorbar(
-            at, middle, yerr=(low, high), fmt='none', ecolor=_PALE, elinewidth=1.4, capsize=5,
+            at,
+            middle,
+            yerr=(low, high),
+            fmt='none',
+            ecolor=_PALE,
+            elinewidth=1.4,
+            capsize=5,
             zorder=3,
-        )  # fmt: skip
+        )
         for x, value, above in zip(at, middle, high, strict=True):
             axes.text(
                 x, (value + above) * 1.06, f'{value:.1f}', ha='center', color=_PALE, fontsize=12
             )
     axes.axhline(before_m, color=_BEFORE, linestyle='--', linewidth=1.6, zorder=1)
     axes.text(
-        -0.42, before_m * 1.08, f'odometry\nalone {before_m:.1f}', color=_BEFORE, fontsize=12,
-    )  # fmt: skip
+        -0.42, before_m * 1.08, f'odometry\nalone {before_m:.1f}', color=_BEFORE, fontsize=12
+    )
     axes.set_yscale('log')
     axes.set_ylim(0.5, 250)
     axes.set_yticks((1, 3, 10, 30, 100), ('1', '3', '10', '30', '100'))

@@ -56,9 +56,9 @@ class PoseGraphNode(Node):
         super().__init__('pose_graph', **kwargs)
         self._map_frame = self._declared('map_frame', 'map')
         self._result_file = self._declared('result_file', '')
-        self._noise = Noise(**{
-            name: self._declared(name, default) for name, default in asdict(Noise()).items()
-        })
+        self._noise = Noise(
+            **{name: self._declared(name, default) for name, default in asdict(Noise()).items()}
+        )
         self._odometry = Odometry(
             self._declared('keyframe_distance_m', 2.0), self._declared('keyframe_turn_rad', 0.35)
         )
@@ -73,11 +73,17 @@ class PoseGraphNode(Node):
         self._after = self.create_publisher(PathMessage, '~/path_after', 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(
-            OdometryMessage, 'odom', self._on_odometry, QoSProfile(depth=_DEPTH),
+            OdometryMessage,
+            'odom',
+            self._on_odometry,
+            QoSProfile(depth=_DEPTH),
             qos_overriding_options=overrides,
         )
         self.create_subscription(
-            Float64MultiArray, 'loop_closure', self._on_closure, QoSProfile(depth=_DEPTH),
+            Float64MultiArray,
+            'loop_closure',
+            self._on_closure,
+            QoSProfile(depth=_DEPTH),
             qos_overriding_options=overrides,
         )
         if self._declared('use_pose', False):
@@ -171,7 +177,8 @@ class PoseGraphNode(Node):
         text = self._summary()
         self.get_logger().info(text)
         values = {
-            'kept': self._kept, 'rejected': len(self._closures) - self._kept,
+            'kept': self._kept,
+            'rejected': len(self._closures) - self._kept,
             'keyframes': len(self._odometry),
         }
         status = DiagnosticStatus(level=DiagnosticStatus.OK, name=self.get_name(), message=text)
@@ -193,9 +200,7 @@ class PoseGraphNode(Node):
 
 def _pose(pose: PoseMessage) -> Pose:
     at, turn = pose.position, pose.orientation
-    yaw = math.atan2(
-        2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2)
-    )
+    yaw = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
     return Pose(at.x, at.y, yaw)
 
 

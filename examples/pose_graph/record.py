@@ -16,11 +16,13 @@ def write_record(
     """Write all odometry, all closures and what became of them; complete or not at all."""
     part = path.with_name(path.name + '.part')
     part.write_text(
-        json.dumps({
-            'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
-            'closures': [list(closure) for closure in closures],
-            'kept': list(kept),
-        })
+        json.dumps(
+            {
+                'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
+                'closures': [list(closure) for closure in closures],
+                'kept': list(kept),
+            }
+        )
     )
     os.replace(part, path)
 

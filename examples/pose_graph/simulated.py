@@ -41,14 +41,26 @@ def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
     half = int(route.length_m / 2 / SPEED_MPS * RATE_HZ)
     rest = int(route.length_m / SPEED_MPS * RATE_HZ) - half
     first = Drive(
-        speed_mps=SPEED_MPS, frame_rate_hz=RATE_HZ, num_frames=half, width_px=320, height_px=240,
-        lanes=tuple(zip(at.tolist(), offsets.tolist(), strict=True)), seed=seed,
-    )  # fmt: skip
+        speed_mps=SPEED_MPS,
+        frame_rate_hz=RATE_HZ,
+        num_frames=half,
+        width_px=320,
+        height_px=240,
+        lanes=tuple(zip(at.tolist(), offsets.tolist(), strict=True)),
+        seed=seed,
+    )
     second = Drive(
-        speed_mps=SPEED_MPS, frame_rate_hz=RATE_HZ, num_frames=rest, width_px=320, height_px=240,
-        lanes=first.lanes, seed=seed + 1, light='overcast',
-        start_m=first.distance_m(half), start_ns=first.stamp_ns(half),
-    )  # fmt: skip
+        speed_mps=SPEED_MPS,
+        frame_rate_hz=RATE_HZ,
+        num_frames=rest,
+        width_px=320,
+        height_px=240,
+        lanes=first.lanes,
+        seed=seed + 1,
+        light='overcast',
+        start_m=first.distance_m(half),
+        start_ns=first.stamp_ns(half),
+    )
     return with_odometry(chain(draw(route, first), draw(route, second)), drift)
 
 

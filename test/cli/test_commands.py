@@ -179,8 +179,9 @@ def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
         (['--topic', '/camera'], '/camera'),
     ],
 )
-def test_a_bad_option_of_replay_is_one_line(capsys, drive, map_path, tmp_path, monkeypatch,
-                                            options, told):  # fmt: skip
+def test_a_bad_option_of_replay_is_one_line(
+    capsys, drive, map_path, tmp_path, monkeypatch, options, told
+):
     monkeypatch.chdir(tmp_path)
     assert told in refused(capsys, 'replay', drive, '--map', map_path, *options)
 
@@ -213,9 +214,13 @@ def limited(arguments, size):
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
     return subprocess.run(
-        [*START, *map(str, arguments)], preexec_fn=limit, capture_output=True, text=True,
-        timeout=60, check=False,
-    )  # fmt: skip
+        [*START, *map(str, arguments)],
+        preexec_fn=limit,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
 
 
 def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):
@@ -244,10 +249,13 @@ def _hear_sigint():
 def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
     folder, path = draw(tmp_path / 'drive', range(1500)), tmp_path / 'map.db'
     with subprocess.Popen(
-        [*START, 'build-map', str(folder), str(path)], stderr=subprocess.PIPE, text=True,
-        stdout=subprocess.DEVNULL, env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
+        [*START, 'build-map', str(folder), str(path)],
+        stderr=subprocess.PIPE,
+        text=True,
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
         preexec_fn=_hear_sigint,
-    ) as process:  # fmt: skip
+    ) as process:
         deadline = time.monotonic() + 60
         while not path.exists() or path.stat().st_size < 100_000:
             assert process.poll() is None and time.monotonic() < deadline

@@ -33,9 +33,17 @@ def test_two_folders_go_through_the_live_node_and_end_in_a_table_and_a_picture(
     pytest.importorskip('rclpy')
     pytest.importorskip('matplotlib')
     options = [
-        '--matching', 'regional', '--search', 'exhaustive', '--fixed-length', '2',
-        '--rival-distance', '1', '--min-margin', '0',
-    ]  # fmt: skip
+        '--matching',
+        'regional',
+        '--search',
+        'exhaustive',
+        '--fixed-length',
+        '2',
+        '--rival-distance',
+        '1',
+        '--min-margin',
+        '0',
+    ]
     assert run(data, tmp_path / 'out', *options) == 0
     lines = {line[:34].strip(): line[34:].split() for line in capfd.readouterr().out.splitlines()}
     assert lines['frames dropped'] == ['0', '0']

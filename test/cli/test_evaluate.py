@@ -21,18 +21,23 @@ def street(tmp_path):
         image = cv2.GaussianBlur(noise.integers(0, 256, (96, 96), np.uint8), (0, 0), 1.5)
         cv2.imwrite(str(tmp_path / 'images' / f'{index}.png'), image)
     path = tmp_path / 'street.yaml'
-    path.write_text(
-        'query: {path: images}\nreference: {path: images}\ntruth: {kind: identity}\n'
-    )
+    path.write_text('query: {path: images}\nreference: {path: images}\ntruth: {kind: identity}\n')
     return path
 
 
 def evaluate(street, *arguments):
     folder = street.parent
-    return main([
-        'evaluate', *map(str, arguments), '--output', str(folder / 'out'),
-        '--cache', str(folder / 'cache'), *OPTIONS,
-    ])  # fmt: skip
+    return main(
+        [
+            'evaluate',
+            *map(str, arguments),
+            '--output',
+            str(folder / 'out'),
+            '--cache',
+            str(folder / 'cache'),
+            *OPTIONS,
+        ]
+    )
 
 
 def test_a_table_is_printed_and_the_folder_written(street, capsys):
@@ -40,8 +45,9 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:3] == ['set', 'method', 'acc.']
     assert [line.split()[:3] for line in lines[1:]] == [
-        ['street', 'cohog', '1.000'], ['street', 'hog', '1.000'],
-    ]  # fmt: skip
+        ['street', 'cohog', '1.000'],
+        ['street', 'hog', '1.000'],
+    ]
     assert (street.parent / 'out' / 'summary.csv').exists()
 
 

@@ -37,9 +37,12 @@ def drives(tmp_path_factory):
         drive = Drive(num_frames=FRAMES, heading_deg=heading_deg, width_px=320, height_px=240)
         shots = with_odometry(draw(street, drive), Drift())
         write_recording(
-            folder / name, shots, odom_topic='/wheels/odom', truth_topic='/truth/pose',
+            folder / name,
+            shots,
+            odom_topic='/wheels/odom',
+            truth_topic='/truth/pose',
             info_topic='/camera/info',
-        )  # fmt: skip
+        )
     return folder / 'first', folder / 'second'
 
 

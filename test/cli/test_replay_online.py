@@ -41,9 +41,9 @@ def replay(tmp_path, capsys):
 
     def run(recording, path, *args):
         table = tmp_path / 'result.csv'
-        code = main([
-            'replay', str(recording), '--map', str(path), '--output', str(table), '--json', *args
-        ])
+        code = main(
+            ['replay', str(recording), '--map', str(path), '--output', str(table), '--json', *args]
+        )
         printed = capsys.readouterr()
         if code:
             return code, printed.err
@@ -58,8 +58,11 @@ def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, repla
     assert summary['added'] == 2 * ROUND
     # The first five frames are younger than half a second, and a sequence has two.
     assert [row['reason'] for row in rows[:5]] == ['recent'] * 5
-    accepted = [(int(row['query_index']), int(row['reference_index'])) for row in rows
-                if row['reason'] == 'accepted']
+    accepted = [
+        (int(row['query_index']), int(row['reference_index']))
+        for row in rows
+        if row['reason'] == 'accepted'
+    ]
     assert accepted == [(index, index - ROUND) for index in range(ROUND + 1, 2 * ROUND)]
     stamps = [frame.stamp_ns for frame in open_source(two_rounds)]
     assert [place.stamp_ns for place in open_map(path).places] == stamps

@@ -121,8 +121,14 @@ def test_a_candidate_off_the_track_is_inconsistent_and_unlikely():
 def test_a_candidate_next_to_the_track_is_on_it():
     found = verdicts(drawn_scores(25), said=25)
     assert [reason is Reason.ACCEPTED for reason, _ in found[17:24]] == [
-        False, True, True, True, True, True, False
-    ]  # fmt: skip
+        False,
+        True,
+        True,
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 def test_more_evidence_may_be_asked_for():
@@ -167,8 +173,12 @@ def test_between_two_matches_it_cools_down():
         judged(acceptance, second, rows, found, spaced, second * 10**9)[0] for second in range(5)
     ]
     assert reasons == [
-        Reason.ACCEPTED, Reason.COOL_DOWN, Reason.ACCEPTED, Reason.COOL_DOWN, Reason.ACCEPTED
-    ]  # fmt: skip
+        Reason.ACCEPTED,
+        Reason.COOL_DOWN,
+        Reason.ACCEPTED,
+        Reason.COOL_DOWN,
+        Reason.ACCEPTED,
+    ]
     acceptance.reset()
     assert judged(acceptance, 5, rows, found, spaced, 5 * 10**9)[0] is Reason.ACCEPTED
 
@@ -214,9 +224,7 @@ def coherent(request):
 
 def drive(recognizer, places, start=0):
     return [
-        recognizer.process(
-            Frame(start + index, None if place is None else image(place, seed=1))
-        )
+        recognizer.process(Frame(start + index, None if place is None else image(place, seed=1)))
         for index, place in enumerate(places)
     ]
 
@@ -273,8 +281,9 @@ def accepted_of(scores, lengths, truth):
         found = best_candidates(ends, scores_of_ends, places, TRACK)
         answerable += any(length - 1 <= place < len(row) for place in truth[frame])
         if found and acceptance.judge(frame, 0, found, TRACK)[0] is Reason.ACCEPTED:
-            near = min((abs(found[0].reference_index - place) for place in truth[frame]),
-                       default=99)  # fmt: skip
+            near = min(
+                (abs(found[0].reference_index - place) for place in truth[frame]), default=99
+            )
             right += near <= 2
             wrong += near > 5
     return right, wrong, answerable
@@ -298,13 +307,17 @@ def test_revisits_of_a_loop_are_accepted_online(shared_data):
     seen = [see(one, 4.0) if one.informative else None for one in drive]
     regions = [projected_regions(one.cells) if one.cells.any() else None for one in drive]
     scores = [
-        np.array([
-            coherent_score(query, regions[past])[0]
-            if query and regions[past] is not None else np.nan
-            for past in range(max(0, now - 20))
-        ], np.float32)
+        np.array(
+            [
+                coherent_score(query, regions[past])[0]
+                if query and regions[past] is not None
+                else np.nan
+                for past in range(max(0, now - 20))
+            ],
+            np.float32,
+        )
         for now, query in enumerate(seen)
-    ]  # fmt: skip
+    ]
     lengths = [
         choose_length(drive[now::-1][:25], similarity, SequenceConfig()) if query else None
         for now, query in enumerate(seen)

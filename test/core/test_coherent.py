@@ -71,8 +71,7 @@ def oracle(query, entropy, reference):
     grid = range(1 - size, size)
     peaks = {
         (row, column): (
-            weights
-            * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2 * sigma**2))
+            weights * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2 * sigma**2))
         ).sum()
         for row in grid
         for column in grid

@@ -59,7 +59,7 @@ def test_with_a_layout_up_to_half_is_lost_where_whole_images_differ():
     for score, reference in zip(found, references, strict=True):
         other = unusual(projected_regions(evened(reference)), layout.of_map)
         share, _ = coherent_score(see(query, 4.0, own), other)
-        alike, = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
+        (alike,) = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
         assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)
         assert 0 <= score <= 1
 

@@ -51,9 +51,7 @@ def test_single_frame_scores_are_those_of_cohog(corridor, cohog_scores, name, to
 @pytest.fixture(scope='module')
 def released(corridor):
     """Return the queries, and each region's best similarity to each reference, unmasked."""
-    queries, references = (
-        drive(corridor / name, straight_to_grey) for name in ('query', 'ref')
-    )
+    queries, references = (drive(corridor / name, straight_to_grey) for name in ('query', 'ref'))
     other = [regions(one.cells).T for one in references]
     best = [
         np.stack([(own @ each).max(axis=1) for each in other])

@@ -13,11 +13,7 @@ from convseq_ros.core.compiled import available, compiled
 from convseq_ros.core.descriptor import describe
 from convseq_ros.core.matching import Matcher
 from convseq_ros.core.matching.choice import chosen_kernels
-from convseq_ros.core.matching.coherent import (
-    coherent_score,
-    CoherentQuery,
-    projected_regions,
-)  # fmt: skip
+from convseq_ros.core.matching.coherent import coherent_score, CoherentQuery, projected_regions
 from convseq_ros.core.matching.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
@@ -80,9 +76,11 @@ def test_scores_are_those_of_the_definition(pair):
 
 @settings(deadline=None, max_examples=30)
 @given(
-    side=st.integers(4, 40), share=st.floats(0, 1), seed=st.integers(0, 1000),
+    side=st.integers(4, 40),
+    share=st.floats(0, 1),
+    seed=st.integers(0, 1000),
     which=st.sampled_from(sorted(TOLERANCE)),
-)  # fmt: skip
+)
 @example(side=4, share=0.0, seed=567, which=('regional', 'float32'))
 def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, which):
     way, name = which
@@ -198,9 +196,9 @@ def corridor(shared_data):
     drives = []
     for name in ('query', 'ref'):
         paths = sorted((shared_data / 'corridor' / name).glob('*.jpg'))
-        drives.append([
-            describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)) for path in paths
-        ])
+        drives.append(
+            [describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)) for path in paths]
+        )
     return drives
 
 
@@ -261,9 +259,13 @@ assert abs(similarity(one, one) - 1) < 1e-6
 
 def names_in_process(lines, **environment):
     result = subprocess.run(
-        [sys.executable, '-c', lines], cwd=REPOSITORY, capture_output=True, text=True,
-        check=False, env={**os.environ, **environment},
-    )  # fmt: skip
+        [sys.executable, '-c', lines],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
     assert result.returncode == 0, result.stderr
     return set(result.stdout.splitlines())
 
@@ -275,9 +277,11 @@ def test_an_instruction_that_the_processor_lacks_is_never_used(machine, tmp_path
     if not set(there.split()) <= features():
         pytest.skip(f'needs a processor with {there}')
     names = names_in_process(
-        SCORE_ONE, NUMBA_CPU_NAME=machine, NUMBA_CACHE_DIR=str(tmp_path),
+        SCORE_ONE,
+        NUMBA_CPU_NAME=machine,
+        NUMBA_CACHE_DIR=str(tmp_path),
         NUMBA_CPU_FEATURES=','.join(f'+{name}' for name in there.split()),
-    )  # fmt: skip
+    )
     assert names == {f'int8 {kernel}' if kernel else 'numpy', 'numpy'}
 
 

@@ -65,8 +65,12 @@ def test_turning_on_the_spot_makes_keyframes():
     selector = KeyframeSelector(by(keyframe_distance_m=1.0))
     turns = [0.0, 0.2, 0.4, 0.6, 0.8]
     assert [selector.wants(0, BLANK, at(0, turn)) for turn in turns] == [
-        True, False, True, False, True
-    ]  # fmt: skip
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():

@@ -347,10 +347,12 @@ def test_a_killed_build_keeps_what_was_committed(tmp_path, how):
     path = tmp_path / 'map.db'
     program = WRITE_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
     with subprocess.Popen(
-        [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        [sys.executable, '-c', program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
         # A shell has programs that it starts in the background ignore it.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    ) as process:  # fmt: skip
+    ) as process:
         assert process.stdout.readline() == b'ready\n'
         process.send_signal(how)
         process.wait(60)

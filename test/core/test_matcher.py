@@ -134,9 +134,7 @@ def test_references_that_were_used_last_are_kept(made, watched):
 def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
     few, all_ = made(watched, kept=2), made(watched)
     for _ in range(2):
-        found, expected = (
-            one.scores(one.see(drawn(5)), np.arange(40)) for one in (few, all_)
-        )
+        found, expected = (one.scores(one.see(drawn(5)), np.arange(40)) for one in (few, all_))
         assert np.array_equal(found, expected, equal_nan=True)
 
 
@@ -217,10 +215,12 @@ def test_two_matchers_may_work_at_once(made):
 @pytest.mark.parametrize(
     ('missing', 'kernel', 'remedy'),
     [
-        ('available', 'float32', 'numba'), ('available', 'int8', 'numba'),
-        ('int8_tile', 'int8', 'AVX2'), ('float_tile', 'float32', 'AVX'),
+        ('available', 'float32', 'numba'),
+        ('available', 'int8', 'numba'),
+        ('int8_tile', 'int8', 'AVX2'),
+        ('float_tile', 'float32', 'AVX'),
     ],
-)  # fmt: skip
+)
 def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, missing, kernel, remedy):
     for name in ('available', 'float_tile', 'int8_tile'):
         monkeypatch.setattr(choice, name, lambda there=name != missing: there)

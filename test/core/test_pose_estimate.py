@@ -110,9 +110,14 @@ positions = strategies.tuples(*[strategies.floats(-1e3, 1e3)] * 3)
 def test_it_is_never_more_certain_than_the_map(points, data):
     places = street(*(Pose(point, (0.0, 0.0, 0.0, 1.0)) for point in points))
     index = data.draw(strategies.integers(0, len(places) - 1))
-    row = np.array(data.draw(strategies.lists(
-        strategies.floats(0, 1, width=32), min_size=len(places), max_size=len(places)
-    )), np.float32)  # fmt: skip
+    row = np.array(
+        data.draw(
+            strategies.lists(
+                strategies.floats(0, 1, width=32), min_size=len(places), max_size=len(places)
+            )
+        ),
+        np.float32,
+    )
     covariance = estimate_pose(places, index, row=row, **FLOORS).covariance
     assert (covariance == covariance.T).all()
     assert np.linalg.eigvalsh(covariance[:3, :3]).min() >= 0.25 - 1e-6

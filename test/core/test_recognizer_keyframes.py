@@ -58,12 +58,11 @@ def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=Fal
     return [
         recognizer.process(
             Frame(
-                start_ns + index * step_ns, image(place, 1),
-                pose=at(place) if odometry else None,
+                start_ns + index * step_ns, image(place, 1), pose=at(place) if odometry else None
             )
         )
         for index, place in enumerate(places)
-    ]  # fmt: skip
+    ]
 
 
 def test_a_map_of_keyframes_decides_which_frames_are_matched(third_places, image):

@@ -169,8 +169,9 @@ def test_matches_come_at_the_stated_rate(reference_map, drive):
     accepted = [match.query_index for match in matches if match.accepted]
     assert accepted == list(range(accepted[0], 50, 10))
     assert {match.reason for match in matches[accepted[0] :]} == {
-        Reason.ACCEPTED, Reason.COOL_DOWN
-    }  # fmt: skip
+        Reason.ACCEPTED,
+        Reason.COOL_DOWN,
+    }
 
 
 def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):

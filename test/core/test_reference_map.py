@@ -6,13 +6,7 @@ from threading import Thread
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.pooled import pooled
-from convseq_ros.core.reference_map import (
-    pack_cells,
-    Picture,
-    Place,
-    ReferenceMap,
-    unpack_cells,
-)
+from convseq_ros.core.reference_map import pack_cells, Picture, Place, ReferenceMap, unpack_cells
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest

@@ -26,8 +26,12 @@ def newest_first(scores, frame, memory=25):
 
 
 def follow(evidence, frame, rows, slope=1.0, ends=None):
-    return evidence.follow(frame, rows, np.arange(PLACES if rows[0] is None else len(rows[0]))
-                           if ends is None else ends, slope)  # fmt: skip
+    return evidence.follow(
+        frame,
+        rows,
+        np.arange(PLACES if rows[0] is None else len(rows[0])) if ends is None else ends,
+        slope,
+    )
 
 
 def run(scores, evidence=None, slope=1.0):
@@ -78,9 +82,7 @@ def slowly(scores):
             learnt[frame, max(0, best - 10) : best + 11] = np.nan
     frame, best, _ = sights[-1]
     on_track = [
-        margin
-        for then, place, margin in sights[-30:]
-        if abs((best - frame) - (place - then)) <= 2
+        margin for then, place, margin in sights[-30:] if abs((best - frame) - (place - then)) <= 2
     ]
     along = sum(on_track) / (min(frames - start, 30) * scatter)
     now = scores[-1] - usual

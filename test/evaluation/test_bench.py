@@ -64,8 +64,10 @@ def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
     curve = rows(method / 'curve.csv')
     assert float(curve[-1]['precision']) == pytest.approx(summary['accuracy_matched'])
     table = rows(output / 'summary.csv')
-    assert [(row['set'], row['method']) for row in table] == [('street', 'convseq'),
-                                                              ('street', 'hog')]  # fmt: skip
+    assert [(row['set'], row['method']) for row in table] == [
+        ('street', 'convseq'),
+        ('street', 'hog'),
+    ]
     assert float(table[0]['accuracy_all']) == summary['accuracy_all']
     assert not list(output.rglob('*.part'))
 
@@ -88,14 +90,36 @@ def test_the_recogniser_answers_as_replay_does(street, quick, tmp_path):
     _, reference = street.open().drives(quick.encoding)
     save_map(reference.reference_map, tmp_path / 'map.db')
     options = [
-        '--image-size-px', '128', '--saliency-threshold', '0.2', '--min-length', '2',
-        '--max-overlap-length', '3', '--max-length', '4', '--rival-distance', '3',
-        '--matching', 'regional', '--search', 'exhaustive', '--kernel', 'numpy',
-    ]  # fmt: skip
-    assert not main([
-        'replay', str(street.folder / 'query'), '--map', str(tmp_path / 'map.db'),
-        '--output', str(tmp_path / 'replay.csv'), *options,
-    ])  # fmt: skip
+        '--image-size-px',
+        '128',
+        '--saliency-threshold',
+        '0.2',
+        '--min-length',
+        '2',
+        '--max-overlap-length',
+        '3',
+        '--max-length',
+        '4',
+        '--rival-distance',
+        '3',
+        '--matching',
+        'regional',
+        '--search',
+        'exhaustive',
+        '--kernel',
+        'numpy',
+    ]
+    assert not main(
+        [
+            'replay',
+            str(street.folder / 'query'),
+            '--map',
+            str(tmp_path / 'map.db'),
+            '--output',
+            str(tmp_path / 'replay.csv'),
+            *options,
+        ]
+    )
     replayed = rows(tmp_path / 'replay.csv')
     evaluated = rows(tmp_path / 'out' / 'street' / 'convseq' / 'frames.csv')
     for one, other in zip(replayed, evaluated, strict=True):
@@ -187,15 +211,19 @@ def test_a_drive_without_revisits_gives_nothing(loop, quick, tmp_path):
 
 
 def test_a_threshold_can_come_from_the_other_places_only(street, quick, tmp_path):
-    street.write('name: near\nplace: street\nquery: {path: query}\nreference: {path: reference}\n'
-                 'truth: {kind: identity, tolerance: 1}', 'near.yaml')  # fmt: skip
-    street.write('name: far\nquery: {path: reference}\nreference: {path: query}\n'
-                 'truth: {kind: identity, tolerance: 1}', 'far.yaml')  # fmt: skip
+    street.write(
+        'name: near\nplace: street\nquery: {path: query}\nreference: {path: reference}\n'
+        'truth: {kind: identity, tolerance: 1}',
+        'near.yaml',
+    )
+    street.write(
+        'name: far\nquery: {path: reference}\nreference: {path: query}\n'
+        'truth: {kind: identity, tolerance: 1}',
+        'far.yaml',
+    )
     files = [street.folder / name for name in ('street.yaml', 'near.yaml', 'far.yaml')]
     files[0].write_text(files[1].read_text().replace('near', 'own'))
-    own, near, far = run(
-        street, quick, tmp_path / 'out', 'cohog', files=files, transfer=True
-    )
+    own, near, far = run(street, quick, tmp_path / 'out', 'cohog', files=files, transfer=True)
     assert own['transferred']['others'] == ['far']
     assert near['transferred']['others'] == ['far']
     assert far['transferred']['others'] == ['own', 'near']

@@ -6,13 +6,7 @@ from pathlib import Path
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.agreement import agreement
-from convseq_ros.evaluation.calibration import (
-    adjusted,
-    calibration,
-    fitted,
-    pooled,
-    reliability,
-)
+from convseq_ros.evaluation.calibration import adjusted, calibration, fitted, pooled, reliability
 from convseq_ros.evaluation.run_folder import Run
 from convseq_ros.evaluation.scorecard import Verdicts
 from convseq_ros.evaluation.transfer import Measured

@@ -41,8 +41,11 @@ def test_the_length_of_a_method_wins_over_the_parameter():
     from convseq_ros.evaluation.recognition import with_known
 
     config = with_known(Config(), {'fixed_length': 7})
-    lengths = {kind: make_method(parse_method(kind), config).config.sequence.fixed_length
-               for kind, row in KINDS.items() if not row.argument}  # fmt: skip
+    lengths = {
+        kind: make_method(parse_method(kind), config).config.sequence.fixed_length
+        for kind, row in KINDS.items()
+        if not row.argument
+    }
     assert lengths == {'convseq': 7, 'convseq-forward': 7, 'cohog': 1, 'seqslam': 10, 'hog': 1}
 
 

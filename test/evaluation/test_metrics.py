@@ -147,8 +147,9 @@ def test_recall_at_n_counts_wrong_references_before_the_best_right_one():
 
 def test_in_recall_at_n_ties_count_against_the_method():
     assert recall_at(numbers(0.5, 0.5).reshape(1, 2), flags(1, 0).reshape(1, 2), (1, 2)) == {
-        1: 0, 2: 1,
-    }  # fmt: skip
+        1: 0,
+        2: 1,
+    }
 
 
 def test_queries_without_a_right_reference_do_not_count_in_recall_at_n():

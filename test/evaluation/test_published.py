@@ -32,10 +32,17 @@ def test_accuracy_on_corridor_is_as_published(corridor):
 
 def test_the_published_matrices_of_ten_techniques_are_in_the_table(corridor):
     single = {
-        'alexnet': 0.685, 'amosnet': 0.847, 'ap-gem': 0.532, 'calc': 0.324, 'cohog': 0.622,
-        'densevlad': 0.703, 'hog': 0.477, 'hybridnet': 0.901, 'netvlad': 0.676,
+        'alexnet': 0.685,
+        'amosnet': 0.847,
+        'ap-gem': 0.532,
+        'calc': 0.324,
+        'cohog': 0.622,
+        'densevlad': 0.703,
+        'hog': 0.477,
+        'hybridnet': 0.901,
+        'netvlad': 0.676,
         'regionvlad': 0.432,
-    }  # fmt: skip
+    }
     for name, accuracy in single.items():
         assert corridor[f'vprbench-{name}'] == pytest.approx(accuracy, abs=1e-3)
         assert corridor[f'vprbench-{name}-k10'] > corridor[f'vprbench-{name}']

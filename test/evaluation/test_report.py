@@ -36,8 +36,14 @@ def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
     """Write a set without methods; the fifth reference has no thumbnail."""
     place = folder / name
     place.mkdir(parents=True)
-    told = {'name': name, 'title': f'{name} <drawn> & $named', 'protocol': protocol,
-            'tolerance': 1, 'queries': NUM_FRAMES, 'references': NUM_FRAMES}
+    told = {
+        'name': name,
+        'title': f'{name} <drawn> & $named',
+        'protocol': protocol,
+        'tolerance': 1,
+        'queries': NUM_FRAMES,
+        'references': NUM_FRAMES,
+    }
     (place / 'set.json').write_text(json.dumps(told | ({'base': base} if base else {})))
     if base:
         return
@@ -57,11 +63,20 @@ def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
 def frame(index: int, half: str = '') -> dict[str, object]:
     """Return a row: skipped, then right, wrong and rejected in turn."""
     row = dict.fromkeys(COLUMNS, '') | {
-        'query_index': index, 'query_stamp_ns': index * 10**8, 'status': 'skipped',
-        'reason': 'warming_up', 'sequence_length': 0, 'pairs_scored': NUM_FRAMES,
-        'duration_ms': '1.000', 'correct': 0, 'known': int(index < NUM_FRAMES - 1), 'slip': 0,
-        'margin': '', 'entropy': f'{0.4 + index / 100:.3f}', 'half': half,
-    }  # fmt: skip
+        'query_index': index,
+        'query_stamp_ns': index * 10**8,
+        'status': 'skipped',
+        'reason': 'warming_up',
+        'sequence_length': 0,
+        'pairs_scored': NUM_FRAMES,
+        'duration_ms': '1.000',
+        'correct': 0,
+        'known': int(index < NUM_FRAMES - 1),
+        'slip': 0,
+        'margin': '',
+        'entropy': f'{0.4 + index / 100:.3f}',
+        'half': half,
+    }
     if index < 3:
         return row
     verdict = 'right' if index < 13 else 'wrong' if index < 18 else 'rejected'
@@ -69,9 +84,12 @@ def frame(index: int, half: str = '') -> dict[str, object]:
     return row | {
         'status': 'rejected' if verdict == 'rejected' else 'accepted',
         'reason': 'ambiguous' if verdict == 'rejected' else 'accepted',
-        'best_index': best, 'best_score': '0.9000000', 'sequence_length': 2 + index % 3,
-        'correct': int(verdict == 'right'), 'margin': '0.0100',
-    }  # fmt: skip
+        'best_index': best,
+        'best_score': '0.9000000',
+        'sequence_length': 2 + index % 3,
+        'correct': int(verdict == 'right'),
+        'margin': '0.0100',
+    }
 
 
 def write_run(folder: Path, method: str, protocol: str, accuracy: float) -> None:
@@ -88,18 +106,42 @@ def write_run(folder: Path, method: str, protocol: str, accuracy: float) -> None
         scores = np.random.default_rng(2).random((NUM_FRAMES, NUM_FRAMES)).astype(np.float32)
         scores[:3] = np.nan
         np.save(place / 'scores.npy', scores)
-    (place / 'summary.json').write_text(json.dumps({
-        'set': folder.name, 'method': method, 'protocol': protocol, 'queries': NUM_FRAMES,
-        'matched': 21, 'known': 23, 'matched_known': 20, 'accuracy_matched': accuracy,
-        'accuracy_all': accuracy - 0.1,
-        'accuracy_matched_low': accuracy - 0.2, 'accuracy_matched_high': accuracy + 0.05,
-        'auc_pr': None, 'recall_at_100_precision': 0.4, 'accepted': 15, 'accepted_right': 10,
-        'false_closures': 5, 'slips': 0, 'mean_k': 3.0, 'encode_ms': 1.5, 'frame_ms': 2.5,
-        'k_distribution': {'2': 7, '3': 7, '4': 7}, 'criterion': 'margin', 'transferred': None,
-        'configuration': {'entropy_threshold': 0.5}, 'versions': {'convseq_ros': '0.1.0'},
-        'machine': {'processor': 'a test'}, 'argv': ['convseq', 'evaluate', '</script>'],
-        'date': '2026-01-02T03:04:05', 'notes': [], 'pcu': None,
-    }))  # fmt: skip
+    (place / 'summary.json').write_text(
+        json.dumps(
+            {
+                'set': folder.name,
+                'method': method,
+                'protocol': protocol,
+                'queries': NUM_FRAMES,
+                'matched': 21,
+                'known': 23,
+                'matched_known': 20,
+                'accuracy_matched': accuracy,
+                'accuracy_all': accuracy - 0.1,
+                'accuracy_matched_low': accuracy - 0.2,
+                'accuracy_matched_high': accuracy + 0.05,
+                'auc_pr': None,
+                'recall_at_100_precision': 0.4,
+                'accepted': 15,
+                'accepted_right': 10,
+                'false_closures': 5,
+                'slips': 0,
+                'mean_k': 3.0,
+                'encode_ms': 1.5,
+                'frame_ms': 2.5,
+                'k_distribution': {'2': 7, '3': 7, '4': 7},
+                'criterion': 'margin',
+                'transferred': None,
+                'configuration': {'entropy_threshold': 0.5},
+                'versions': {'convseq_ros': '0.1.0'},
+                'machine': {'processor': 'a test'},
+                'argv': ['convseq', 'evaluate', '</script>'],
+                'date': '2026-01-02T03:04:05',
+                'notes': [],
+                'pcu': None,
+            }
+        )
+    )
 
 
 @pytest.fixture(scope='module')
@@ -150,7 +192,7 @@ def test_page_names_every_set_and_method_with_its_numbers(page):
 
 def test_page_needs_no_network_and_no_other_file(page):
     text = page.read_text(encoding='utf-8')
-    addresses = re.findall(r'''(?:src|href)="([^"]*)"|url\(([^)]*)\)|@import''', text)
+    addresses = re.findall(r"""(?:src|href)="([^"]*)"|url\(([^)]*)\)|@import""", text)
     assert addresses
     assert all((one or other).startswith(('data:', '#')) for one, other in addresses)
     assert "default-src 'none'" in text
@@ -199,8 +241,11 @@ def test_damaged_thumbnail_is_left_out(copy, tmp_path):
 
 
 def test_run_without_thumbnails_scores_and_curve_still_has_its_row(copy, tmp_path):
-    for path in (*copy.glob('*/thumbnails'), *copy.glob('*/*/scores.npy'),
-                 *copy.glob('*/*/curve.csv')):
+    for path in (
+        *copy.glob('*/thumbnails'),
+        *copy.glob('*/*/scores.npy'),
+        *copy.glob('*/*/curve.csv'),
+    ):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     write_report(read_runs([copy]), tmp_path / 'page.html')
     assert embedded(tmp_path / 'page.html')['pictures'] == []
@@ -230,9 +275,10 @@ def test_two_results_of_the_same_set_and_method_are_told_apart(results, copy):
 # Its parts.
 
 
-@pytest.mark.parametrize(('first', 'last', 'expected'), [
-    (0, 1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (110.5, -0.5, [0, 20, 40, 60, 80, 100]), (3, 3, [3]),
-])
+@pytest.mark.parametrize(
+    ('first', 'last', 'expected'),
+    [(0, 1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (110.5, -0.5, [0, 20, 40, 60, 80, 100]), (3, 3, [3])],
+)
 def test_ticks_are_round(first, last, expected):
     assert ticks(first, last) == pytest.approx(expected)
 
@@ -286,8 +332,13 @@ def test_command_writes_page_and_figures(results, tmp_path, capsys):
     assert main(['report', str(results), '--output', str(output), '--figures', str(figures)]) == 0
     assert output.exists()
     names = {path.name for path in figures.iterdir()}
-    for stem in ('street-curves', 'street-accuracy', 'street-convseq-matrix',
-                 'street-convseq-lengths', 'loop-convseq-matrix'):
+    for stem in (
+        'street-curves',
+        'street-accuracy',
+        'street-convseq-matrix',
+        'street-convseq-lengths',
+        'loop-convseq-matrix',
+    ):
         assert {f'{stem}.png', f'{stem}.svg'} <= names
     assert not [name for name in names if name.startswith('street-open-convseq')]
     assert capsys.readouterr().out == ''
@@ -306,18 +357,21 @@ def test_folder_that_is_no_result_is_refused_in_one_line(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(('name', 'content'), [
-    ('summary.json', '{"set": "street", '),
-    ('summary.json', '[]'),
-    ('frames.csv', 'query_index\n1\n'),
-    ('frames.csv', ''),
-    ('curve.csv', 'threshold,precision\n1,2\n'),
-    ('curve.csv', 'threshold,precision,recall\n1,two,3\n'),
-    ('scores.npy', 'no matrix'),
-    ('scores.npy', ''),
-    ('../truth.npz', 'no matrix'),
-    ('../set.json', '[1'),
-])
+@pytest.mark.parametrize(
+    ('name', 'content'),
+    [
+        ('summary.json', '{"set": "street", '),
+        ('summary.json', '[]'),
+        ('frames.csv', 'query_index\n1\n'),
+        ('frames.csv', ''),
+        ('curve.csv', 'threshold,precision\n1,2\n'),
+        ('curve.csv', 'threshold,precision,recall\n1,two,3\n'),
+        ('scores.npy', 'no matrix'),
+        ('scores.npy', ''),
+        ('../truth.npz', 'no matrix'),
+        ('../set.json', '[1'),
+    ],
+)
 def test_damaged_file_is_named_in_one_line(copy, tmp_path, capsys, name, content):
     (copy / 'street' / 'cohog' / name).write_text(content)
     assert main(['report', str(copy), '--output', str(tmp_path / 'page.html')]) == 1
@@ -352,14 +406,21 @@ class Browser:
         self._driver = subprocess.Popen([driver, '--port=0'], stdout=subprocess.PIPE, text=True)
         assert self._driver.stdout
         port = next(
-            found[1] for line in self._driver.stdout
+            found[1]
+            for line in self._driver.stdout
             if (found := re.search(r'started successfully on port (\d+)', line))
         )
         self._session = f'http://127.0.0.1:{port}/session'
-        options = {'binary': browser, 'args': [
-            '--headless=new', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage',
-            '--window-size=1280,1000',
-        ]}  # fmt: skip
+        options = {
+            'binary': browser,
+            'args': [
+                '--headless=new',
+                '--no-sandbox',
+                '--disable-gpu',
+                '--disable-dev-shm-usage',
+                '--window-size=1280,1000',
+            ],
+        }
         wanted = {'goog:chromeOptions': options, 'goog:loggingPrefs': {'browser': 'ALL'}}
         opened = self._ask('', {'capabilities': {'alwaysMatch': wanted}})
         self._session += '/' + opened['sessionId']
@@ -433,7 +494,7 @@ COUNT = 'return document.getElementById("count").textContent'
 
 
 def test_every_picture_loads(browser):
-    sizes = browser.wait('''
+    sizes = browser.wait("""
         const seen = [];
         const look = async () => {
           for (const image of document.images) {
@@ -454,7 +515,7 @@ def test_every_picture_loads(browser):
           }
         }
         return seen;
-    ''')
+    """)
     assert len(sizes) > 4 * NUM_FRAMES
     assert min(sizes) > 0
 
@@ -462,8 +523,10 @@ def test_every_picture_loads(browser):
 def test_filter_shows_only_frames_of_its_kind(browser):
     for kind, number in VERDICTS.items():
         browser.run(f'document.querySelector("[data-kind={kind}]").click()')
-        browser.run('document.getElementById("slider").value = 0;'
-                    'document.getElementById("slider").dispatchEvent(new Event("input"))')
+        browser.run(
+            'document.getElementById("slider").value = 0;'
+            'document.getElementById("slider").dispatchEvent(new Event("input"))'
+        )
         assert browser.run(COUNT) == f'1 of {number}'
         for _ in range(number):
             verdict = browser.run('return document.getElementById("verdict").classList[1]')
@@ -505,34 +568,35 @@ def test_rejecting_a_place_that_is_not_in_the_map_is_called_right(browser, page)
 
 
 def test_click_in_a_matrix_shows_the_pictures_of_its_row(browser):
-    browser.run('''
+    browser.run("""
         const plate = document.querySelector('.plate[data-run="street/cohog"]');
         const box = plate.querySelector('img').getBoundingClientRect();
         const clientY = box.top + box.height * 12.5 / 24;
         plate.dispatchEvent(new MouseEvent('click', {clientY, bubbles: true}));
-    ''')
+    """)
     browser.wait('await new Promise((done) => setTimeout(done, 50));')
     assert browser.run('return location.hash') == '#street/cohog/12'
     assert browser.run(CAPTION) == 'Query 12'
 
 
 def test_heading_sorts_the_table_both_ways(browser):
-    column = '''return [...document.querySelectorAll('tbody tr')]
-        .map((row) => Number(row.querySelector('.number').dataset.value))'''
+    column = """return [...document.querySelectorAll('tbody tr')]
+        .map((row) => Number(row.querySelector('.number').dataset.value))"""
     click = 'document.querySelectorAll("thead button")[2].click()'
     browser.run(click)
     assert browser.run(column) == [0.9, 0.8, 0.7, 0.6]
     browser.run(click)
     assert browser.run(column) == [0.6, 0.7, 0.8, 0.9]
-    assert browser.run(
-        'return document.querySelectorAll("thead th")[2].getAttribute("aria-sort")'
-    ) == 'ascending'
+    assert (
+        browser.run('return document.querySelectorAll("thead th")[2].getAttribute("aria-sort")')
+        == 'ascending'
+    )
 
 
 def test_scheme_is_the_systems_until_the_button_chooses(browser, page):
-    brightness = '''
+    brightness = """
         const [red, green, blue] = getComputedStyle(document.body).backgroundColor.match(/\\d+/g);
-        return Number(red) + Number(green) + Number(blue);'''
+        return Number(red) + Number(green) + Number(blue);"""
     browser.prefer('dark')
     assert browser.run(brightness) < 200
     browser.run('document.getElementById("scheme").click()')
@@ -554,12 +618,12 @@ def test_method_in_the_legend_stands_out(browser):
 
 
 def test_page_is_no_wider_than_a_phone(browser):
-    wide = browser.wait('''
+    wide = browser.wait("""
         document.body.style.width = '360px';
         const width = document.querySelector('main').scrollWidth;
         document.body.style.width = '';
         return width;
-    ''')
+    """)
     assert wide <= 360
 
 

@@ -31,12 +31,15 @@ def drawing():
     pytest.importorskip('matplotlib')
 
 
-@pytest.mark.parametrize(('pairs', 'found', 'colors'), [
-    ([pair(True), pair(True)], TRUTH, {GREEN}),
-    ([pair(False, (90, 160, 3))], np.full(30, -1), {RED}),
-    ([pair(True)] * 9, (TRUTH + 9) % 30, {GREEN, RED}),
-    ([], np.full(30, -1), set()),
-])
+@pytest.mark.parametrize(
+    ('pairs', 'found', 'colors'),
+    [
+        ([pair(True), pair(True)], TRUTH, {GREEN}),
+        ([pair(False, (90, 160, 3))], np.full(30, -1), {RED}),
+        ([pair(True)] * 9, (TRUTH + 9) % 30, {GREEN, RED}),
+        ([], np.full(30, -1), set()),
+    ],
+)
 def test_demo_picture_has_a_frame_for_each_verdict(tmp_path, pairs, found, colors):
     path = tmp_path / 'picture.png'
     plots.demo_picture(path, pairs, SCORES, TRUTH, found, 'A title')

@@ -21,9 +21,11 @@ def verdicts(**changes):
         'accepted': np.array([0, 1, 0, 1, 1], bool),
         'reach': np.array([0, 1, 1, 1, 0], bool),
         'lengths': np.array([0, 2, 2, 3, 3]),
-        'values': {'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
-                   'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1])},
-    }  # fmt: skip
+        'values': {
+            'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
+            'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1]),
+        },
+    }
     return Verdicts(**(usual | changes))
 
 
@@ -46,9 +48,13 @@ def test_the_area_counts_right_matches_or_all_answerable_ones():
 
 def test_decisions_are_counted_over_known_places_and_over_those_in_reach():
     assert decisions(verdicts()) == {
-        'accepted': 3, 'accepted_right': 1, 'false_closures': 1, 'slips': 1,
-        'accepted_recall': 1 / 4, 'accepted_recall_in_reach': 1 / 3,
-    }  # fmt: skip
+        'accepted': 3,
+        'accepted_right': 1,
+        'false_closures': 1,
+        'slips': 1,
+        'accepted_recall': 1 / 4,
+        'accepted_recall_in_reach': 1 / 3,
+    }
     assert decisions(verdicts(reach=np.zeros(5, bool)))['accepted_recall_in_reach'] is None
 
 
@@ -63,9 +69,12 @@ def test_a_transferred_threshold_lets_through_what_beats_all_wrong_answers_elsew
     there = Measured('there', 'there', verdicts(values={'score': np.full(5, 0.75)}))
     found = transferred(here, [here, there], 'score')
     assert found == {
-        'threshold': 0.75, 'recall': pytest.approx(1 / 3), 'false_closures': 0, 'slips': 1,
+        'threshold': 0.75,
+        'recall': pytest.approx(1 / 3),
+        'false_closures': 0,
+        'slips': 1,
         'others': ['there'],
-    }  # fmt: skip
+    }
 
 
 def test_sets_of_the_same_place_give_no_threshold():
@@ -80,11 +89,13 @@ def test_where_no_other_answer_is_wrong_everything_is_taken():
     assert (found['threshold'], found['false_closures'], found['slips']) == (None, 1, 1)
 
 
-@pytest.mark.parametrize(('direction', 'expected'), [
-    (BACKWARD, [0, 0, 1, 1]), (FORWARD, [0, 1, 0, 0]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('direction', 'expected'), [(BACKWARD, [0, 0, 1, 1]), (FORWARD, [0, 1, 0, 0])]
+)
 def test_a_place_is_in_reach_if_its_whole_sequence_is_in_the_map(direction, expected):
-    matches = [Match(index, index, Status.REJECTED, Reason.WEAK, sequence_length=length)
-               for index, length in enumerate((0, 3, 3, 3))]  # fmt: skip
+    matches = [
+        Match(index, index, Status.REJECTED, Reason.WEAK, sequence_length=length)
+        for index, length in enumerate((0, 3, 3, 3))
+    ]
     right = np.eye(4, dtype=bool)[[3, 1, 2, 3]]
     assert in_reach(right, matches, direction).tolist() == expected

@@ -7,17 +7,8 @@ from dataclasses import replace
 from convseq_ros.core.sequence import BACKWARD, FORWARD
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.cache import Cache
-from convseq_ros.evaluation.recognition import (
-    answer_again,
-    pair_scores,
-    recognize,
-    with_known,
-)
-from convseq_ros.evaluation.sequence_matching import (
-    choose_lengths,
-    decide_frames,
-    score_sequences,
-)
+from convseq_ros.evaluation.recognition import answer_again, pair_scores, recognize, with_known
+from convseq_ros.evaluation.sequence_matching import choose_lengths, decide_frames, score_sequences
 import numpy as np
 import pytest
 
@@ -59,10 +50,16 @@ def without_stamps(match):
 def test_the_recogniser_says_the_same_again_of_images_that_are_described(
     street, quick, fixed_length, matching, search
 ):
-    config = with_known(quick, {
-        'fixed_length': fixed_length, 'matching': matching, 'search': search,
-        'shortlist_length': 6, 'image_size_px': 192,
-    })  # fmt: skip
+    config = with_known(
+        quick,
+        {
+            'fixed_length': fixed_length,
+            'matching': matching,
+            'search': search,
+            'shortlist_length': 6,
+            'image_size_px': 192,
+        },
+    )
     material = street.open()
     first = [without_pixels(one) for one in recognize(material, config).matches]
     assert answer_again(material, config, 0, 24) == first
@@ -72,8 +69,9 @@ def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
     material = street.open()
     for index in (*range(4), *range(20, 24)):
         (street.folder / 'reference' / f'{index:03d}.png').unlink()
-    street.write('query: {path: query}\nreference: {path: reference}\n'
-                 'truth: {kind: table, path: gt.csv}')  # fmt: skip
+    street.write(
+        'query: {path: query}\nreference: {path: reference}\ntruth: {kind: table, path: gt.csv}'
+    )
     street.write('query,reference\n4,0\n', 'gt.csv')
     part = [without_stamps(one) for one in recognize(street.open(), quick).matches]
     again = [without_stamps(one) for one in answer_again(material, quick, 4, 20)]

@@ -40,14 +40,17 @@ def test_what_is_drawn_is_part_of_what_the_cache_goes_by(tmp_path):
     assert one == same != other
 
 
-@pytest.mark.parametrize(('said', 'problem'), [
-    ({'strete': 3}, "unknown parameter 'strete'; did you mean street"),
-    ({'noise': 'much'}, "noise: 'much' is not a number"),
-    ({'num_frames': 2.5}, 'num_frames: 2.5 is not a number'),
-    ({'light': 'dusk'}, "light: 'dusk' is not one of"),
-    ({'lane_offset_m': 9}, 'lane_offset_m: 9'),
-    ({'street': -1}, 'seed: -1 is negative'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('said', 'problem'),
+    [
+        ({'strete': 3}, "unknown parameter 'strete'; did you mean street"),
+        ({'noise': 'much'}, "noise: 'much' is not a number"),
+        ({'num_frames': 2.5}, 'num_frames: 2.5 is not a number'),
+        ({'light': 'dusk'}, "light: 'dusk' is not one of"),
+        ({'lane_offset_m': 9}, 'lane_offset_m: 9'),
+        ({'street': -1}, 'seed: -1 is negative'),
+    ],
+)
 def test_a_drive_that_makes_no_sense_is_refused(tmp_path, said, problem):
     with pytest.raises(ConfigError, match=problem) as caught:
         read_simulated(said, tmp_path / 'set.yaml')
@@ -84,13 +87,18 @@ def test_poses_do_not_go_backwards(street):
 
 def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick, tmp_path):
     summaries = evaluate(
-        [open_data_set(str(street.file))], quick, Plan(('convseq-k3',), protocols=('past',)),
-        tmp_path / 'out', street.cache,
-    )  # fmt: skip
+        [open_data_set(str(street.file))],
+        quick,
+        Plan(('convseq-k3',), protocols=('past',)),
+        tmp_path / 'out',
+        street.cache,
+    )
     assert [one['set'] for one in summaries] == [
-        'street-query-forwards', 'street-query-backwards', 'street-reference-forwards',
+        'street-query-forwards',
+        'street-query-backwards',
+        'street-reference-forwards',
         'street-reference-backwards',
-    ]  # fmt: skip
+    ]
     for one in summaries:
         assert (one['protocol'], one['known'], one['queries']) == ('online', 0, 24)
         assert one['accepted'] == one['false_closures']

@@ -97,8 +97,9 @@ def test_all_combinations_of_parameters_are_measured(street, quick, tmp_path):
     rows = run_study(what, quick, tmp_path / 'out', street.cache)
     lengths = {
         (row['overlap_threshold'], row['entropy_threshold']): row['k_distribution']
-        for row in rows if row['method'] == 'convseq'
-    }  # fmt: skip
+        for row in rows
+        if row['method'] == 'convseq'
+    }
     assert len(rows) == 8
     assert lengths[1.0, 0.0] == '2:23'
     assert lengths[0.0, 1.0] == '4:21'
@@ -113,8 +114,12 @@ def test_a_study_of_pace_keeps_track_of_what_is_right(street, quick, tmp_path):
     )
     rows = run_study(what, quick, tmp_path / 'out', street.cache)
     assert [(row['change'], row['amount']) for row in rows] == [
-        ('speed', 1.0), ('speed', 2.0), ('stops', 3.0), ('drop', 0.4), ('darken', 0.2),
-    ]  # fmt: skip
+        ('speed', 1.0),
+        ('speed', 2.0),
+        ('stops', 3.0),
+        ('drop', 0.4),
+        ('darken', 0.2),
+    ]
     assert [row['queries'] for row in rows[:3]] == [24, 12, 33]
     assert all(row['accuracy_all'] >= 0.9 for row in rows)
 
@@ -144,8 +149,14 @@ def test_the_studies_of_the_paper_are_ready_made(tmp_path):
 
     studies = {name: read_study(Path(name), tmp_path) for name in ready_made_studies()}
     assert {
-        'k_ablation', 'thresholds', 'speed', 'dropped_frames', 'stops', 'image_size', 'appearance',
-    } <= studies.keys()  # fmt: skip
+        'k_ablation',
+        'thresholds',
+        'speed',
+        'dropped_frames',
+        'stops',
+        'image_size',
+        'appearance',
+    } <= studies.keys()
     assert all(name == one.name for name, one in studies.items())
     changes = {kind for one in studies.values() for kind in one.change}
     assert changes == {*PACES, *PICTURES}

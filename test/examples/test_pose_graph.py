@@ -108,9 +108,10 @@ def test_closures_between_keyframes_count_from_where_the_robot_was():
     assert solution.after[2, 0] + 3 == pytest.approx(solution.after[0, 0] + 4, abs=0.05)
 
 
-@pytest.mark.parametrize('closure', [
-    Closure(900 * SECOND, 0), Closure(5 * SECOND, -SECOND), Closure(5 * SECOND, 5 * SECOND),
-])
+@pytest.mark.parametrize(
+    'closure',
+    [Closure(900 * SECOND, 0), Closure(5 * SECOND, -SECOND), Closure(5 * SECOND, 5 * SECOND)],
+)
 def test_a_closure_outside_the_odometry_is_left_out(closure):
     odometry, _ = square()
     solution = optimise(odometry, [closure, Closure(40 * SECOND, 0)])

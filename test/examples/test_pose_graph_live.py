@@ -48,10 +48,11 @@ class Listener:
         self._context.init(domain_id=int(environment(folder)['ROS_DOMAIN_ID']))
         self._node = Node('lio_sam', context=self._context)
         self._node.create_subscription(
-            Float64MultiArray, '/vpr_node/loop_closure',
+            Float64MultiArray,
+            '/vpr_node/loop_closure',
             lambda message: self.heard.append(tuple(message.data)),
             QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-        )  # fmt: skip
+        )
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(self._node)
 
@@ -120,9 +121,12 @@ def test_what_is_missing_is_one_line_that_says_how_to_get_it(tmp_path, script, m
         f'raise ModuleNotFoundError("No module named {missing!r}", name={missing!r})\n'
     )
     result = subprocess.run(
-        [sys.executable, EXAMPLE / script], capture_output=True, text=True, check=False,
+        [sys.executable, EXAMPLE / script],
+        capture_output=True,
+        text=True,
+        check=False,
         env=os.environ | {'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])},
-    )  # fmt: skip
+    )
     assert result.returncode == 1
     assert missing in result.stderr and 'pip install' in result.stderr
     assert result.stderr.count('\n') == 1

@@ -30,10 +30,12 @@ def main():
     reference_regions = [regions_of(cells_of(image)) for image in references]
 
     def scores_against(others):
-        return np.array([
-            [pair_score(own, mask, other) for other in others]
-            for own, mask in zip(query_regions, salient, strict=True)
-        ])
+        return np.array(
+            [
+                [pair_score(own, mask, other) for other in others]
+                for own, mask in zip(query_regions, salient, strict=True)
+            ]
+        )
 
     scores, similarities = scores_against(reference_regions), scores_against(query_regions)
     lengths = [length_at(index, similarities, entropies) or 0 for index in range(COUNT)]

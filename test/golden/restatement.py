@@ -58,9 +58,7 @@ def entropy_map_of(image):
     for y in range(100):
         for x in range(100):
             seen = [
-                small[y + dy, x + dx]
-                for dy, dx in disk
-                if 0 <= y + dy < 100 and 0 <= x + dx < 100
+                small[y + dy, x + dx] for dy, dx in disk if 0 <= y + dy < 100 and 0 <= x + dx < 100
             ]
             counts = np.bincount(seen)
             shares = counts[counts > 0] / len(seen)
@@ -70,11 +68,13 @@ def entropy_map_of(image):
 
 def salient_in(bits, threshold):
     """Return which of the 961 regions have a mean entropy of threshold * 8 bits."""
-    return np.array([
-        bits[16 * r : 16 * r + 32, 16 * c : 16 * c + 32].mean() >= threshold * 8
-        for r in range(31)
-        for c in range(31)
-    ])
+    return np.array(
+        [
+            bits[16 * r : 16 * r + 32, 16 * c : 16 * c + 32].mean() >= threshold * 8
+            for r in range(31)
+            for c in range(31)
+        ]
+    )
 
 
 def regions_of(cells):

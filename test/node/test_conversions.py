@@ -28,10 +28,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 STAMP_NS = 1_700_000_000_123_456_789
-CANDIDATES = (
-    Candidate(7, STAMP_NS - 60_000_000_000, 0.875),
-    Candidate(2, 5, 0.5),
-)
+CANDIDATES = (Candidate(7, STAMP_NS - 60_000_000_000, 0.875), Candidate(2, 5, 0.5))
 MATCH = Match(11, STAMP_NS, Status.ACCEPTED, Reason.ACCEPTED, CANDIDATES, sequence_length=4)
 POSE = Pose((1.0, -2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
 
@@ -105,5 +102,7 @@ def test_a_status_is_readable():
     status = status_message(DiagnosticStatus.WARN, 'vpr_node: x', 'slow', values)
     assert (status.level, status.message) == (DiagnosticStatus.WARN, 'slow')
     assert {item.key: item.value for item in status.values} == {
-        'queue': '3', 'rate_hz': '9.877', 'map_path': '/a.db',
-    }  # fmt: skip
+        'queue': '3',
+        'rate_hz': '9.877',
+        'map_path': '/a.db',
+    }

@@ -196,8 +196,11 @@ def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
     client.wait_for(
         lambda: any(message.status[0].level == DiagnosticStatus.ERROR for message in diagnostics)
     )
-    (text,) = {message.status[0].message for message in diagnostics
-               if message.status[0].level == DiagnosticStatus.ERROR}
+    (text,) = {
+        message.status[0].message
+        for message in diagnostics
+        if message.status[0].level == DiagnosticStatus.ERROR
+    }
     assert 'new.db: what the map gains cannot be written' in text
     assert node._statistics.unkept == 20
     answer = client.call(Trigger, '/vpr_node/save_map')

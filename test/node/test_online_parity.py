@@ -53,23 +53,45 @@ def messages():
             kinds['geometry_msgs/msg/Point'](float(where), 0.0, 0.0),
             kinds['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
         )
-        yield '/wheels', stamp_ns, kinds['nav_msgs/msg/Odometry'](
-            header(stamp_ns, 'odom'), 'base',
-            kinds['geometry_msgs/msg/PoseWithCovariance'](pose, np.zeros(36)),
-            kinds['geometry_msgs/msg/TwistWithCovariance'](
-                kinds['geometry_msgs/msg/Twist'](zero, zero), np.zeros(36)
+        yield (
+            '/wheels',
+            stamp_ns,
+            kinds['nav_msgs/msg/Odometry'](
+                header(stamp_ns, 'odom'),
+                'base',
+                kinds['geometry_msgs/msg/PoseWithCovariance'](pose, np.zeros(36)),
+                kinds['geometry_msgs/msg/TwistWithCovariance'](
+                    kinds['geometry_msgs/msg/Twist'](zero, zero), np.zeros(36)
+                ),
             ),
-        )  # fmt: skip
+        )
     k = np.array([300.0, 0, 160, 0, 300, 120, 0, 0, 1])
     for index, place in enumerate(PLACES):
         stamp_ns = START_NS + index * STEP_NS
-        yield '/cam/info', stamp_ns, kinds['sensor_msgs/msg/CameraInfo'](
-            header(stamp_ns, 'camera'), 240, 320, 'plumb_bob', np.zeros(5), k, np.eye(3).ravel(),
-            np.zeros(12), 0, 0, kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False),
-        )  # fmt: skip
+        yield (
+            '/cam/info',
+            stamp_ns,
+            kinds['sensor_msgs/msg/CameraInfo'](
+                header(stamp_ns, 'camera'),
+                240,
+                320,
+                'plumb_bob',
+                np.zeros(5),
+                k,
+                np.eye(3).ravel(),
+                np.zeros(12),
+                0,
+                0,
+                kinds['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False),
+            ),
+        )
         gray = view(place, -TURNED_PX if index >= 14 else 0)
-        yield '/cam/image', stamp_ns, kinds['sensor_msgs/msg/Image'](
-            header(stamp_ns, 'camera'), 240, 320, 'mono8', 0, 320, gray.ravel()
+        yield (
+            '/cam/image',
+            stamp_ns,
+            kinds['sensor_msgs/msg/Image'](
+                header(stamp_ns, 'camera'), 240, 320, 'mono8', 0, 320, gray.ravel()
+            ),
         )
 
 
@@ -102,25 +124,51 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     for name, value in parameters.items():
         options += ['--' + name.replace('_', '-'), str(value).lower()]
     offline, live = tmp_path / 'offline.csv', tmp_path / 'live.csv'
-    assert main([
-        'replay', str(recording), '--map', str(tmp_path / 'offline.db'), '--output', str(offline),
-        '--odom', '/wheels', '--camera-info', '/cam/info', *options,
-    ]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                'replay',
+                str(recording),
+                '--map',
+                str(tmp_path / 'offline.db'),
+                '--output',
+                str(offline),
+                '--odom',
+                '/wheels',
+                '--camera-info',
+                '/cam/info',
+                *options,
+            ]
+        )
+        == 0
+    )
     settings = parameters | {
-        'map_path': tmp_path / 'live.db', 'result_file': live, 'queue_size': 1000,
+        'map_path': tmp_path / 'live.db',
+        'result_file': live,
+        'queue_size': 1000,
     }
     node = start(
-        'vpr_node', '--ros-args',
+        'vpr_node',
+        '--ros-args',
         *(part for name, value in settings.items() for part in ('-p', f'{name}:={value}')),
-    )  # fmt: skip
+    )
     client.wait_for(lambda: client.node.count_subscribers('/image'), 'the node')
     subprocess.run(
         [
-            sys.executable, '-m', 'convseq_ros.node.player', recording, '--rate', '1.5',
-            '--odom', '/wheels', '--camera-info', '/cam/info',
+            sys.executable,
+            '-m',
+            'convseq_ros.node.player',
+            recording,
+            '--rate',
+            '1.5',
+            '--odom',
+            '/wheels',
+            '--camera-info',
+            '/cam/info',
         ],
-        check=True, timeout=60,
-    )  # fmt: skip
+        check=True,
+        timeout=60,
+    )
     part = live.with_name('live.csv.part')
     client.wait_for(lambda: len(part.read_text().splitlines()) > len(PLACES), 'all rows')
     node.send_signal(signal.SIGINT)
@@ -139,9 +187,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
         assert reasons.count('between_keyframes') > 15 and 'accepted' in reasons
         assert len(maps[1]) < len(PLACES) - 15
         return
-    assert {'accepted', 'recent', 'stationary', 'ambiguous'} <= {
-        row['reason'] for row in expected
-    }
+    assert {'accepted', 'recent', 'stationary', 'ambiguous'} <= {row['reason'] for row in expected}
     yaws = [float(row['relative_yaw_rad']) for row in expected if row['reason'] == 'accepted']
     assert len(yaws) > 5
     # Turned left by 40 px of a focal length of 300 px.

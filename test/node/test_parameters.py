@@ -120,10 +120,13 @@ def test_a_wrong_start_is_refused_in_one_line(declared, argument, reason):
 
 def test_parameters_of_ros_itself_are_let_be(declared):
     node = declared(
-        '-p', 'use_sim_time:=true',
-        '-p', 'start_type_description_service:=false',
-        '-p', 'qos_overrides./clock.subscription.depth:=3',
-    )  # fmt: skip
+        '-p',
+        'use_sim_time:=true',
+        '-p',
+        'start_type_description_service:=false',
+        '-p',
+        'qos_overrides./clock.subscription.depth:=3',
+    )
     assert node.get_parameter('use_sim_time').value is True
 
 

@@ -86,9 +86,14 @@ def test_compressed_images_go_to_the_compressed_sub_topic(client, start, picture
     message.header.stamp.sec = 5
     record(tmp_path / 'drive', [(SECOND, message)])
     messages = hear(
-        client, start, CompressedImage, '/cam/compressed', tmp_path / 'drive',
-        '--image-topic', '/cam',
-    )  # fmt: skip
+        client,
+        start,
+        CompressedImage,
+        '/cam/compressed',
+        tmp_path / 'drive',
+        '--image-topic',
+        '/cam',
+    )
     assert len(messages) == 1
     assert np.array_equal(decode_compressed(messages[0]), pictures[0])
 
@@ -131,9 +136,20 @@ def test_odometry_and_camera_info_are_played_between_the_images(
     for kind, topic in ((Odometry, '/odom'), (CameraInfo, '/camera_info')):
         client.node.create_subscription(kind, topic, heard.append, 1000)
     images = hear(
-        client, start, Image, '/image', tmp_path / 'drive', '--rate', 10, '--odom', '/wheels',
-        '--camera-info', '/info', '--start', 0.3,
-    )  # fmt: skip
+        client,
+        start,
+        Image,
+        '/image',
+        tmp_path / 'drive',
+        '--rate',
+        10,
+        '--odom',
+        '/wheels',
+        '--camera-info',
+        '/info',
+        '--start',
+        0.3,
+    )
     assert stamps_of(images) == [START_NS + index * STEP_NS for index in (1, 2, 3, 4)]
     # The second before the first image, and the last that was said before that.
     ways = [message for message in heard if isinstance(message, Odometry)]
@@ -172,13 +188,17 @@ def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
     assert clock[-1] - START_NS == pytest.approx(2.7 * SECOND, abs=0.3 * SECOND)
 
 
-def test_a_node_on_the_time_of_the_recording_survives_a_loop(
-    client, start, recording, map_path
-):
+def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, recording, map_path):
     start(
-        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'use_sim_time:=true',
-        '-p', 'diagnostics_period_s:=0.1',
-    )  # fmt: skip
+        'vpr_node',
+        '--ros-args',
+        '-p',
+        f'map_path:={map_path}',
+        '-p',
+        'use_sim_time:=true',
+        '-p',
+        'diagnostics_period_s:=0.1',
+    )
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop')

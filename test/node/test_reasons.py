@@ -130,9 +130,10 @@ def test_a_revisit_closes_at_the_stated_rate_which_may_be_changed(client, vpr, s
 
     def set_interval(value):
         answer = client.call(
-            SetParameters, '/vpr_node/set_parameters',
+            SetParameters,
+            '/vpr_node/set_parameters',
             parameters=[Parameter('closure_interval_s', value=value).to_parameter_msg()],
-        )  # fmt: skip
+        )
         assert answer.results[0].successful
 
     assert drive(range(25)) == []

@@ -42,9 +42,17 @@ def test_corrupt_frames_are_counted_and_good_ones_answered(
 ):
     result_file = tmp_path / 'result.csv'
     process = start(
-        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'fixed_length:=1',
-        '-p', f'result_file:={result_file}', '-p', 'diagnostics_period_s:=0.1',
-    )  # fmt: skip
+        'vpr_node',
+        '--ros-args',
+        '-p',
+        f'map_path:={map_path}',
+        '-p',
+        'fixed_length:=1',
+        '-p',
+        f'result_file:={result_file}',
+        '-p',
+        'diagnostics_period_s:=0.1',
+    )
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
     camera = client.camera(Image)

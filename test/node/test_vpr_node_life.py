@@ -27,9 +27,15 @@ def test_a_signal_in_the_middle_of_a_frame_ends_the_node_cleanly(
 ):
     result_file = tmp_path / 'result.csv'
     process = start(
-        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'queue_size:=1000',
-        '-p', f'result_file:={result_file}',
-    )  # fmt: skip
+        'vpr_node',
+        '--ros-args',
+        '-p',
+        f'map_path:={map_path}',
+        '-p',
+        'queue_size:=1000',
+        '-p',
+        f'result_file:={result_file}',
+    )
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)
     for index in range(300):
@@ -70,12 +76,21 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
     target = tmp_path / 'copy.db'
     process = subprocess.Popen(
         [
-            sys.executable, '-c', SLOW_TO_SAVE, str(takes_s), '--ros-args',
-            '-p', f'map_path:={map_path}', '-p', f'save_map_path:={target}',
+            sys.executable,
+            '-c',
+            SLOW_TO_SAVE,
+            str(takes_s),
+            '--ros-args',
+            '-p',
+            f'map_path:={map_path}',
+            '-p',
+            f'save_map_path:={target}',
         ],
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         service = client.node.create_client(Trigger, '/vpr_node/save_map')
         client.wait_for(service.service_is_ready)

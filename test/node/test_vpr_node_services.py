@@ -208,9 +208,7 @@ def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, drive
     assert [message.data for message in lengths] == [1, 2, 2]
 
 
-def test_services_answer_at_once_while_frames_are_processed(
-    client, vpr, street, image, map_path
-):
+def test_services_answer_at_once_while_frames_are_processed(client, vpr, street, image, map_path):
     node = vpr(map_path=map_path, queue_size=1000)
     camera = client.camera(Image)
     for index in range(100):

@@ -130,13 +130,19 @@ def test_a_best_effort_camera_is_followed(client, vpr_node, street, image):
 
 def test_names_can_be_remapped_and_put_in_a_namespace(client, vpr_node, street, image, tmp_path):
     settings = tmp_path / 'settings.yaml'
-    settings.write_text(
-        '/**:\n  ros__parameters:\n    map_frame: site\n    fixed_length: 1\n'
-    )
+    settings.write_text('/**:\n  ros__parameters:\n    map_frame: site\n    fixed_length: 1\n')
     vpr_node(
-        '-r', 'image:=/cam/image', '-r', '__ns:=/robot', '-r', '__node:=places',
-        '-r', '~/match_index:=/lio/index', '--params-file', str(settings),
-    )  # fmt: skip
+        '-r',
+        'image:=/cam/image',
+        '-r',
+        '__ns:=/robot',
+        '-r',
+        '__node:=places',
+        '-r',
+        '~/match_index:=/lio/index',
+        '--params-file',
+        str(settings),
+    )
     clouds = client.listen(PointCloud2, '/robot/places/candidates')
     indices = client.listen(Int32, '/lio/index')
     camera = client.camera(Image, '/cam/image')
@@ -162,9 +168,7 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     assert np.frombuffer(pictures[0].data, np.uint8).std() > 10
 
 
-def test_whoever_looks_sees_the_way_of_the_map_and_closures(
-    client, vpr, map_path, street, image
-):
+def test_whoever_looks_sees_the_way_of_the_map_and_closures(client, vpr, map_path, street, image):
     vpr(map_path=map_path, fixed_length=1)
     late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     paths = client.listen(Path, '/vpr_node/reference_path', late)

@@ -59,8 +59,10 @@ def test_frames_are_drawn_only_when_asked_for():
 
 
 def test_the_seed_changes_noise_only():
-    one, other = (next(draw(STREET, replace(SMALL, noise=4.0, seed=seed))).image.astype(float)
-                  for seed in (1, 2))
+    one, other = (
+        next(draw(STREET, replace(SMALL, noise=4.0, seed=seed))).image.astype(float)
+        for seed in (1, 2)
+    )
     change = one - other
     assert 2.0 < change.std() < 12.0
     assert abs(change.mean()) < 1.0
@@ -83,11 +85,19 @@ def test_standing_still_repeats_the_view():
     assert shots[0].distance_m == shots[2].distance_m
 
 
-@pytest.mark.parametrize('wrong', [
-    {'light': 'noon'}, {'frame_rate_hz': 0.0}, {'width_px': 0}, {'num_frames': -1},
-    {'speed_mps': -1.0}, {'start_m': math.nan}, {'lane_offset_m': 4.0},
-    {'field_of_view_deg': 180.0},
-])
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'light': 'noon'},
+        {'frame_rate_hz': 0.0},
+        {'width_px': 0},
+        {'num_frames': -1},
+        {'speed_mps': -1.0},
+        {'start_m': math.nan},
+        {'lane_offset_m': 4.0},
+        {'field_of_view_deg': 180.0},
+    ],
+)
 def test_an_impossible_drive_is_refused_by_name(wrong):
     with pytest.raises(ConvseqError, match=next(iter(wrong))):
         replace(SMALL, **wrong)

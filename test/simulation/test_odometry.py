@@ -96,7 +96,8 @@ def test_a_recording_holds_odometry_and_truth_in_frames_of_their_own(tmp_path):
     shots = list(with_odometry(draw(Street(100.0, 2), drive), Drift(seed=1)))
     write_recording(tmp_path / 'drive', shots)
     for topic, poses in (
-        ('/odom', [shot.odometry for shot in shots]), ('/ground_truth', [s.pose for s in shots])
+        ('/odom', [shot.odometry for shot in shots]),
+        ('/ground_truth', [s.pose for s in shots]),
     ):
         read = read_poses(tmp_path / 'drive', topic)
         assert [stamp for stamp, _ in read] == [shot.stamp_ns for shot in shots]

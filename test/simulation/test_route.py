@@ -11,8 +11,15 @@ from convseq_ros.simulation.route import Route
 import numpy as np
 import pytest
 
-BLOCK = ((10.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0), (60.0, 0.0),
-         (60.0, 20.0))
+BLOCK = (
+    (10.0, 0.0),
+    (60.0, 0.0),
+    (60.0, 40.0),
+    (0.0, 40.0),
+    (0.0, 0.0),
+    (60.0, 0.0),
+    (60.0, 20.0),
+)
 ROUTE = Route(BLOCK, seed=3, radius_m=5.0)
 LAP_M = 2 * (60 + 40) - 4 * (10 - 2.5 * math.pi)
 
@@ -66,8 +73,10 @@ def test_the_second_lap_sees_what_the_first_saw():
     for name in ('x', 'y', 'street_x', 'street_y'):
         assert getattr(first, name) == pytest.approx(getattr(second, name))
     one, other = (
-        next(draw(ROUTE, Drive(start_m=at, num_frames=1, width_px=96, height_px=72)))
-        .image.astype(float) for at in (20, 20 + LAP_M)
+        next(draw(ROUTE, Drive(start_m=at, num_frames=1, width_px=96, height_px=72))).image.astype(
+            float
+        )
+        for at in (20, 20 + LAP_M)
     )
     assert np.abs(one - other).mean() < 1.0
 
@@ -87,13 +96,16 @@ def test_the_truth_of_a_drive_lies_on_the_route():
         assert math.remainder(yaw - spot.yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(('corners', 'told'), [
-    (((0.0, 0.0),), 'no route'),
-    (((0.0, 0.0), (10.0, 5.0)), 'not along x or y'),
-    (((0.0, 0.0), (0.0, 0.0)), 'not along x or y'),
-    (((0.0, 0.0), (20.0, 0.0), (5.0, 0.0)), 'do not turn back'),
-    (((0.0, 0.0), (20.0, 0.0), (20.0, 4.0), (40.0, 4.0)), 'so near'),
-])
+@pytest.mark.parametrize(
+    ('corners', 'told'),
+    [
+        (((0.0, 0.0),), 'no route'),
+        (((0.0, 0.0), (10.0, 5.0)), 'not along x or y'),
+        (((0.0, 0.0), (0.0, 0.0)), 'not along x or y'),
+        (((0.0, 0.0), (20.0, 0.0), (5.0, 0.0)), 'do not turn back'),
+        (((0.0, 0.0), (20.0, 0.0), (20.0, 4.0), (40.0, 4.0)), 'so near'),
+    ],
+)
 def test_what_is_no_route_is_refused(corners, told):
     with pytest.raises(ConvseqError, match=told):
         Route(corners)

@@ -26,6 +26,7 @@ def shots():
 def read(path):
     rosbags = pytest.importorskip('rosbags.highlevel')
     from rosbags.typesys import get_typestore, Stores
+
     store = get_typestore(Stores.ROS2_JAZZY)
     with rosbags.AnyReader([path], default_typestore=store) as reader:
         return [

@@ -84,7 +84,7 @@ def test_a_step_ahead_changes_the_edges_most(camera):
 def test_a_left_turn_of_the_camera_moves_the_street_to_the_right(camera):
     straight, left = (camera.draw(120.0, 0.0, np.radians(a))[:60].astype(float) for a in (0, 6))
     shifts = range(-20, 21)
-    costs = [np.abs(left[:, 50:110] - straight[:, 50 - s:110 - s]).mean() for s in shifts]
+    costs = [np.abs(left[:, 50:110] - straight[:, 50 - s : 110 - s]).mean() for s in shifts]
     expected = 80 / np.tan(np.radians(40)) * np.tan(np.radians(6))
     assert abs(shifts[int(np.argmin(costs))] - expected) <= 1.5
 

@@ -19,8 +19,16 @@ from rosbags.typesys import get_typestore, Stores
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 LAYOUTS = (
-    'mcap folder', 'mcap file', 'sqlite3 folder', 'db3 file', 'ros1 bag', 'mcap zstd', 'mcap lz4',
-    'mcap without chunks', 'mcap folder zstd', 'sqlite3 folder compressed messages',
+    'mcap folder',
+    'mcap file',
+    'sqlite3 folder',
+    'db3 file',
+    'ros1 bag',
+    'mcap zstd',
+    'mcap lz4',
+    'mcap without chunks',
+    'mcap folder zstd',
+    'sqlite3 folder compressed messages',
     'sqlite3 folder compressed file',
 )
 START_NS = 1_700_000_000_000_000_000
@@ -129,9 +137,7 @@ def write_recording(base: Path, layout: str, rows: list) -> Path:
         case 'mcap file':
             return _write_ros2(base / 'drive', rows, StoragePlugin.MCAP) / 'drive.mcap'
         case 'mcap folder zstd':
-            return _write_ros2(
-                base / 'drive', rows, StoragePlugin.MCAP, CompressionMode.STORAGE
-            )
+            return _write_ros2(base / 'drive', rows, StoragePlugin.MCAP, CompressionMode.STORAGE)
         case 'sqlite3 folder':
             return _write_ros2(base / 'drive', rows, StoragePlugin.SQLITE3)
         case 'db3 file':

@@ -24,10 +24,17 @@ def info(recorder):
         stamp = kinds['builtin_interfaces/msg/Time'](1, 0)
         x, y, height, width = roi
         return kinds['sensor_msgs/msg/CameraInfo'](
-            kinds['std_msgs/msg/Header'](stamp, 'camera'), size[1], size[0], 'plumb_bob',
-            np.zeros(5), np.array(k), np.eye(3).ravel(), np.array(p), *binning,
+            kinds['std_msgs/msg/Header'](stamp, 'camera'),
+            size[1],
+            size[0],
+            'plumb_bob',
+            np.zeros(5),
+            np.array(k),
+            np.eye(3).ravel(),
+            np.array(p),
+            *binning,
             kinds['sensor_msgs/msg/RegionOfInterest'](x, y, height, width, False),
-        )  # fmt: skip
+        )
 
     return make
 

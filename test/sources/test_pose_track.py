@@ -65,8 +65,7 @@ def test_a_live_track_forgets_what_is_old():
 def message(*orientation):
     x, y, z, w = orientation
     return SimpleNamespace(
-        position=SimpleNamespace(x=1, y=2, z=3),
-        orientation=SimpleNamespace(x=x, y=y, z=z, w=w),
+        position=SimpleNamespace(x=1, y=2, z=3), orientation=SimpleNamespace(x=x, y=y, z=z, w=w)
     )
 
 

@@ -128,15 +128,13 @@ class Matcher:
         pairs = [(query.fast, indices) for query, indices in asked]
         return self._scored(self._fast, self._prepared, pairs)
 
-    def exact_scores(
-        self, query: Any, indices: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.float32]:
+    def exact_scores(self, query: Any, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
         """Return what `scores` does, by the definition."""
         return self._scored(self._exact, self._prepared_to_rescore, [(query.exact, indices)])[0]
 
     def shift(self, query: Any, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
-        reference, = self._prepared_to_rescore.of([index])
+        (reference,) = self._prepared_to_rescore.of([index])
         if reference is None:
             return None
         shifts = self._exact.compare(query.exact, [reference])[1]

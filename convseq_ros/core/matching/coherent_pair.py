@@ -13,7 +13,7 @@ from convseq_ros.core.matching.coherent import (
     projected_regions,
     Regions,
     see,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.evening import evened
 from convseq_ros.core.matching.layout import unusual
 from convseq_ros.core.matching.pair_score import Look, PairScore, Scores

@@ -103,9 +103,7 @@ def _kernel() -> PairScore:
     return float32()
 
 
-def _see(
-    query: Descriptor, _least_bits: float, _usual: object
-) -> npt.NDArray[np.float32] | None:
+def _see(query: Descriptor, _least_bits: float, _usual: object) -> npt.NDArray[np.float32] | None:
     return regions(query.cells)[query.salient] if query.informative else None
 
 

@@ -36,15 +36,14 @@ def read_runs(folders: Iterable[Path]) -> list[Run]:
                 run = replace(run, method=f'{run.method} ({folder.name})')
             runs[run.set, run.method] = run
     sets = list(dict.fromkeys(run.set for run in runs.values()))
-    return sorted(
-        runs.values(), key=lambda run: (sets.index(run.set), -accuracy(run), run.method)
-    )
+    return sorted(runs.values(), key=lambda run: (sets.index(run.set), -accuracy(run), run.method))
 
 
 def _check(run: Run) -> None:
     try:
-        sound = bool(run.frames) and all(isinstance(one, Mapping)
-                                         for one in (run.summary, run.about_set()))
+        sound = bool(run.frames) and all(
+            isinstance(one, Mapping) for one in (run.summary, run.about_set())
+        )
         for matrix in (run.truth(), run.scores()) if sound else ():
             sound &= matrix is None or matrix.ndim == 2
     except (OSError, ValueError, LookupError, EOFError, BadZipFile):

@@ -31,8 +31,9 @@ def read_curve(folder: Path) -> tuple[list[float], list[float]]:
         return [], []
     try:
         with path.open(newline='', encoding='utf-8') as file:
-            rows = [(float(row['recall']), float(row['precision']))
-                    for row in csv.DictReader(file)]
+            rows = [
+                (float(row['recall']), float(row['precision'])) for row in csv.DictReader(file)
+            ]
     except (KeyError, TypeError, ValueError, csv.Error):
         raise ConvseqError(
             f'{path}: not a precision-recall curve; run `convseq evaluate` again'
@@ -62,9 +63,8 @@ def curves_chart(runs: Sequence[Run], colors: Mapping[str, int]) -> str:
 def accuracy_chart(runs: Sequence[Run], colors: Mapping[str, int]) -> str:
     """Return bars of accuracy over matched queries, with intervals; a tick is over all queries."""
     plane = Plane(190, 26, 285, BAR_PITCH * len(runs), (0, 1), (len(runs), 0))
-    body = [line(plane, (tick, 0), (tick, len(runs)), 'grid') for tick in (0, .25, .5, .75, 1)]
-    body += [text(plane.at(tick, 0)[0], 18, f'{tick:g}', 'tick', 'middle')
-             for tick in (0, 0.5, 1)]
+    body = [line(plane, (tick, 0), (tick, len(runs)), 'grid') for tick in (0, 0.25, 0.5, 0.75, 1)]
+    body += [text(plane.at(tick, 0)[0], 18, f'{tick:g}', 'tick', 'middle') for tick in (0, 0.5, 1)]
     for index, run in enumerate(runs):
         body.append(_bar(plane, index, run, colors[run.method]))
     told = ', '.join(f'{run.method} {accuracy(run):.3f}' for run in runs)
@@ -87,8 +87,10 @@ def _bar(plane: Plane, index: int, run: Run, color: int) -> str:
     ]
     if low is not None and high is not None:
         parts.append(line(plane, (low, index + 0.5), (high, index + 0.5), 'whisker'))
-        parts += [line(plane, (edge, index + 0.34), (edge, index + 0.66), 'whisker')
-                  for edge in (low, high)]
+        parts += [
+            line(plane, (edge, index + 0.34), (edge, index + 0.66), 'whisker')
+            for edge in (low, high)
+        ]
     if everything is not None:
         parts.append(line(plane, (everything, index + 0.12), (everything, index + 0.88), 'all'))
     known = number(run.summary.get('accuracy_matched'))
@@ -104,4 +106,4 @@ def accuracy(run: Run) -> float:
 
 
 def _short(name: str, most: int = 27) -> str:
-    return name if len(name) <= most else name[:most - 1] + '…'
+    return name if len(name) <= most else name[: most - 1] + '…'

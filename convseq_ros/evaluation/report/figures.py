@@ -34,13 +34,15 @@ def write_figures(runs: Sequence[Run], folder: Path) -> None:
     for name in dict.fromkeys(run.set for run in runs):
         own = [run for run in runs if run.set == name]
         plots.draw_curves(
-            _files(folder, name, 'curves'), name,
+            _files(folder, name, 'curves'),
+            name,
             {run.method: read_curve(run.folder) for run in own},
-        )  # fmt: skip
+        )
         plots.draw_accuracies(
-            _files(folder, name, 'accuracy'), name,
+            _files(folder, name, 'accuracy'),
+            name,
             [(run.method, accuracy(run), *_interval(run)) for run in own],
-        )  # fmt: skip
+        )
         tables = {run.method: reliability_table(run) for run in own if reliability_table(run)}
         if tables:
             plots.draw_reliability(_files(folder, name, 'reliability'), name, tables)
@@ -63,9 +65,12 @@ def _write_run(run: Run, folder: Path) -> None:
         )
     if varies(rows):
         plots.draw_lengths(
-            _files(folder, run.set, run.method, 'lengths'), title,
-            [one.length for one in rows], _entropy(rows), entropy_threshold(run),
-        )  # fmt: skip
+            _files(folder, run.set, run.method, 'lengths'),
+            title,
+            [one.length for one in rows],
+            _entropy(rows),
+            entropy_threshold(run),
+        )
 
 
 def _entropy(rows: Sequence[Seen]) -> list[float]:

@@ -24,8 +24,10 @@ def lengths_chart(run: Run, seen: Sequence[Seen]) -> str:
     lengths = [y for one in seen for y in (float(one.length),) * 2][:-1]
     points = upper.points(thinned(rising, 4000), thinned(lengths, 4000))
     body.append(f'<polyline points="{points}" class="series length"/>')
-    body += [f'<rect x="{x - 1}" y="132" width="2" height="9" class="{style}"/>'
-             for x, style in _mistakes(upper, seen).items()]
+    body += [
+        f'<rect x="{x - 1}" y="132" width="2" height="9" class="{style}"/>'
+        for x, style in _mistakes(upper, seen).items()
+    ]
     known = [(float(one.query), one.entropy) for one in seen if one.entropy is not None]
     if not known:
         return svg(WIDTH, 150, _label(run, most), body)
@@ -34,13 +36,21 @@ def lengths_chart(run: Run, seen: Sequence[Seen]) -> str:
     edges = (math.floor(min(values) * 10) / 10, math.ceil(max(values) * 10) / 10)
     lower = Plane(48, 164, WIDTH - 60, 105, span, edges)
     body += axes(lower, 'query', 'entropy of the image', (0, 2))
-    points = lower.points(thinned([one[0] for one in known], 2000),
-                          thinned([one[1] for one in known], 2000))
+    points = lower.points(
+        thinned([one[0] for one in known], 2000), thinned([one[1] for one in known], 2000)
+    )
     body.append(f'<polyline points="{points}" class="series entropy"/>')
     if threshold is not None:
         body.append(line(lower, (span[0], threshold), (span[1], threshold), 'threshold'))
-        body.append(text(lower.left + lower.width, lower.at(0, threshold)[1] - 5,
-                         f'entropy threshold {threshold:g}', 'tick', 'end'))
+        body.append(
+            text(
+                lower.left + lower.width,
+                lower.at(0, threshold)[1] - 5,
+                f'entropy threshold {threshold:g}',
+                'tick',
+                'end',
+            )
+        )
     return svg(WIDTH, 310, _label(run, most), body)
 
 
@@ -67,8 +77,10 @@ def entropy_threshold(run: Run) -> float | None:
 
 
 def _label(run: Run, most: int) -> str:
-    return (f'Sequence length of {run.method} over {run.set}, up to {most}, and the entropy of'
-            ' each query image')
+    return (
+        f'Sequence length of {run.method} over {run.set}, up to {most}, and the entropy of'
+        ' each query image'
+    )
 
 
 def _find(configuration: object, name: str) -> object:

@@ -50,10 +50,12 @@ def matrix_figure(
     if truth is not None:
         body.append(f'<path class="truth" d="{"".join(_band(plane, truth))}"/>')
     step = -(-len(seen) // MOST_DOTS)
-    body += [_dot(plane, one) for one in seen[::max(step, 1)] if one.best is not None]
+    body += [_dot(plane, one) for one in seen[:: max(step, 1)] if one.best is not None]
     label = f'Pair scores of {run.method} on {run.set}, {num_queries} x {num_references}'
-    place = (f'left:{100 * plane.left / total[0]:.3f}%;top:{100 * plane.top / total[1]:.3f}%;'
-             f'width:{100 * SIDE / total[0]:.3f}%;height:{100 * height / total[1]:.3f}%')
+    place = (
+        f'left:{100 * plane.left / total[0]:.3f}%;top:{100 * plane.top / total[1]:.3f}%;'
+        f'width:{100 * SIDE / total[0]:.3f}%;height:{100 * height / total[1]:.3f}%'
+    )
     link = f'{quote(run.set)}/{quote(run.method)}'
     return (
         '<figure class="matrix">'
@@ -71,7 +73,7 @@ def matrix_picture(scores: npt.NDArray[np.float32]) -> bytes:
     low, high = np.percentile(small[known], (1, 99.8)) if known.any() else (0.0, 1.0)
     share = np.clip((np.where(known, small, low) - low) / (high - low or 1), 0, 1)
     steps = np.round(share * 63) / 63 * (len(NIGHT) - 1)
-    stops = np.array([[int(color[at:at + 2], 16) for at in (5, 3, 1)] for color in NIGHT])
+    stops = np.array([[int(color[at : at + 2], 16) for at in (5, 3, 1)] for color in NIGHT])
     image = np.empty((*small.shape, 4), np.uint8)
     for channel in range(3):
         image[..., channel] = np.interp(steps, range(len(NIGHT)), stops[:, channel])

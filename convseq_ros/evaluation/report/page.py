@@ -47,8 +47,9 @@ def report_page(runs: Sequence[Run], most_bytes: int) -> str:
     parts = {
         'title': 'Place recognition: ' + ', '.join(_sets(runs)),
         'told': escape(_told(runs)),
-        'links': ''.join(f'<a href="#set-{escape(name)}">{escape(name)}</a>'
-                         for name in _sets(runs)),
+        'links': ''.join(
+            f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in _sets(runs)
+        ),
         'table': summary_table(runs),
         'sections': sections,
         'sources': ''.join(map(_source, runs)),
@@ -59,9 +60,13 @@ def report_page(runs: Sequence[Run], most_bytes: int) -> str:
     step = -(-most_rows // MOST_ROWS)
     while True:
         data = browser_data(runs, rows, step)
-        note = '' if step == 1 else (
-            f'To keep this page small, one frame in {step} is shown here; '
-            'the numbers and charts above are of all frames.'
+        note = (
+            ''
+            if step == 1
+            else (
+                f'To keep this page small, one frame in {step} is shown here; '
+                'the numbers and charts above are of all frames.'
+            )
         )
         page = Template(_resource('template.html')).substitute(
             parts, data=_json(data), thinned=note
@@ -77,28 +82,33 @@ def report_page(runs: Sequence[Run], most_bytes: int) -> str:
 
 
 def _section(
-    runs: Sequence[Run],
-    rows: Mapping[tuple[str, str], Sequence[Seen]],
-    colors: Mapping[str, int],
+    runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], colors: Mapping[str, int]
 ) -> str:
     name = runs[0].set
     facts = _facts(runs[0])
-    charts = (
-        _figure(curves_chart(runs, colors), 'Precision-recall, exact: one point for every distinct'
-                ' score. Recall is over matched queries that have an answer.')
-        + _figure(accuracy_chart(runs, colors), 'Accuracy over matched queries that have an'
-                  ' answer, with its 95 % interval (bootstrap over blocks of the sequence); the'
-                  ' upright tick is over all that have one, matched or not.')
+    charts = _figure(
+        curves_chart(runs, colors),
+        'Precision-recall, exact: one point for every distinct'
+        ' score. Recall is over matched queries that have an answer.',
+    ) + _figure(
+        accuracy_chart(runs, colors),
+        'Accuracy over matched queries that have an'
+        ' answer, with its 95 % interval (bootstrap over blocks of the sequence); the'
+        ' upright tick is over all that have one, matched or not.',
     )
     reliability = reliability_chart(runs, colors)
     if reliability:
-        charts += _figure(reliability, 'How often a confidence is right (the right place, slips'
-                          ' included); larger dots are more frames. Its two settings come from'
-                          ' the sets of other places, where there are any.')
+        charts += _figure(
+            reliability,
+            'How often a confidence is right (the right place, slips'
+            ' included); larger dots are more frames. Its two settings come from'
+            ' the sets of other places, where there are any.',
+        )
     legend = ''.join(
         f'<li tabindex="0" data-series="{escape(run.method)}">'
         f'<i class="swatch {method_style(colors[run.method])}"></i>'
-        f'{escape(run.method)}</li>' for run in runs
+        f'{escape(run.method)}</li>'
+        for run in runs
     )
     return (
         f'<section id="set-{escape(name)}" class="set"><h2>{escape(facts.pop("title"))}</h2>'
@@ -116,7 +126,8 @@ def _winner(run: Run) -> str:
     return (
         f'Most accurate: {run.method}, {accuracy(run):.1%} of the'
         f' {run.summary.get("matched_known", "")} matched queries that have an answer{span}.'
-        if accuracy(run) else ''
+        if accuracy(run)
+        else ''
     )
 
 
@@ -143,11 +154,14 @@ def _lengths(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]
     for run in runs:
         table = rows[run.set, run.method]
         if varies(table):
-            parts.append(_figure(
-                lengths_chart(run, table),
-                f'{run.method}: frames matched together (k) over the entropy of the newest image.'
-                ' Ticks between them: wrong best candidates, accepted (red) or rejected (amber).',
-            ))  # fmt: skip
+            parts.append(
+                _figure(
+                    lengths_chart(run, table),
+                    f'{run.method}: frames matched together (k) over the entropy of the newest '
+                    'image. Ticks between them: wrong best candidates, accepted (red) or '
+                    'rejected (amber).',
+                )
+            )
     if not parts:
         return ''
     return f'<h3>Sequence length beside entropy</h3>{"".join(parts)}'
@@ -164,24 +178,41 @@ def _facts(run: Run) -> dict[str, str]:
         'title': str(told.get('title') or run.set),
         'protocol': f'{protocol}: {PROTOCOLS.get(protocol, "")}'.rstrip(': '),
     }
-    for key, words in (('queries', '{} queries'), ('references', '{} references'),
-                       ('tolerance', 'tolerance ±{}'), ('radius_m', 'within {} m')):
+    for key, words in (
+        ('queries', '{} queries'),
+        ('references', '{} references'),
+        ('tolerance', 'tolerance ±{}'),
+        ('radius_m', 'within {} m'),
+    ):
         if number(told.get(key)):
             facts[key] = words.format(told[key])
     return facts
 
 
 def _source(run: Run) -> str:
-    told = {key: run.summary.get(key) for key in (
-        'argv', 'date', 'machine', 'versions', 'criterion', 'transferred', 'notes',
-        'configuration', 'k_distribution',
-    )}  # fmt: skip
+    told = {
+        key: run.summary.get(key)
+        for key in (
+            'argv',
+            'date',
+            'machine',
+            'versions',
+            'criterion',
+            'transferred',
+            'notes',
+            'configuration',
+            'k_distribution',
+        )
+    }
     lines = ''.join(
         f'<dt>{escape(key.replace("_", " "))}</dt><dd>{escape(_words(value))}</dd>'
-        for key, value in told.items() if value
+        for key, value in told.items()
+        if value
     )
-    return (f'<details><summary>{escape(run.set)} / {escape(run.method)}</summary>'
-            f'<dl>{lines}</dl></details>')
+    return (
+        f'<details><summary>{escape(run.set)} / {escape(run.method)}</summary>'
+        f'<dl>{lines}</dl></details>'
+    )
 
 
 def _words(value: Any) -> str:
@@ -197,8 +228,11 @@ def _told(runs: Sequence[Run]) -> str:
     machine = next((run.summary['machine'] for run in runs if run.summary.get('machine')), None)
     parts = [f'{len(_sets(runs))} sets, {len({run.method for run in runs})} methods']
     if dates:
-        parts.append(dates[0][:10] if dates[0][:10] == dates[-1][:10]
-                     else f'{dates[0][:10]} to {dates[-1][:10]}')
+        parts.append(
+            dates[0][:10]
+            if dates[0][:10] == dates[-1][:10]
+            else f'{dates[0][:10]} to {dates[-1][:10]}'
+        )
     if machine:
         parts.append(_words(machine))
     return ' · '.join(parts)

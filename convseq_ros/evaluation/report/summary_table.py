@@ -55,10 +55,14 @@ def number(value: object) -> float | None:
 
 def summary_table(runs: Sequence[Run]) -> str:
     """Return the table; columns that no run fills are left out."""
-    columns = [one for one in COLUMNS if any(number(run.summary.get(one.key)) is not None
-                                             for run in runs)]
-    best = {(name, column.key): _best(column, [run for run in runs if run.set == name])
-            for name in {run.set for run in runs} for column in columns}
+    columns = [
+        one for one in COLUMNS if any(number(run.summary.get(one.key)) is not None for run in runs)
+    ]
+    best = {
+        (name, column.key): _best(column, [run for run in runs if run.set == name])
+        for name in {run.set for run in runs}
+        for column in columns
+    }
     rows = ''.join(_row(run, columns, best) for run in runs)
     return (
         '<div class="scroll" tabindex="0" role="region" aria-label="Summary table">'

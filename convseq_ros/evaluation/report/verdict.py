@@ -87,11 +87,20 @@ def _seen(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Seen:
     else:
         verdict = 'right' if correct else 'wrong'
     return Seen(
-        query, verdict, best, None if truth is None else nearest_right(truth[query], best),
-        correct, row['known'] == '1', row.get('slip') == '1', int(row['sequence_length'] or 0),
-        _number(row['best_score']), _number(row.get('margin')), _number(row.get('entropy')),
-        row['reason'], row.get('half') or '',
-    )  # fmt: skip
+        query,
+        verdict,
+        best,
+        None if truth is None else nearest_right(truth[query], best),
+        correct,
+        row['known'] == '1',
+        row.get('slip') == '1',
+        int(row['sequence_length'] or 0),
+        _number(row['best_score']),
+        _number(row.get('margin')),
+        _number(row.get('entropy')),
+        row['reason'],
+        row.get('half') or '',
+    )
 
 
 def nearest_right(right: npt.NDArray[np.bool_], best: int | None) -> int | None:

@@ -18,7 +18,7 @@ from convseq_ros.core.matching.kernels.panel import (
     quantised,
     query_words,
     reference_words,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.kernels.projection import packed_bytes, shown
 from convseq_ros.core.matching.kernels.tile import (
     best_word,
@@ -31,7 +31,7 @@ from convseq_ros.core.matching.kernels.tile import (
     keep_counterparts,
     keep_words,
     ROW_BIT,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.pair_score import PairScore, Scores
 import numpy as np
 import numpy.typing as npt
@@ -106,9 +106,15 @@ def _compare_bytes(query: _Query, references: Sequence[Panel]) -> Scores:
     # Held by name: what two threads make at once is not what the cache keeps of both.
     places = _places(query.side)
     _byte_scores(
-        query.words.address, query.start, query.spots, _spots(query.side),
-        places.address, query.side, addresses(references), found,
-    )  # fmt: skip
+        query.words.address,
+        query.start,
+        query.spots,
+        _spots(query.side),
+        places.address,
+        query.side,
+        addresses(references),
+        found,
+    )
     return found[:, 0].astype(np.float32), found[:, 1:]
 
 
@@ -130,10 +136,13 @@ def _float_scores(query, own, spots, side, references, found):  # type: ignore[n
                 keep_counterparts(
                     query + tile * _FLOAT_ROWS * FLOAT_WORDS * 4,
                     references[index] + block * _FLOAT_COLUMNS * FLOAT_WORDS * 4,
-                    2 * block, tile * _FLOAT_ROWS, address(best), address(vectors),
+                    2 * block,
+                    tile * _FLOAT_ROWS,
+                    address(best),
+                    address(vectors),
                     address(columns) + block * _FLOAT_COLUMNS * 4,
                     address(rows) + block * _FLOAT_COLUMNS * 4,
-                )  # fmt: skip
+                )
             for row in range(_FLOAT_ROWS):
                 offset = row * _FLOAT_LANES * 4
                 region = first_best(address(best) + offset, address(vectors) + offset)
@@ -162,10 +171,13 @@ def _byte_scores(  # type: ignore[no-untyped-def]
                 keep_words(
                     query + tile * _ROWS * BYTE_WORDS * 4,
                     references[index] + block * _COLUMNS * BYTE_WORDS * 4,
-                    address(start) + tile * _ROWS * 4, places + block * 2 * _ROWS * 4, tile,
-                    address(best), address(columns) + block * _COLUMNS * 4,
+                    address(start) + tile * _ROWS * 4,
+                    places + block * 2 * _ROWS * 4,
+                    tile,
+                    address(best),
+                    address(columns) + block * _COLUMNS * 4,
                     address(of_tile) + block * _COLUMNS * 4,
-                )  # fmt: skip
+                )
             for row in range(_ROWS):
                 word = best_word(address(best) + row * _LANES * 4)
                 vector, lane = word & (1 << ROW_BIT) - 1, word >> ROW_BIT & 15
@@ -227,6 +239,4 @@ def float32() -> PairScore:
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     name = f'int8 {BYTES.name}'
-    return coherent_pair(
-        name, False, evened, shown, _byte_query, _byte_reference, _compare_bytes
-    )
+    return coherent_pair(name, False, evened, shown, _byte_query, _byte_reference, _compare_bytes)

@@ -7,12 +7,7 @@ from math import isqrt
 
 from convseq_ros.core.compiled import compiled
 from convseq_ros.core.matching.coherent import projection, Regions
-from convseq_ros.core.matching.kernels.panel import (
-    address,
-    empty_panel,
-    Panel,
-    reference_words,
-)  # fmt: skip
+from convseq_ros.core.matching.kernels.panel import address, empty_panel, Panel, reference_words
 from convseq_ros.core.matching.kernels.tile import (
     BYTE_WORDS,
     BYTES,
@@ -22,7 +17,7 @@ from convseq_ros.core.matching.kernels.tile import (
     place_region,
     REGION_ROWS,
     SPAN,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.whole_image import BLOCK, rounded, Whole
 import numpy as np
 import numpy.typing as npt
@@ -91,10 +86,11 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
             first = max(0, min(done, side - _ROWS))
             for block in range(FLOAT_WORDS // _COLUMNS):
                 keep_region_dots(
-                    address(room) + row * width + 4 * first * numbers, width,
+                    address(room) + row * width + 4 * first * numbers,
+                    width,
                     axes + 4 * block * _COLUMNS * SPAN * SPAN * numbers,
                     address(tile) + 4 * block * _COLUMNS,
-                )  # fmt: skip
+                )
             for column in range(done, min(first + _ROWS, side)):
                 total = np.float32(0)
                 for down in range(SPAN):
@@ -102,9 +98,11 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
                         total += squares[row + down, column + right]
                 factor[0] = 1 / np.sqrt(total) if total > 0 else 1
                 place_region(
-                    address(tile) + 4 * (column - first) * FLOAT_WORDS, address(factor),
-                    address(origin), address(regions) + 4 * (row * side + column) * FLOAT_WORDS,
-                )  # fmt: skip
+                    address(tile) + 4 * (column - first) * FLOAT_WORDS,
+                    address(factor),
+                    address(origin),
+                    address(regions) + 4 * (row * side + column) * FLOAT_WORDS,
+                )
             done = first + _ROWS
 
 

@@ -15,7 +15,7 @@ from convseq_ros.core.matching.kernels.panel import (
     quantised,
     query_words,
     reference_words,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.kernels.tile import (
     best_block,
     BYTE_WORDS,
@@ -25,7 +25,7 @@ from convseq_ros.core.matching.kernels.tile import (
     keep_cell_dots,
     keep_maxima,
     maximum,
-)  # fmt: skip
+)
 from convseq_ros.core.matching.pair_score import PairScore, Scores
 from convseq_ros.core.matching.regional import regions
 from convseq_ros.core.types import Descriptor
@@ -139,8 +139,9 @@ def _cell_scores(query, inverse, count, side, references, scores):  # type: igno
                 keep_cell_dots(
                     query + tile * _FLOAT_ROWS * CELL_WORDS * 4,
                     references[index] + first * CELL_WORDS * 4,
-                    address(dots) + 4 * (dots.shape[1] + first), 4 * dots.shape[1],
-                )  # fmt: skip
+                    address(dots) + 4 * (dots.shape[1] + first),
+                    4 * dots.shape[1],
+                )
             for row in range(_FLOAT_ROWS):
                 cell = tile * _FLOAT_ROWS + row - 1
                 region = cell - side
@@ -152,9 +153,13 @@ def _cell_scores(query, inverse, count, side, references, scores):  # type: igno
                     above = (cell + 1) % (side + 1) * sums.shape[1]
                     kept = cell % (side + 1) * sums.shape[1] + side
                     best = best_block(
-                        left, left + 4 * (dots.shape[1] + 1), address(sums) + 4 * above, lengths,
-                        address(sums) + 4 * kept, 2 * blocks,
-                    )  # fmt: skip
+                        left,
+                        left + 4 * (dots.shape[1] + 1),
+                        address(sums) + 4 * above,
+                        lengths,
+                        address(sums) + 4 * kept,
+                        2 * blocks,
+                    )
                     total += best * factor
         scores[index] = min(total / count, 1.0)
 
@@ -170,8 +175,9 @@ def _byte_scores(query, count, blocks, references, scores):  # type: ignore[no-u
             for block in range(blocks):
                 keep_maxima(
                     query + first * BYTE_WORDS * 4,
-                    references[index] + block * _COLUMNS * BYTE_WORDS * 4, address(best),
-                )  # fmt: skip
+                    references[index] + block * _COLUMNS * BYTE_WORDS * 4,
+                    address(best),
+                )
             for row in range(min(_ROWS, count - first)):
                 total += maximum(address(best) + row * _LANES * 4)
         scores[index] = min(total / (count * _QUERY_SCALE * _REFERENCE_SCALE), 1.0)

@@ -43,9 +43,16 @@ def maximum(builder: Any, best: Any) -> Any:
 
 @emitted('none')
 def keep_words(
-    builder: Any, query: Any, reference: Any, start: Any, places: Any, tile: Any, best: Any,
-    columns: Any, tiles: Any,
-) -> None:  # fmt: skip
+    builder: Any,
+    query: Any,
+    reference: Any,
+    start: Any,
+    places: Any,
+    tile: Any,
+    best: Any,
+    columns: Any,
+    tiles: Any,
+) -> None:
     """
     Raise the best counterparts of every row and column, words of dot, row in tile and vector.
 
@@ -99,9 +106,16 @@ def best_word(builder: Any, best: Any) -> Any:
 
 @emitted('none')
 def keep_counterparts(
-    builder: Any, query: Any, reference: Any, vector: Any, row: Any, best: Any, there: Any,
-    columns: Any, back: Any,
-) -> None:  # fmt: skip
+    builder: Any,
+    query: Any,
+    reference: Any,
+    vector: Any,
+    row: Any,
+    best: Any,
+    there: Any,
+    columns: Any,
+    back: Any,
+) -> None:
     """
     Raise the best counterparts of every row and column, float32; of equal ones the first stays.
 

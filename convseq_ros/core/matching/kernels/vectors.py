@@ -72,13 +72,14 @@ class Vectors:
             count //= 2
             halves = (
                 self.builder.shuffle_vector(
-                    vector, vector,
+                    vector,
+                    vector,
                     self.ir.Constant(
                         self.ir.VectorType(self.word, count), list(range(first, first + count))
                     ),
                 )
                 for first in (0, count)
-            )  # fmt: skip
+            )
             vector = self.builder.fadd(*halves)
         return self.builder.extract_element(vector, self.ir.Constant(self.word, 0))
 
@@ -96,7 +97,8 @@ class Vectors:
             for row in rows:
                 own = self.splat(self.load(self.number, query, row * words + word))
                 sums[row] = (
-                    self.added(sums[row][0], left, own), self.added(sums[row][1], right, own)
+                    self.added(sums[row][0], left, own),
+                    self.added(sums[row][1], right, own),
                 )
         return sums
 
