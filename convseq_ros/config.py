@@ -17,6 +17,7 @@ from convseq_ros.parameter import Checked, Parameter, parameter, parameters, ref
 Group = TypeVar('Group')
 
 
+# fmt: off: a table of parameters reads better in few lines
 @dataclass(frozen=True, slots=True)
 class EncodingConfig(Checked):
     """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
@@ -284,6 +285,7 @@ class KeyframeConfig(Checked):
         }
 
 
+# fmt: on
 EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
 

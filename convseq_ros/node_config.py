@@ -8,6 +8,7 @@ import math
 from convseq_ros.parameter import Checked, parameter
 
 
+# fmt: off: a table of parameters reads better in few lines
 @dataclass(frozen=True, slots=True)
 class NodeConfig(Checked):
     """What concerns the ROS node alone: topics, queues and files."""
