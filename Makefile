@@ -29,7 +29,7 @@ demo: .venv/demo.stamp
 demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
 
-results: .venv/demo.stamp
+results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \
 		$(foreach set,$(SETS),--set '$(set)')
 
@@ -72,7 +72,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/bench.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,plot,fast]'
+	.venv/$(INSTALL) '.[ros,evaluation,fast]'
 	touch $@ .venv/demo.stamp
 
 .venv/test.stamp: $(SOURCES) | .venv/bin/python

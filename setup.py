@@ -48,7 +48,6 @@ setup(
         'opencv-python-headless>=4.6',
         'pyyaml>=6.0',
         'rosbags>=0.11',
-        'scikit-image>=0.22',
         'tqdm>=4.66',
         'zstandard>=0.22',
     ],
@@ -57,6 +56,7 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plot': ['matplotlib>=3.6'],
         'fast': ['numba>=0.61'],  # LLVM before 15 does not vectorise the loops
+        'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
@@ -68,6 +68,7 @@ setup(
             'pytest>=7.4',
             'pytest-rerunfailures',
             'pytest-timeout>=2.2',
+            'scikit-image>=0.22',
             'scikit-learn',
         ],
         'dev': [

@@ -33,8 +33,8 @@ _ABOUT = {
         'script does, whatever G. *Error*: the largest difference from the definition. A *peak* '
         'is what the machine multiplies when nothing else is done: `sgemm` of two large matrices, '
         'dot products of bytes that never leave registers. Coherent pairs are votes alone '
-        '(`remove_layout: false`); evened cells, what is usual and whole images cost some '
-        'microseconds more, which is in the whole frames below.'
+        '(`subtract_background: false`); normalised cells, background and global similarity cost '
+        'some microseconds more, which is in the whole frames below.'
     ),
     'rows': 'One query against every reference, scores of the paper (`matching: regional`).',
     'frames': (

@@ -4,7 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.core.encoding.entropy import MAX_BITS
+from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
@@ -31,5 +31,5 @@ def with_salient(found: Descriptor, matching: str, count: int) -> tuple[Descript
     salient = ranks < count
     least_bits = means[salient].min()
     if matching == 'regional':
-        return replace(found, salient=salient), least_bits / MAX_BITS
-    return found, least_bits / MAX_BITS - 1e-9
+        return replace(found, salient=salient), least_bits / ENTROPY.max_bits
+    return found, least_bits / ENTROPY.max_bits - 1e-9

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coherent pair scores as fast as NumPy and OpenCV can: what compiled kernels must beat."""
 
-from convseq_ros.core.similarity.coherent import CoherentQuery, SIGMA_CELLS
+from convseq_ros.core.similarity.coherent import COHERENT, CoherentQuery
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 _REACH = 6
-_WINDOW = np.exp(-(np.arange(-_REACH, _REACH + 1) ** 2) / (2 * SIGMA_CELLS**2))
+_WINDOW = np.exp(-(np.arange(-_REACH, _REACH + 1) ** 2) / (2 * COHERENT.sigma_cells**2))
 
 Regions = npt.NDArray[np.float32]
 

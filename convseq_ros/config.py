@@ -24,12 +24,12 @@ class EncodingConfig(Checked):
     """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
 
     image_size_px: int = parameter(
-        512, 'Side of the square that every image is resized to; W1 = H1 in the paper.',
+        512, 'Side of the square to which every image is resized; W1 = H1 in the paper.',
         unit='px', low=64, high=2048,
     )
     saliency_threshold: float = parameter(
-        0.5, 'Regions whose mean entropy is at least this share of 8 bits are salient; '
-        'ET in the paper.', low=0.0, high=1.0,
+        0.5, 'A region of an image is salient, and compared, if its mean entropy is at least this '
+        'share of 8 bits; ET in the paper.', low=0.0, high=1.0,
     )
 
     def __post_init__(self) -> None:
@@ -45,32 +45,35 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are."""
 
     matching: str = parameter(
-        'coherent', 'coherent asks where salient regions went, regional (the paper) how similar '
-        'their best counterparts are.', choices=('coherent', 'regional'),
+        'coherent', 'Pair score of two images: regional is the mean similarity of best matching '
+        'regions (the paper), coherent the share of regions that moved together.',
+        choices=('coherent', 'regional'),
     )
     search: str = parameter(
-        'shortlist', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
+        'shortlist', 'Which map places get a pair score: exhaustive scores all of them (the '
+        'paper), shortlist those that global descriptors make likely.',
         choices=('exhaustive', 'shortlist'),
     )
-    remove_layout: bool = parameter(
-        True, 'Compare evened cells less what is usual, and whole images; coherent matching only.'
+    subtract_background: bool = parameter(
+        True, 'Coherent matching compares normalised cells less the average image of the map and '
+        'of the drive, and weighs in the global similarity.',
     )
     shortlist_length: int = parameter(
-        50, 'References at which the likely sequences may end.',
-        unit='references', low=3, high=1000,
+        50, 'Number of map places that get a full sequence score per frame; shortlist only.',
+        unit='places', low=3, high=1000,
     )
-    speed_search: bool = parameter(
-        True, 'Follow a drive at half to twice the speed of the map, and over frames that went '
-        'missing by their stamps; with coherent matching only.',
+    velocity_search: bool = parameter(
+        True, 'Coherent matching also finds drives at half to twice the velocity of the map, and '
+        'makes up for dropped frames, which gaps between stamps tell.',
     )
     kernel: str = parameter(
-        'auto', 'What computes pair scores: int8 and float32 are compiled (numba), numpy is not; '
-        'auto takes the fastest that the machine has.',
+        'auto', 'Implementation of pair scores: int8 and float32 are compiled by numba, numpy is '
+        'not; auto takes the fastest that this machine has.',
         choices=('auto', 'int8', 'float32', 'numpy'),
     )
     threads: int = parameter(
-        0, 'Threads that score pairs; 0 takes as many cores as the process may use, at most 2.',
-        low=0, high=256,
+        0, 'Threads that compute pair scores; 0 takes as many cores as the process may use, at '
+        'most 2.', low=0, high=256,
     )
 
 
@@ -79,26 +82,25 @@ class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
     fixed_length: int = parameter(
-        0, 'Match this many frames always; 0 chooses the length for every frame.',
+        0, 'Frames in every sequence; 0 chooses the length for each frame, as the paper does.',
         unit='frames', low=0, high=100, dynamic=True,
     )
     overlap_threshold: float = parameter(
-        0.9, 'The sequence grows while frames are at least this similar to its newest; '
-        'IT in the paper.', low=0.0, high=1.0, dynamic=True,
+        0.9, 'A sequence grows while its oldest frame is at least this similar to the newest; IT '
+        'in the paper.', low=0.0, high=1.0, dynamic=True,
     )
     entropy_threshold: float = parameter(
-        0.5, 'The sequence grows while its mean image entropy is at most this; ET in the paper.',
-        low=0.0, high=1.0, dynamic=True,
+        0.5, 'A sequence grows while the mean entropy of its images, as a share of 8 bits, is at '
+        'most this; ET in the paper.', low=0.0, high=1.0, dynamic=True,
     )
     min_length: int = parameter(
-        2, 'Shortest chosen sequence.', unit='frames', low=1, high=100,
+        2, 'Shortest sequence that is chosen.', unit='frames', low=1, high=100,
     )
     max_overlap_length: int = parameter(
-        15, 'Similarity alone grows the sequence no further than this.',
-        unit='frames', low=1, high=100,
+        15, 'Longest sequence that similarity alone can make.', unit='frames', low=1, high=100,
     )
     max_length: int = parameter(
-        25, 'Longest chosen sequence.', unit='frames', low=1, high=100,
+        25, 'Longest sequence that is chosen.', unit='frames', low=1, high=100,
     )
 
     def __post_init__(self) -> None:
@@ -120,29 +122,29 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto', 'track sums up the last frames, margin looks at the newest sequence alone; auto: '
-        'track with coherent matching, margin with regional.',
+        'auto', 'How a match is accepted: margin compares the newest sequence with its best '
+        'rival, track sums up the last 30 frames; auto is track with coherent matching, margin '
+        'with regional.',
         choices=('auto', 'margin', 'track'),
     )
     min_evidence: float = parameter(
-        1.7, 'By the track rule, the last 30 frames must on average stand out by this many times '
-        'the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
+        1.7, 'Track rule: a match is accepted if the last 30 frames stand out, on average, by '
+        'this many times the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
     )
     min_margin: float = parameter(
-        0.003, 'By the margin rule, a match must score this much more than its best rival.',
+        0.003, 'Margin rule: a match is accepted if it scores this much more than its best rival.',
         low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(
-        10, 'References further than this from the best one are its rivals.',
-        unit='references', low=0, high=10000, dynamic=True,
+        10, 'Map places further than this from a candidate are other places: its rivals.',
+        unit='places', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = parameter(
-        5, 'Candidates listed with every result, no two nearer than rival_distance.',
+        5, 'Candidates in every result, no two of them nearer than rival_distance.',
         low=1, high=100,
     )
     closure_interval_s: float = parameter(
-        0.0, 'Least time between two accepted matches; what would be one in between is in '
-        'cool_down. 0 accepts every frame that is sure.',
+        0.0, 'Least time between two accepted matches; 0 accepts every sure frame.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
 
@@ -152,13 +154,12 @@ class MotionConfig(Checked):
     """When a robot stands still: such frames say nothing new and are passed over."""
 
     stationary_overlap: float = parameter(
-        0.985, 'A frame more similar than this to the last that moved shows a robot that stands '
-        'still; 1 asks no image. With coherent matching only, and without odometry.',
-        low=0.0, high=1.0,
+        0.985, 'Without odometry, the robot stands still while frames are more similar than this '
+        'to the last that moved; 1 never says so. Coherent matching only.', low=0.0, high=1.0,
     )
     stationary_m: float = parameter(
-        0.05, 'By odometry, a robot that is less far than this from the last frame that moved, '
-        'and turned by less than a twentieth of a turn, stands still; 0 asks no odometry.',
+        0.05, 'With odometry, the robot stands still while it is nearer than this to the last '
+        'frame that moved, and turned by less than 18 degrees; 0 never says so.',
         unit='m', low=0.0, high=100.0,
     )
 
@@ -168,41 +169,41 @@ class OnlineConfig(Checked):
     """Whether the map grows from the robot's own past, and how much of that is too fresh."""
 
     mode: str = parameter(
-        'preloaded', 'preloaded recognises the places of a map, online also adds to it what the '
+        'preloaded', 'preloaded recognises the places of a map; online also adds to it what the '
         'camera sees.', choices=('preloaded', 'online'),
     )
     exclusion_s: float = parameter(
-        30.0, 'In online mode, places of this session younger than this are recent and not '
-        'matched.', unit='s', low=0.0, high=86400.0,
+        30.0, 'Online mode: places of this session younger than this are not matched.',
+        unit='s', low=0.0, high=86400.0,
     )
     exclusion_m: float = parameter(
-        0.0, 'In online mode with odometry, places of this session that were passed less than '
-        'this distance ago are recent and not matched.', unit='m', low=0.0, high=100000.0,
+        0.0, 'Online mode with odometry: places of this session that were passed less than this '
+        'way ago are not matched.', unit='m', low=0.0, high=100000.0,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class KeyframeConfig(Checked):
     """
-    Which frames become references, of a map that is built or that grows.
+    Which frames become places, of a map that is built or that grows.
 
-    The queries matched with a map are as far apart: of a map that was opened it is known how.
+    Frames that are matched with a map are as far apart: a map that is opened says how far.
     """
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Least time between two keyframes, of which a camera may be a tenth early.',
+        0.0, 'Least time between two keyframes; a camera may be a tenth early.',
         unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
-        0.0, 'With odometry, least way between two keyframes, unless the robot turns by a '
-        'twentieth of a turn.', unit='m', low=0.0, high=1000.0,
+        0.0, 'With odometry, least way between two keyframes, unless the robot turns by 18 '
+        'degrees.', unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
-        0.75, 'A frame of which a larger share than this moved together since the last keyframe '
-        'is passed over; 1 takes every frame, as the paper does.', low=0.0, high=1.0,
+        0.75, 'A frame is no keyframe if a larger share of its regions than this moved together '
+        'since the last one; 1 takes every frame, as the paper does.', low=0.0, high=1.0,
     )
     thumbnail_width_px: int = parameter(
-        128, 'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
+        128, 'Width of the small pictures that a map keeps for people to look at; 0 keeps none.',
         unit='px', low=0, high=640,
     )
 

@@ -15,40 +15,40 @@ class NodeConfig(Checked):
     """What concerns the ROS node alone: topics, queues and files."""
 
     map_path: str = parameter(
-        '', 'Reference map to open at start; in online mode it is made if there is none, and '
-        'grows.',
+        '', 'Map file to open at the start; online mode makes it if there is none, and adds.',
     )
     save_map_path: str = parameter(
-        '', 'Where ~/save_map writes a copy of the map; empty in online mode: map_path itself.',
+        '', 'File to which ~/save_map writes a copy of the map; empty in online mode: map_path.',
         dynamic=True,
     )
-    result_file: str = parameter('', 'CSV file to write one row per frame to; empty for none.')
+    result_file: str = parameter('', 'CSV file that gets a row for every frame; empty for none.')
     image_transport: str = parameter(
-        'raw', 'Subscribe to `image` or to its `/compressed` sub-topic.',
+        'raw', 'Images to subscribe to: raw on topic `image`, compressed on `image/compressed`.',
         choices=('raw', 'compressed'),
     )
     image_reliability: str = parameter(
-        'auto', 'auto asks for reliable delivery and falls back when a camera offers none.',
+        'auto', 'Delivery of images: auto asks for reliable and falls back where a camera offers '
+        'only best_effort.',
         choices=('auto', 'reliable', 'best_effort'),
     )
     queue_size: int = parameter(
-        30, 'Frames waiting for the worker; the oldest is dropped, and counted, beyond that.',
+        30, 'Most frames that wait for their turn; beyond that the oldest is dropped and counted.',
         unit='frames', low=1, high=10000,
     )
     max_wait_s: float = parameter(
-        1.0, 'A frame that has waited longer than this is dropped, and counted, for the one after '
-        'it: a camera too fast for the CPU costs frames, not time; 0 lets all of them wait.',
+        1.0, 'A frame that has waited longer than this is dropped and counted, so that a camera '
+        'too fast for the CPU costs frames, not time; 0 drops none.',
         unit='s', low=0.0, high=3600.0,
     )
-    map_frame: str = parameter('map', 'Frame in which the poses of the map are given.')
+    map_frame: str = parameter('map', 'TF frame of the poses in the map.')
     position_sigma_m: float = parameter(
-        0.5, 'Standard deviation of the positions in the map; ~/pose adds to it how far places '
-        'are apart and how well neighbours score.',
+        0.5, 'Standard deviation of the positions in the map; ~/pose adds what the spacing of '
+        'places and the scores of neighbours leave open.',
         unit='m', low=0.0, high=1000.0, dynamic=True,
     )
     heading_sigma_rad: float = parameter(
-        0.1, 'Standard deviation of the headings in the map; ~/pose adds 0.3 rad where the '
-        'relative yaw is unknown.',
+        0.1, 'Standard deviation of the headings in the map; ~/pose adds 0.3 rad where the camera '
+        'is not known.',
         unit='rad', low=0.0, high=math.pi, dynamic=True,
     )
     diagnostics_period_s: float = parameter(

@@ -12,6 +12,9 @@ from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
 
+# What parameters were called before; such names are refused with the one that they have now.
+RENAMED = {'remove_layout': 'subtract_background', 'speed_search': 'velocity_search'}
+
 
 def parameter(
     default: Value,
@@ -128,7 +131,14 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
     """
     known = list(known)
     for name in names:
+        refuse_renamed(name)
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
             raise ConfigError(f'unknown parameter {name!r}; {advice}')
+
+
+def refuse_renamed(name: str) -> None:
+    """Refuse a name that a parameter had before: ConfigError with the one that it has now."""
+    if name in RENAMED:
+        raise ConfigError(f'parameter {name!r} is now called {RENAMED[name]!r}; use that name')

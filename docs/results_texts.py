@@ -5,7 +5,7 @@
 ONE_LINE = {
     'coherent': 'ours, as shipped: where the salient regions went, dynamic k, backward window, '
     'shortlist',
-    'layout-kept': 'coherent with `remove_layout: false`: cells and regions as they are, no '
+    'layout-kept': 'coherent with `subtract_background: false`: cells and regions as they are, no '
     'whole image',
     '-exhaustive': 'every reference is scored',
     '-k10, -k1': 'fixed k',

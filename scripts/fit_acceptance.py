@@ -6,7 +6,8 @@ Print what `min_evidence` and the confidence come from: false and right evidence
 Usage: python scripts/fit_acceptance.py [NAME...], about half an hour on two cores for all of
 acceptance_drives.py. Every query is asked with half of the map removed (the first, the last and
 the middle half kept in turn) and in the map of another street, and both drives against their own
-past (40 m and 20 frames at least). With `min_evidence` as it is, right answers less ten times the
+past (40 m and 20 frames at least). Maps are made of keyframes, as the product makes them, and
+only keyframes are counted. With `min_evidence` as it is, right answers less ten times the
 false ones are most, over these drives and real images made dark. The left side of a terrace
 repeats every 48 or 96 m: no threshold tells such places apart, so they count for the confidence
 only.
@@ -21,9 +22,9 @@ import sys
 
 from acceptance_drives import drawn, FORK_M, Pair, PAIRS, ROUND_M
 from convseq_ros.config import make_config
-from convseq_ros.core.decision import acceptance
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.decision.acceptance import CONFIDENCE
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Reason
 from convseq_ros.evaluation.calibration import adjusted, fitted, reliability
@@ -38,20 +39,27 @@ Flags = np.ndarray
 
 
 def answers(
-    frames: list[Frame], made: ReferenceMap, right: Flags, slip: Flags, **settings: object
+    frames: list[Frame],
+    references: list[Frame],
+    made: ReferenceMap,
+    right: Flags,
+    slip: Flags,
+    **settings: object,
 ) -> Iterator:
-    """Yield of each frame: evidence, whether its track was consistent, right, slip, known."""
+    """Yield of each keyframe: evidence, whether its track was consistent, right, slip, known."""
     recognizer = PlaceRecognizer(made, make_config(settings))
-    number = {frame.stamp_ns: index for index, frame in enumerate(frames)}
-    offset, slope = acceptance._CONFIDENCE
+    number = {frame.stamp_ns: index for index, frame in enumerate(references)}
+    offset, slope, least = CONFIDENCE.offset, CONFIDENCE.slope, CONFIDENCE.least_evidence
     for index, frame in enumerate(frames):
         match = recognizer.process(frame)
+        if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
+            continue
         best, sure = match.best, match.confidence
         evidence, hit, slipped = math.nan, False, False
-        if best is not None and sure is not None and match.reason is not Reason.STATIONARY:
+        if best is not None and sure is not None:
             odds = math.log(max(sure, 1e-12) / max(1 - sure, 1e-12))
-            evidence = math.exp((odds - offset) / slope) - acceptance._LEAST_EVIDENCE
-            place = best.reference_index if not settings else number[best.reference_stamp_ns]
+            evidence = math.exp((odds - offset) / slope) - least
+            place = number[best.reference_stamp_ns]
             hit, slipped = right[index, place], slip[index, place]
         consistent = match.reason is not Reason.INCONSISTENT
         yield evidence, consistent, hit, slipped, right[index].any()
@@ -66,15 +74,13 @@ def against_past(pair: Pair, frames: list[Frame], right: Flags | None = None) ->
     settings = {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s, 'thumbnail_width_px': 0}
     if right is None:
         right = np.zeros((len(frames), len(frames)), bool)
-    return answers(frames, ReferenceMap(ENCODING), right, Truth(right).slip, **settings)
+    made = ReferenceMap(ENCODING)
+    return answers(frames, frames, made, right, Truth(right).slip, **settings)
 
 
 def in_map(frames: list[Frame], references: list[Frame], right: Flags, slip: Flags) -> Iterator:
-    """Yield the answers to a drive in a map."""
-    made = ReferenceMap(ENCODING)
-    for one in references:
-        made.add(Place(one.stamp_ns), pack_cells(describe(one.gray, ENCODING).cells))
-    return answers(frames, made, right, slip)
+    """Yield the answers to a drive in a map of the keyframes of another."""
+    return answers(frames, references, build_map(references), right, slip)
 
 
 def measured(pair: Pair) -> dict[str, np.ndarray]:
@@ -148,7 +154,7 @@ def print_evidence(name: str, runs: dict[str, np.ndarray]) -> None:
 def print_confidence(every: np.ndarray) -> None:
     """Print the constants of the confidence, and how reliable it is with them."""
     evidence, right = every[:, 0], every[:, 2] + every[:, 3] > 0
-    odds = np.log(np.maximum(evidence, 0) + acceptance._LEAST_EVIDENCE)
+    odds = np.log(np.maximum(evidence, 0) + CONFIDENCE.least_evidence)
     said = 1 / (1 + np.exp(-odds))
     offset, slope = fitted(said, right)
     print(f'confidence: offset {offset:.2f}, slope {slope:.2f}')

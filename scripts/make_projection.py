@@ -10,8 +10,9 @@ loop-closure sequence (introlab/rtabmap, BSD-3-Clause). See projection.md beside
 from pathlib import Path
 import sys
 
+from convseq_ros.core.encoding import regions as regions_module
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.similarity import coherent
+from convseq_ros.core.encoding.regions import joined_regions
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ def fit(folder: Path) -> npt.NDArray[np.float32]:
     frames = [frame.gray for frame in open_source(folder)][::2]
     regions = np.concatenate(
         [
-            coherent.joined_regions(describe(gray).cells).astype(np.float64)
+            joined_regions(describe(gray).cells).astype(np.float64)
             for gray in frames
             if gray is not None
         ]
@@ -39,5 +40,5 @@ def fit(folder: Path) -> npt.NDArray[np.float32]:
 
 
 if __name__ == '__main__':
-    default = Path(coherent.__file__).with_name('projection.npy')
+    default = Path(regions_module.__file__).with_name('projection.npy')
     np.save(Path(sys.argv[2]) if len(sys.argv) > 2 else default, fit(Path(sys.argv[1])))

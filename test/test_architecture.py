@@ -21,7 +21,17 @@ SCRIPTS = [
 ]
 HEADER = ['# Copyright 2026 The convseq_ros authors', '# SPDX-License-Identifier: Apache-2.0']
 MOST_LINES = 300
-OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'numba', 'rosbags', 'tqdm', 'yaml', 'zstandard')
+OPTIONAL = (
+    'lz4',
+    'matplotlib',
+    'mcap',
+    'numba',
+    'rosbags',
+    'skimage',
+    'tqdm',
+    'yaml',
+    'zstandard',
+)
 STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.

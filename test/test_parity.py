@@ -13,9 +13,12 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.map_file import open_map, save_map
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.results import read_results, ResultWriter
 from convseq_ros.sources import open_source
@@ -45,7 +48,7 @@ def drive():
 
 @pytest.fixture(scope='module')
 def map_path(drive, tmp_path_factory):
-    reference_map = ReferenceMap()
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
     for index, gray in enumerate(drive):
         blurred = cv2.GaussianBlur(gray, (3, 3), 0)
         reference_map.add(Place(index * STEP_NS), pack_cells(describe(blurred).cells))

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import partial
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.encoding.entropy import MAX_BITS
-from convseq_ros.core.map.map_file import open_map
-from convseq_ros.core.map.reference_map import pack_cells, unpack_cells
+from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.map.place import pack_cells, unpack_cells
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity import coherent, regional
 from convseq_ros.core.types import Descriptor
@@ -47,7 +47,7 @@ def _coherent(work: Work) -> list[Finding]:
     query, threshold = with_salient(work.queries[0], 'coherent', SALIENT)
     references = open_map(work.map_path(work.sizes[0]))
     indices = _indices(len(references))
-    seen = coherent.see(query, threshold * MAX_BITS)
+    seen = coherent.extract(query, threshold * ENTROPY.max_bits)
     assert seen
     tuned = TunedPair(seen)
     prepared = [coherent.projected_regions(references.cells(index)) for index in indices.tolist()]
@@ -135,7 +135,7 @@ def _stored(work: Work) -> list[Finding]:
     rounded = [unpack_cells(pack_cells(one.cells)) for one in queries]
     largest = dict.fromkeys(('coherent', 'regional'), 0.0)
     for query in queries:
-        seen = coherent.see(query, MAX_BITS / 2)
+        seen = coherent.extract(query, ENTROPY.max_bits / 2)
         for one, cells in zip(queries, rounded, strict=True):
             pair = coherent.projected_regions(one.cells), coherent.projected_regions(cells)
             scores = [coherent.coherent_score(seen, each)[0] for each in pair] if seen else [0.0]
@@ -169,10 +169,10 @@ def _add_kernels(
     indices = _indices(len(references))
     for kernel in work.kernels:
         chosen = MatchingConfig(
-            matching=matching, kernel=kernel, threads=work.threads, remove_layout=False
+            matching=matching, kernel=kernel, threads=work.threads, subtract_background=False
         )
         matcher = Matcher(references, chosen, threshold)
-        run = partial(matcher.scores, matcher.see(query), indices)
+        run = partial(matcher.scores, matcher.extract(query), indices)
         sides[f'{kernel} kernel'] = run
         errors[f'{kernel} kernel'] = _error(run(), exact)
 

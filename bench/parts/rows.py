@@ -5,7 +5,7 @@
 from functools import partial
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity import regional
 import numpy as np
@@ -45,7 +45,7 @@ def _row(work: Work, size: int) -> list[Finding]:
             continue
         chosen = MatchingConfig(matching='regional', kernel=kernel, threads=work.threads)
         matcher = Matcher(references, chosen, threshold)
-        sides[f'{kernel} kernel'] = partial(matcher.scores, matcher.see(query), indices)
+        sides[f'{kernel} kernel'] = partial(matcher.scores, matcher.extract(query), indices)
     times = work.in_turn(sides, 6)
     findings = []
     for name in sides:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Histograms of oriented gradients of the whole image as one descriptor (Dalal, Triggs 2005)."""
 
+from convseq_ros.errors import ConvseqError
 import cv2
 import numpy as np
 import numpy.typing as npt
-from skimage.feature import hog
 
 _SIDE_PX = 512
 _CELL_PX = 16
@@ -28,7 +28,16 @@ def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
         Cells of 16 px, 9 unsigned bins, blocks of 2 x 2 cells at a stride of one cell: the sizes
         of VPR-Bench's HOG, computed by scikit-image.
 
+    Raises
+    ------
+    ConvseqError
+        If scikit-image is missing.
+
     """
+    try:
+        from skimage.feature import hog
+    except ImportError:
+        raise ConvseqError('method hog needs scikit-image: pip install scikit-image') from None
     resized = cv2.resize(gray, (_SIDE_PX, _SIDE_PX), interpolation=cv2.INTER_LINEAR)
     return hog(
         resized,

@@ -10,6 +10,7 @@ import sys
 
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
+from convseq_ros.parameter import refuse_renamed
 
 # Read when NumPy is imported, which a command does. On a busy machine two BLAS threads wait for
 # each other in a loop, and a pair of images takes ten times as long.
@@ -44,6 +45,8 @@ def main(args: Sequence[str] | None = None) -> int:
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )
     try:
+        for argument in chosen.arguments:
+            refuse_renamed(argument.partition('=')[0].removeprefix('--').replace('-', '_'))
         if hasattr(command, 'describe'):
             command.describe(own)
             return int(command.run(own.parse_args(chosen.arguments)))

@@ -3,8 +3,7 @@
 """Build a reference map: `convseq build-map RECORDING MAP`."""
 
 import argparse
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
 import sys
@@ -12,20 +11,13 @@ import time
 
 from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.progress import progress
-from convseq_ros.config import EncodingConfig, KeyframeConfig, make_group
-from convseq_ros.core.encoding.descriptor import describe as describe_image
-from convseq_ros.core.keyframes import KeyframeSelector
-from convseq_ros.core.map.map_writer import MapWriter
-from convseq_ros.core.map.reference_map import pack_cells, Place
-from convseq_ros.core.map.thumbnail import thumbnail
-from convseq_ros.core.types import Frame
+from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.sources import open_source
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses
-
-_COMMIT_EVERY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +44,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--append', action='store_true', help='add to an existing map')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
+    add_parameters(parser, 'motion', parameters(MotionConfig))
     add_parameters(parser, 'encoding', [_image_size()])
 
 
@@ -63,8 +56,7 @@ def run(chosen: argparse.Namespace) -> int:
         topic=chosen.topic,
         odom=chosen.odom,
         append=chosen.append,
-        keyframes=make_group(KeyframeConfig, given(chosen, parameters(KeyframeConfig))),
-        encoding=make_group(EncodingConfig, given(chosen, [_image_size()])),
+        config=make_config(given(chosen, _asked())),
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -86,8 +78,7 @@ def build(
     topic: str = '',
     odom: str = '',
     append: bool = False,
-    keyframes: KeyframeConfig = KeyframeConfig(),
-    encoding: EncodingConfig = EncodingConfig(),
+    config: Config = Config(),
 ) -> Built:
     """
     Build a map file, or add to one.
@@ -103,32 +94,29 @@ def build(
     source = open_source(recording, topic)
     track = PoseTrack(read_poses(recording, odom) if odom else [])
     started = time.monotonic()
-    writer = MapWriter(path, encoding, append, keyframes)
-    before = len(writer)
+    builder = MapBuilder(path, config, append)
     frames = unreadable = with_pose = 0
     interrupted = False
     try:
-        with writer:
-            frames_shown = progress(source, len(source), path.name)
-            for frame, kept in _add_places(frames_shown, writer, track, keyframes):
+        with builder:
+            for frame in progress(source, len(source), path.name):
                 frames += 1
-                unreadable += frame.gray is None
-                with_pose += kept is not None and kept.pose is not None
+                if frame.gray is None:
+                    unreadable += 1
+                    print(f'warning: {frame.problem}', file=sys.stderr)
+                pose = track.at(frame.stamp_ns)
+                with_pose += builder.process(replace(frame, pose=pose)) and pose is not None
     except KeyboardInterrupt:
         interrupted = True
-    finally:
-        if not len(writer):
-            path.unlink(missing_ok=True)
     for warning in source.warnings:
         print(f'warning: {warning}', file=sys.stderr)
-    added = len(writer) - before
-    if not added:
+    if not builder.added:
         raise SourceError(f'{recording}: none of its {frames} images could be used')
     return Built(
         str(path),
         frames,
-        added,
-        len(writer),
+        builder.added,
+        len(builder.reference_map),
         unreadable,
         with_pose,
         time.monotonic() - started,
@@ -137,26 +125,9 @@ def build(
     )
 
 
-def _add_places(
-    frames: Iterable[Frame], writer: MapWriter, track: PoseTrack, keyframes: KeyframeConfig
-) -> Iterator[tuple[Frame, Place | None]]:
-    """Add what is worth keeping; yield every frame with the place that it became."""
-    selector = KeyframeSelector(keyframes, writer.encoding)
-    committed = time.monotonic()
-    for frame in frames:
-        place, pose = None, track.at(frame.stamp_ns)
-        if frame.gray is None:
-            print(f'warning: {frame.problem}', file=sys.stderr)
-        elif selector.is_due(frame.stamp_ns, pose):
-            found = describe_image(frame.gray, writer.encoding)
-            if selector.wants(frame.stamp_ns, found, pose):
-                small = thumbnail(frame.gray, keyframes.thumbnail_width_px)
-                place = Place(frame.stamp_ns, frame.source, pose)
-                writer.add(place, pack_cells(found.cells), small)
-        yield frame, place
-        if time.monotonic() - committed > _COMMIT_EVERY_S:
-            writer.commit()
-            committed = time.monotonic()
+def _asked() -> list[Parameter]:
+    """Return the parameters that decide what becomes a place, and how it is stored."""
+    return [*parameters(KeyframeConfig), *parameters(MotionConfig), _image_size()]
 
 
 def _image_size() -> Parameter:

@@ -16,7 +16,7 @@ from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.cli.replay import replay
 from convseq_ros.cli.side_topics import side_topics
-from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.plots import demo_picture
@@ -83,12 +83,7 @@ def run(chosen: argparse.Namespace) -> int:
     drives = _given_drives(chosen.data) if chosen.data else _drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(
-        drives.reference,
-        map_path,
-        odom=side_topics(drives.reference).odom,
-        encoding=config.encoding,
-    )
+    build(drives.reference, map_path, odom=side_topics(drives.reference).odom, config=config)
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query)
@@ -98,8 +93,8 @@ def run(chosen: argparse.Namespace) -> int:
     for match, duration_ms in replay(source, recognizer):
         written = row(match, duration_ms)
         offline.append({name: _text(value) for name, value in written.items()})
-        if recognizer.row is not None:
-            scores[match.query_index] = np.nan_to_num(recognizer.row)
+        if recognizer.buffer.row is not None:
+            scores[match.query_index] = np.nan_to_num(recognizer.buffer.row)
 
     median_ms = statistics.median(float(each['duration_ms']) for each in offline)
     rate = min(4.0, 60.0 / median_ms)

@@ -9,8 +9,8 @@ import json
 import math
 from pathlib import Path
 
-from convseq_ros.core.map.map_file import describe_file, open_map
-from convseq_ros.core.map.map_format import FORMAT_VERSION
+from convseq_ros.core.map.format import FORMAT_VERSION
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 
 
@@ -27,7 +27,7 @@ def run(chosen: argparse.Namespace) -> int:
         'map': str(chosen.map),
         'format': FORMAT_VERSION,
         'bytes': chosen.map.stat().st_size,
-        **describe_file(chosen.map),
+        **MapReader(chosen.map).about(),
         **describe_places(reference_map),
     }
     if chosen.json:

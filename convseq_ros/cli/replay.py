@@ -71,7 +71,7 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps({'output': str(chosen.output), 'added': session.added, **summary}))
     else:
         if session.is_growing:
-            print(f'{chosen.map}: {session.added} references added, {session.kept} in all')
+            print(f'{chosen.map}: {session.added} references added, {session.persisted} in all')
         reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
         print(
             f'{chosen.output}: {summary["frames"]} frames ({reasons}); '
@@ -84,7 +84,7 @@ def run(chosen: argparse.Namespace) -> int:
 def _keep(session: Session) -> None:
     """Write what the map gained; a full disk ends that, not the replay."""
     try:
-        session.keep()
+        session.save()
     except MapError as error:
         print(f'warning: {error}', file=sys.stderr)
 

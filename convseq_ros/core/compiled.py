@@ -29,6 +29,11 @@ def available() -> bool:
         return False
 
 
+def kernels_of(package: str) -> Any:
+    """Return a package's `kernels`, or `numpy_kernels`, the same functions, if none compile."""
+    return import_module(f'{package}.{"kernels" if available() else "numpy_kernels"}')
+
+
 def compiled(function: Callable[..., Any]) -> Any:
     """
     Return a function that numba compiles when it is called first; itself where numba is not.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.map.reference_map import Place
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.sequence.diagonals import Row
 from convseq_ros.core.types import Pose
 import numpy as np
@@ -22,20 +22,10 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class PoseEstimate:
-    """
-    A pose and its uncertainty.
+    """A pose and its uncertainty."""
 
-    Parameters
-    ----------
-    pose : Pose
-        In the frame of the map.
-    covariance : ndarray of float64, shape (6, 6)
-        Of x, y, z in metres and of turns about the axes x, y, z of the map in radians.
-
-    """
-
-    pose: Pose
-    covariance: Matrix
+    pose: Pose  # in the frame of the map
+    covariance: Matrix  # (6, 6), of x, y, z in metres and of turns about these axes in radians
 
 
 def estimate_pose(
@@ -52,10 +42,8 @@ def estimate_pose(
 
     Parameters
     ----------
-    places : sequence of Place
-        The map.
-    index : int
-        The place that was recognised.
+    places, index : sequence of Place, int
+        The map, and which place of it was recognised. None is returned if its pose is not known.
     yaw_rad : float, optional
         By how much the camera is turned to the left of the reference's.
     row : ndarray of float32, shape (r,), optional
@@ -63,11 +51,6 @@ def estimate_pose(
     position_sigma_m, heading_sigma_rad : float
         Standard deviations of the map's own poses: along, and about, every axis. Neither can the
         result be more certain.
-
-    Returns
-    -------
-    PoseEstimate or None
-        None if the map does not say where the place is.
 
     Notes
     -----

@@ -7,8 +7,8 @@ import time
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.map_file import open_map
-from convseq_ros.core.map.map_keeper import MapKeeper
+from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 
 class Session:
     """
-    Opens a map and recognises its places; in online mode, also keeps what is added to it.
+    Opens a map and recognises its places; in online mode, also persists what is added to it.
 
     Parameters
     ----------
@@ -24,18 +24,7 @@ class Session:
         The map's file. In preloaded mode it must exist and is never written; in online mode it is
         made if there is none. None is a map in memory: empty, and lost at the end.
     config : Config
-        How to recognise, and the mode.
-
-    Attributes
-    ----------
-    path : Path or None
-        As given.
-    is_growing : bool
-        Whether the mode is online.
-    committed_s : float or None
-        Monotonic time at which the file grew last.
-    recognizer : PlaceRecognizer
-        What frames are given to.
+        How to recognise, and the mode. `is_growing` says whether it is online.
 
     Raises
     ------
@@ -52,21 +41,21 @@ class Session:
         else:
             added = config.keyframes if self.is_growing else None
             reference_map = open_map(path, config.encoding, added)
-        self.committed_s: float | None = None
-        self._keeper: MapKeeper | None = None
+        self.committed_s: float | None = None  # monotonic time at which the file grew last
+        self._autosave = NoAutosave()
         if path is not None and self.is_growing:
-            self._keeper = MapKeeper(path, reference_map)
+            self._autosave = Autosave(path, reference_map)
         self.recognizer = PlaceRecognizer(reference_map, config)
 
     @property
-    def is_kept(self) -> bool:
+    def is_persisted(self) -> bool:
         """Whether there is a file that grows."""
-        return self._keeper is not None
+        return self.path is not None and self.is_growing
 
     @property
-    def kept(self) -> int:
+    def persisted(self) -> int:
         """Places that are safe in the file."""
-        return self._keeper.committed if self._keeper else 0
+        return self._autosave.committed
 
     @property
     def keyframes_m(self) -> float:
@@ -76,7 +65,8 @@ class Session:
     @property
     def added(self) -> int:
         """Places that came in this session."""
-        return len(self.recognizer.reference_map) - self.recognizer.session_start
+        recognizer = self.recognizer
+        return len(recognizer.reference_map) - recognizer.mapping.session_start
 
     @property
     def kernel(self) -> str:
@@ -87,34 +77,20 @@ class Session:
         """Compile what is compiled at its first use, which may take seconds."""
         encoding = self.recognizer.config.encoding
         drawn = np.arange(64 * 64, dtype=np.uint16).astype(np.uint8).reshape(64, 64)
-        self.recognizer.keyframes.warm_up(describe(drawn, encoding))
+        self.recognizer.gate.warm_up(describe(drawn, encoding))
         self.recognizer.matcher.warm_up()
 
-    def keep(self) -> None:
+    def save(self) -> None:
         """
         Write to the file what was added to the map; call it after every frame.
 
-        Raises
-        ------
-        MapError
-            If it cannot be written, once. The map goes on in memory; later calls try again.
-
+        MapError, once, if it cannot be written: the map goes on in memory, later calls try again.
         """
-        if self._keeper:
-            before = self._keeper.committed
-            self._keeper.keep()
-            if self._keeper.committed > before:
-                self.committed_s = time.monotonic()
+        before = self._autosave.committed
+        self._autosave.save()
+        if self._autosave.committed > before:
+            self.committed_s = time.monotonic()
 
     def close(self) -> None:
-        """
-        Make all that was added safe and close the file.
-
-        Raises
-        ------
-        MapError
-            If it cannot be written.
-
-        """
-        if self._keeper:
-            self._keeper.close()
+        """Make all that was added safe and close the file; MapError if it cannot be written."""
+        self._autosave.close()

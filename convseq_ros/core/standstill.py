@@ -2,31 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the robot stands still: what it sees then is nothing new."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 import math
 
 from convseq_ros.config import MotionConfig
-from convseq_ros.core.similarity.regional import similarity
 from convseq_ros.core.types import Descriptor, Pose
 
-_TURN_RAD = math.tau / 20
+
+@dataclass(frozen=True, slots=True)
+class StandstillConstants:
+    """Of motion; engineering, not studied."""
+
+    turn_rad: float = math.tau / 20  # from where on a robot that turns on the spot moves
+
+
+STANDSTILL = StandstillConstants()
 
 
 class Standstill:
     """
     Compares each frame with the last that moved, so that creeping adds up.
 
-    Parameters
-    ----------
-    config : MotionConfig
-        From where on it is motion.
-    by_image : bool
-        Whether images are asked where there is no odometry.
-
+    Where there is no odometry, `similarity` is asked: the pair score of two descriptors.
     """
 
-    def __init__(self, config: MotionConfig, by_image: bool) -> None:
+    def __init__(
+        self,
+        config: MotionConfig,
+        by_image: bool,
+        similarity: Callable[[Descriptor, Descriptor], float],
+    ) -> None:
         self._config = config
         self._by_image = by_image and config.stationary_overlap < 1.0
+        self._similarity = similarity
         self._pose: Pose | None = None
         self._descriptor: Descriptor | None = None
 
@@ -34,17 +43,11 @@ class Standstill:
         """Forget the last frame that moved."""
         self._pose = self._descriptor = None
 
-    def holds(self, descriptor: Descriptor, pose: Pose | None) -> bool:
+    def update(self, descriptor: Descriptor, pose: Pose | None) -> bool:
         """
-        Return whether the robot has not moved since the last frame for which this was False.
+        Take in a frame; return whether the robot stands still since the last that moved.
 
-        Parameters
-        ----------
-        descriptor : Descriptor
-            Of the newest frame; one that shows nothing counts as motion.
-        pose : Pose, optional
-            Where odometry says that it was taken.
-
+        A frame that shows nothing counts as motion; the pose is that of odometry.
         """
         if not descriptor.informative:
             return False
@@ -60,11 +63,11 @@ class Standstill:
         last = self._descriptor
         if not self._by_image or last is None:
             return False
-        return similarity(descriptor, last) > self._config.stationary_overlap
+        return self._similarity(descriptor, last) > self._config.stationary_overlap
 
 
 def near(pose: Pose, other: Pose, distance_m: float) -> bool:
     """Return whether a pose is nearer than this to another, and turned by less than a 20th."""
     cosine = abs(sum(a * b for a, b in zip(pose.orientation, other.orientation, strict=True)))
     turn_rad = 2 * math.acos(min(cosine, 1.0))
-    return math.dist(pose.position, other.position) < distance_m and turn_rad < _TURN_RAD
+    return math.dist(pose.position, other.position) < distance_m and turn_rad < STANDSTILL.turn_rad

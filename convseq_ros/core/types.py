@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The records that pass between stages; all frozen."""
+"""The records that pass between stages; all frozen. Times are integer nanoseconds."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,35 +13,15 @@ Shift = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """
-    Where a camera was.
+    """Where a camera was."""
 
-    Parameters
-    ----------
-    position : tuple of 3 floats
-        x, y, z in metres.
-    orientation : tuple of 4 floats
-        Unit quaternion x, y, z, w.
-
-    """
-
-    position: tuple[float, float, float]
-    orientation: tuple[float, float, float, float]
+    position: tuple[float, float, float]  # x, y, z in metres
+    orientation: tuple[float, float, float, float]  # unit quaternion x, y, z, w
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """
-    A pinhole camera, as sensor_msgs/CameraInfo gives it.
-
-    Parameters
-    ----------
-    width_px, height_px : int
-        Of its images.
-    fx_px, fy_px, cx_px, cy_px : float
-        Focal lengths and principal point.
-
-    """
+    """A pinhole camera, as sensor_msgs/CameraInfo gives it: image size, focal lengths, centre."""
 
     width_px: int
     height_px: int
@@ -53,54 +33,24 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """
-    One image of a stream.
+    """One image of a stream."""
 
-    Parameters
-    ----------
-    stamp_ns : int
-        When it was taken, nanoseconds.
-    gray : ndarray of uint8, shape (H, W), or None
-        None if the image could not be decoded; `problem` then says why in one line.
-    source : str
-        Where it came from: a file name or a topic.
-    pose : Pose, optional
-        Where the camera was, if known.
-    camera : Camera, optional
-        What took it, if known.
-
-    """
-
-    stamp_ns: int
-    gray: npt.NDArray[np.uint8] | None
-    source: str = ''
-    pose: Pose | None = None
-    problem: str = ''
-    camera: Camera | None = None
+    stamp_ns: int  # when it was taken
+    gray: npt.NDArray[np.uint8] | None  # (H, W); None if the image could not be decoded
+    source: str = ''  # a file name or a topic
+    pose: Pose | None = None  # where the camera was, if known
+    problem: str = ''  # why the image could not be decoded, in one line
+    camera: Camera | None = None  # what took it, if known
 
 
 @dataclass(frozen=True, slots=True)
 class Descriptor:
-    """
-    What is kept of one image.
+    """What is kept of one image."""
 
-    Parameters
-    ----------
-    cells : ndarray of float32, shape (rows, columns, bins)
-        Histograms of gradient orientation, one a cell.
-    salient : ndarray of bool, shape (regions,)
-        Which 2 x 2-cell regions are informative, row by row.
-    cell_entropy : ndarray of float64, shape (rows, columns)
-        Mean entropy of each cell, in bits.
-    entropy : float
-        Mean entropy of the image as a share of 8 bits, in [0, 1].
-
-    """
-
-    cells: npt.NDArray[np.float32]
-    salient: npt.NDArray[np.bool_]
-    cell_entropy: npt.NDArray[np.float64]
-    entropy: float
+    cells: npt.NDArray[np.float32]  # (S, S, 8), a histogram of gradient orientation each
+    salient: npt.NDArray[np.bool_]  # ((S - 1) ** 2,), 2 x 2-cell regions that are informative
+    cell_entropy: npt.NDArray[np.float64]  # (S, S), mean entropy in bits
+    entropy: float  # mean of the image as a share of 8 bits, in [0, 1]
 
     @property
     def informative(self) -> bool:
@@ -138,27 +88,12 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """
-    A reference that the newest frame of the sequence may show.
+    """A place of the map that the newest frame of the sequence may show."""
 
-    Parameters
-    ----------
-    reference_index : int
-        Its place in the map, from 0.
-    reference_stamp_ns : int
-        When the reference was taken, nanoseconds.
-    score : float
-        Sequence score in [0, 1].
-    shift : tuple of 2 floats, optional
-        Rows and columns, in cells, by which regions moved from query to reference, if the way of
-        matching tells.
-
-    """
-
-    reference_index: int
-    reference_stamp_ns: int
-    score: float
-    shift: Shift | None = None
+    reference_index: int  # in the map, from 0
+    reference_stamp_ns: int  # when the place was taken
+    score: float  # of the sequence, in [0, 1]
+    shift: Shift | None = None  # rows and columns, in cells, from query to reference, if known
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +105,6 @@ class Match:
     ----------
     query_index : int
         Frames processed before this one.
-    query_stamp_ns : int
-        Stamp of the frame, nanoseconds.
-    status, reason : Status, Reason
-        What was decided and why.
     candidates : tuple of Candidate
         Best first; empty if the frame was skipped.
     sequence_length : int

@@ -9,10 +9,9 @@ from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.descriptor import describe, nothing_seen
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.similarity.regional import similarity
+from convseq_ros.config import EncodingConfig, EVERY_FRAME
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest
@@ -128,25 +127,23 @@ class Drive:
         """Which frames show anything, shape (N,)."""
         return np.array([one.informative for one in self.descriptors], np.bool_)
 
-    @cached_property
-    def similarity(self) -> Callable[[Descriptor, Descriptor], float]:
-        """The pair score by which k is chosen; each pair of frames is compared once."""
-        known: dict[tuple[int, int], float] = {}
-
-        def remembered(anchor: Descriptor, other: Descriptor) -> float:
-            pair = (id(anchor), id(other))
-            if pair not in known:
-                known[pair] = similarity(anchor, other)
-            return known[pair]
-
-        return remembered
+    @property
+    def flipped(self) -> 'Drive':
+        """The same frames, the last one first, at the same distances in time."""
+        return replace(
+            self,
+            stamps_ns=[self.stamps_ns[-1] - stamp_ns for stamp_ns in self.stamps_ns[::-1]],
+            names=self.names[::-1],
+            readable=self.readable[::-1],
+            descriptors=self.descriptors[::-1],
+        )
 
     @cached_property
     def reference_map(self) -> ReferenceMap:
         """The drive as a map; frames that could not be read hold their places."""
-        made = ReferenceMap(self.encoding)
+        made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
         for stamp_ns, name, one in zip(self.stamps_ns, self.names, self.descriptors, strict=True):
-            made.add(Place(stamp_ns, name), pack_cells(one.cells))
+            made.add_frame(Frame(stamp_ns, None, name), one)
         return made
 
 
@@ -196,7 +193,7 @@ def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArra
     for frame in images:
         started = time.perf_counter()
         if frame.gray is None:
-            descriptors.append(nothing_seen(encoding))
+            descriptors.append(blank_descriptor(encoding))
         else:
             descriptors.append(describe(frame.gray, encoding))
             durations.append((time.perf_counter() - started) * 1e3)

@@ -14,15 +14,14 @@ from convseq_ros.baselines.onnx_model import IMAGENET_MEAN, IMAGENET_STD, OnnxMo
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
-from convseq_ros.core.sequence.diagonals import BACKWARD, FORWARD
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.cache import content_digest
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
+from convseq_ros.evaluation.ranking import SequenceScorer
 from convseq_ros.evaluation.recognition import pair_scores, with_known
-from convseq_ros.evaluation.sequence_matching import SequenceScorer
-from convseq_ros.parameter import Value
+from convseq_ros.parameter import refuse_renamed, Value
 import numpy as np
 import numpy.typing as npt
 
@@ -70,8 +69,8 @@ class Kind:
         Its own options.
     argument : str
         What stands after the colon; empty for nothing.
-    direction : BACKWARD or FORWARD
-        Where the window lies.
+    forward : bool
+        Whether the frames of a sequence lie after the anchor.
     recognizer : bool
         Whether it is the online recogniser that answers.
 
@@ -82,7 +81,7 @@ class Kind:
     settings: Mapping[str, Value] = field(default_factory=dict)
     options: tuple[str, ...] = ()
     argument: str = ''
-    direction: int = BACKWARD
+    forward: bool = False
     recognizer: bool = False
 
 
@@ -117,6 +116,7 @@ def make_method(name: MethodName, config: Config) -> Method:
         raise ConfigError(f'method {name.label}: expected {expected}')
     core = {item.name: item for item in core_parameters()}
     for option in name.options:
+        refuse_renamed(option)
         if option not in kind.options and option not in core:
             raise ConfigError(
                 f'method {name.label}: unknown option {option!r}; known: '
@@ -240,11 +240,11 @@ def _by_cosine(
     return PairScores(scores, encode_ms, (time.perf_counter() - started) * 1e3 / len(query))
 
 
-_other = partial(Kind, settings=_ANSWERS_ALWAYS)
+_other = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
-    'convseq-forward': Kind(_core, None, {**_PUBLISHED, **_ANSWERS_ALWAYS}, direction=FORWARD),
+    'convseq-forward': Kind(_core, None, {**_PUBLISHED, **_ANSWERS_ALWAYS}, forward=True),
     'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
     'seqslam': _other(_seqslam, seqslam.LENGTH),
     'hog': _other(_hog),

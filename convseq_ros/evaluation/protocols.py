@@ -10,13 +10,15 @@ in the map" is right. Online: a drive against its own past.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.sequence.diagonals import BACKWARD
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.given_scores import match_given
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method, PairScores
-from convseq_ros.evaluation.recognition import answer_again, past_only, recognize
-from convseq_ros.evaluation.sequence_matching import choose_lengths, decide_frames, score_sequences
+from convseq_ros.evaluation.ranking import rank_references
+from convseq_ros.evaluation.recognition import answer_again, past_only, recognize, with_known
+from convseq_ros.evaluation.rerun import part_of
 import numpy as np
 import numpy.typing as npt
 
@@ -103,7 +105,7 @@ def open_set(material: Material, method: Method) -> Outcome:
         kept = np.zeros_like(material.truth.right)
         kept[:, first:last] = material.truth.right[:, first:last]
         right.append(kept)
-        reach.append(in_reach(kept[:, first:last], found, method.kind.direction))
+        reach.append(in_reach(kept[:, first:last], found, method.kind.forward))
     return Outcome(
         OPEN,
         matches,
@@ -135,13 +137,8 @@ def kept_halves(count: int) -> Mapping[str, Span]:
     return {'first': (0, half), 'last': (count - half, count), 'middle': (quarter, quarter + half)}
 
 
-def _lengths(material: Material, method: Method) -> list[int]:
-    query, _ = material.drives(method.config.encoding)
-    return choose_lengths(query, method.config.sequence, method.kind.direction, material.cache)
-
-
 def in_reach(
-    right: npt.NDArray[np.bool_], matches: Sequence[Match], direction: int = BACKWARD
+    right: npt.NDArray[np.bool_], matches: Sequence[Match], forward: bool = False
 ) -> npt.NDArray[np.bool_]:
     """
     Return which queries have a right reference whose whole sequence lies in the map.
@@ -152,13 +149,13 @@ def in_reach(
         Which references of the map are right.
     matches : sequence of Q Match
         Their k; 0 is never in reach.
-    direction : BACKWARD or FORWARD
-        Whether the k frames lie before or after the query.
+    forward : bool
+        Whether the k frames lie after the query, not before it.
 
     """
     lengths = np.array([match.sequence_length for match in matches])[:, None]
     index = np.arange(right.shape[1])
-    inside = index >= lengths - 1 if direction == BACKWARD else index <= index.size - lengths
+    inside = index <= index.size - lengths if forward else index >= lengths - 1
     return np.asarray((right & inside & (lengths > 0)).any(axis=1))
 
 
@@ -167,7 +164,7 @@ def _afresh(protocol: str, material: Material, method: Method) -> Outcome:
     query, _ = material.drives(method.config.encoding)
     found = recognize(material, method.config)
     lengths = [match.sequence_length for match in found.matches]
-    scores = score_sequences(found.rows, query, lengths, partial_windows=_leaves_the_map(method))
+    scores = rank_references(found.rows, query, lengths, partial_windows=_leaves_the_map(method))
     frame_ms = float(np.median(found.durations_ms))
     pairs = PairScores(found.rows, query.encode_ms, max(0.0, frame_ms - query.encode_ms))
     outcome = _whole_map(protocol, material, method, pairs, found.matches, scores)
@@ -184,7 +181,7 @@ def _whole_map(
 ) -> Outcome:
     query, _ = material.drives(method.config.encoding)
     truth = material.truth
-    reach = in_reach(truth.right, matches, method.kind.direction)
+    reach = in_reach(truth.right, matches, method.kind.forward)
     return Outcome(
         protocol, matches, scores, truth.right, truth.slip, reach, [''] * len(query), query, pairs
     )
@@ -195,26 +192,39 @@ def _answers(
 ) -> tuple[list[Match], npt.NDArray[np.float64]]:
     query, reference = material.drives(method.config.encoding)
     first, last = span
-    kept = slice(first, last)
-    again = None
+    kept, forward = pairs.scores[:, first:last], method.kind.forward
     if method.kind.recognizer:
-        again = answer_again(material, method.config, *span)
-    lengths = (
-        _lengths(material, method) if again is None else [match.sequence_length for match in again]
-    )
-    found = score_sequences(
-        pairs.scores[:, kept],
-        query,
-        lengths,
-        method.kind.direction,
-        pairs.scorer,
-        _leaves_the_map(method),
-    )
-    places = reference.reference_map.places[kept]
-    matches = again or decide_frames(found, query, places, lengths, method.config)
+        matches = answer_again(material, method.config, first, last)
+    else:
+        part = part_of(reference.reference_map, first, last)
+        matches = _given(kept, query, part, method, pairs)
+    lengths = [match.sequence_length for match in matches]
+    found = rank_references(kept, query, lengths, forward, pairs.scorer, _leaves_the_map(method))
     scores = np.full(pairs.scores.shape, -np.inf)
-    scores[:, kept] = found
+    scores[:, first:last] = found
     return [_moved(match, first) for match in matches], scores
+
+
+def _given(
+    rows: npt.NDArray[np.float32],
+    query: Drive,
+    part: ReferenceMap,
+    method: Method,
+    pairs: PairScores,
+) -> list[Match]:
+    """Return the answers by given pair scores, or by the method's own scores of sequences."""
+    config, forward = method.config, method.kind.forward
+    if pairs.scorer is None:
+        return match_given(rows, query, part, config, forward)
+    length = config.sequence.fixed_length
+    lengths = [length * (index >= length - 1) for index in range(len(query))]
+    own = rank_references(rows, query, lengths, forward, pairs.scorer)
+    single = with_known(config, {'fixed_length': 1})
+    scores = np.where(np.isfinite(own), own, np.nan).astype(np.float32)
+    return [
+        replace(match, sequence_length=length if match.candidates else 0)
+        for match in match_given(scores, query, part, single, forward)
+    ]
 
 
 def _leaves_the_map(method: Method) -> bool:

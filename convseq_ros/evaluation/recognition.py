@@ -135,7 +135,7 @@ def past_only(scores: Scores, past: int) -> Scores:
 
 def _depends_on_the_drive(config: Config) -> bool:
     """Return whether a pair score depends on the frames before, for what they usually show."""
-    return config.matching.matching == 'coherent' and config.matching.remove_layout
+    return config.matching.matching == 'coherent' and config.matching.subtract_background
 
 
 def _pair_facts(material: Material, config: Config) -> list[object]:
@@ -170,7 +170,7 @@ def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any
         durations.append((time.perf_counter() - started) * 1e3)
         matches.append(asdict(_numbered(match, number) if online else match))
         row = np.full(len(reference), np.nan, np.float32)
-        known = None if match.reason is Reason.OUT_OF_ORDER else recognizer.row
+        known = None if match.reason is Reason.OUT_OF_ORDER else recognizer.buffer.row
         if known is not None:
             row[[number[place.stamp_ns] for place in reference_map.places[: len(known)]]] = known
         rows.append(row)

@@ -3,20 +3,18 @@
 """The recogniser once more over a drive whose images are described already."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from convseq_ros.config import Config
-from convseq_ros.core.encoding.descriptor import nothing_seen
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Match, Reason
+from convseq_ros.core.types import Frame, Match
 from convseq_ros.evaluation.drive import Drive
 
 
-def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
-    """Return a map of the references from `first` to before `last`."""
+def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:
+    """Return a map of the references from `first` to before `last`, in steps."""
     part = ReferenceMap(whole.encoding, keyframes=whole.keyframes)
-    for index in range(first, last):
+    for index in range(first, last, step):
         part.add(whole.places[index], whole.packed(index))
     return part
 
@@ -36,12 +34,7 @@ def rerun(drive: Drive, reference_map: ReferenceMap, config: Config) -> Iterator
 
     """
     recognizer = PlaceRecognizer(reference_map, config)
-    unreadable = nothing_seen(config.encoding)
     for stamp_ns, readable, descriptor in zip(
         drive.stamps_ns, drive.readable, drive.descriptors, strict=True
     ):
-        if readable:
-            yield recognizer.recognize(stamp_ns, descriptor)
-        else:
-            match = recognizer.recognize(stamp_ns, unreadable)
-            yield replace(match, reason=Reason.UNREADABLE)
+        yield recognizer.process(Frame(stamp_ns, None), descriptor if readable else None)

@@ -15,7 +15,7 @@ _GREEN, _GREY = (80, 220, 80), (200, 200, 200)
 
 
 def debug_image(
-    frame: Frame, match: Match, thumbnail: bytes, agreement: npt.NDArray[np.float64]
+    frame: Frame, match: Match, thumbnail: bytes, inliers: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.uint8]:
     """
     Return the query (left) beside the thumbnail of its best reference (right), with a caption.
@@ -28,8 +28,8 @@ def debug_image(
         What came of it; the caption is green if it was accepted.
     thumbnail : bytes
         JPEG of the best reference; a grey field stands for none.
-    agreement : ndarray of float64, shape (n, 4)
-        Regions that moved together, as `PlaceRecognizer.agreement` gives them; each is a dot of
+    inliers : ndarray of float64, shape (n, 4)
+        Regions that moved together, as `QueryBuffer.inliers` gives them; each is a dot of
         the same colour in both pictures.
 
     Returns
@@ -40,7 +40,7 @@ def debug_image(
     """
     sides = [_to_height(frame.gray), _to_height(picture(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
-    _draw_agreement(pictures, sides[0].shape[1], agreement)
+    _draw_inliers(pictures, sides[0].shape[1], inliers)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)
     colour = _GREEN if match.accepted else _GREY
     cv2.putText(
@@ -49,15 +49,15 @@ def debug_image(
     return np.vstack([caption, pictures])
 
 
-def _draw_agreement(
-    pictures: npt.NDArray[np.uint8], middle_px: int, agreement: npt.NDArray[np.float64]
+def _draw_inliers(
+    pictures: npt.NDArray[np.uint8], middle_px: int, inliers: npt.NDArray[np.float64]
 ) -> None:
     """Draw the regions; their colour says where in the query they are."""
-    hues = np.full((1, len(agreement), 3), (0, 200, 255), np.uint8)
-    hues[0, :, 0] = 150 * agreement[:, 1]
-    colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(agreement) else hues[0]
+    hues = np.full((1, len(inliers), 3), (0, 200, 255), np.uint8)
+    hues[0, :, 0] = 150 * inliers[:, 1]
+    colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(inliers) else hues[0]
     widths = middle_px, pictures.shape[1] - middle_px
-    for (row, column, other_row, other_column), colour in zip(agreement, colours, strict=True):
+    for (row, column, other_row, other_column), colour in zip(inliers, colours, strict=True):
         for x, y in ((column * widths[0], row), (middle_px + other_column * widths[1], other_row)):
             where = round(x), round(y * _HEIGHT_PX)
             cv2.circle(pictures, where, 2, colour.tolist(), -1, cv2.LINE_AA)

@@ -163,11 +163,13 @@ class Diagnostics:
         session = situation.session
         if self._statistics.unkept > self._unkept:
             self._unkept = self._statistics.unkept
-            self._stuck = session, session.kept
+            self._stuck = session, session.persisted
             return True
-        if self._stuck and (self._stuck != (session, session.kept) or not session.is_kept):
+        if self._stuck and (
+            self._stuck != (session, session.persisted) or not session.is_persisted
+        ):
             self._stuck = None
-        return self._stuck is not None and session.kept < situation.map_size
+        return self._stuck is not None and session.persisted < situation.map_size
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""
@@ -209,7 +211,7 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     if session.is_growing:
         values |= {
             'places_added': session.added,
-            'places_kept': session.kept,
+            'places_kept': session.persisted,
             'map_write_failures': statistics.unkept,
         }
         if session.committed_s is not None:

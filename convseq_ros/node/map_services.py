@@ -13,7 +13,7 @@ import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
-from convseq_ros.core.map.map_file import save_map
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
@@ -113,7 +113,7 @@ class MapServices:
 
     def _open(self, path: Path) -> Session:
         present = self._recognition.session
-        if present.is_kept and path.exists() and path.samefile(present.path or ''):
+        if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
         session = Session(path, self._config())
         session.warm_up()
@@ -138,12 +138,12 @@ class MapServices:
             raise MapError('there is no map to save')
         if self.save_path:
             target = Path(self.save_path)
-            if session.is_kept and target.exists() and target.samefile(session.path or ''):
+            if session.is_persisted and target.exists() and target.samefile(session.path or ''):
                 raise MapError(f'{target}: is the map that is growing; leave save_map_path empty')
             _refuse_target(target)
             save_map(session.recognizer.reference_map, target)
             return self.save_path
-        if session.is_kept:
+        if session.is_persisted:
             _complete(session)
             return str(session.path)
         raise MapError('save_map_path is empty; set it to the file to write')
@@ -187,8 +187,8 @@ def _complete(session: Session) -> None:
     """Wait until the file has what is in the map by now; it is written now and then anyway."""
     wanted = len(session.recognizer.reference_map)
     deadline_s = time.monotonic() + _COMMIT_S
-    while session.kept < wanted:
-        session.keep()
+    while session.persisted < wanted:
+        session.save()
         if time.monotonic() > deadline_s:
             raise MapError(f'{session.path}: cannot be written; what it lacks is in memory')
         time.sleep(_POLL_S)

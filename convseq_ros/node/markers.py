@@ -6,7 +6,8 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 import math
 
-from convseq_ros.core.map.reference_map import Place, ReferenceMap
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Match, Pose
 from convseq_ros.node.conversions import match_header, point_message, pose_only_message

@@ -90,7 +90,7 @@ class MatchPublishers:
             recognizer.reference_map.places,
             accepted.reference_index,
             yaw_rad=match.relative_yaw_rad,
-            row=recognizer.row,
+            row=recognizer.buffer.row,
             position_sigma_m=config.position_sigma_m,
             heading_sigma_rad=config.heading_sigma_rad,
         )
@@ -110,7 +110,7 @@ class MatchPublishers:
         self._path.follow(reference_map, self.config.map_frame)
         # Odometry is given in the map's frame if it says so, or if this session made the place.
         shared = self._odometry_frame() == self.config.map_frame or (
-            accepted is not None and accepted.reference_index >= recognizer.session_start
+            accepted is not None and accepted.reference_index >= recognizer.mapping.session_start
         )
         self._markers.publish(
             match, reference_map, estimate, frame.pose if shared else None, self.config.map_frame
@@ -118,10 +118,10 @@ class MatchPublishers:
         if self._debug_image.get_subscription_count():
             best = match.best
             thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
-            picture = debug_image(frame, match, thumbnail, recognizer.agreement(match))
+            picture = debug_image(frame, match, thumbnail, recognizer.buffer.inliers(best))
             self._debug_image.publish(image_message(picture, match_header(match, '')))
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:
         """Return whether a growing map had the place already: its stamp is of another clock."""
         grows = recognizer.config.online.mode == 'online'
-        return grows and accepted.reference_index < recognizer.session_start
+        return grows and accepted.reference_index < recognizer.mapping.session_start

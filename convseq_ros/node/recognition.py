@@ -161,7 +161,7 @@ class Recognition:
     def _keep(self) -> None:
         """Write what the map gained; if that fails, say so, count, and go on."""
         try:
-            self.session.keep()
+            self.session.save()
         except (ConvseqError, OSError) as error:
             self._statistics.unkept += 1
             self._logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)

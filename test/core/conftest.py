@@ -4,6 +4,8 @@
 
 from collections.abc import Callable
 
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import pytest
@@ -19,3 +21,9 @@ def image() -> Callable[..., np.ndarray]:
         return ((cv2.resize(coarse, (160, 120)) + noise / 2) * 150).astype(np.uint8)
 
     return make
+
+
+@pytest.fixture(scope='session')
+def described(image) -> Callable[..., Descriptor]:
+    """Return a maker of descriptors of these images."""
+    return lambda place, seed=0: describe(image(place, seed))

@@ -8,25 +8,29 @@ from convseq_ros.config import (
     AcceptanceConfig,
     Config,
     EncodingConfig,
+    EVERY_FRAME,
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.core.decision.acceptance import Acceptance, confidence, decide
+from convseq_ros.core.decision.acceptance import Acceptance, confidence, decide_by_margin
 from convseq_ros.core.decision.candidates import best_candidates
-from convseq_ros.core.decision.track_evidence import WINDOW
+from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.diagonals import choose_length, sequence_scores
-from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.similarity.regional import similarity
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.coherent import coherent_score, extract
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Candidate, Frame, Reason, Status
 import cv2
 import numpy as np
 import pytest
 
 RULE = AcceptanceConfig(min_margin=0.01, rival_distance=2, num_candidates=3)
-TRACK = AcceptanceConfig(acceptance_rule='track')
+BY_TRACK = AcceptanceConfig(acceptance_rule='track')
 SMALL = EncodingConfig(image_size_px=256)
 PLACES = 60
 
@@ -62,13 +66,19 @@ def test_places_without_score_are_no_candidates():
 )
 def test_the_margin_to_the_best_rival_decides(scores, reason):
     found = candidates(scores)
-    assert decide(found, RULE) is reason
+    assert decide_by_margin(found, RULE) is reason
     rows = [np.array(scores, np.float32)]
-    assert judged(Acceptance('regional'), 0, rows, found, RULE) == (reason, None)
+    assert judged(accepting('regional'), 0, rows, found, RULE) == (reason, None)
+
+
+def accepting(matching, rule='auto'):
+    """Return an acceptance for a way of matching."""
+    settings = AcceptanceConfig(acceptance_rule=rule)
+    return Acceptance(Config(matching=MatchingConfig(matching=matching), acceptance=settings))
 
 
 def judged(acceptance, frame, rows, found, config, stamp_ns=0):
-    acceptance.follow(frame, rows, np.arange(len(rows[0])))
+    acceptance.update(frame, rows, np.arange(len(rows[0])))
     return acceptance.judge(frame, stamp_ns, found, config)
 
 
@@ -82,7 +92,7 @@ def judged(acceptance, frame, rows, found, config, stamp_ns=0):
     ],
 )
 def test_the_rule_follows_the_matching_unless_it_is_chosen(matching, rule, by_track):
-    assert (Acceptance(matching, rule).window > 1) is by_track
+    assert (accepting(matching, rule).window > 1) is by_track
 
 
 def drawn_scores(frames, seed=0, contrast=0.3, places=PLACES):
@@ -93,9 +103,9 @@ def drawn_scores(frames, seed=0, contrast=0.3, places=PLACES):
     return scores
 
 
-def verdicts(scores, config=TRACK, acceptance=None, said=None):
+def verdicts(scores, config=BY_TRACK, acceptance=None, said=None):
     """Judge a drive whose best candidate is the true one, or the reference that is `said`."""
-    acceptance = acceptance or Acceptance('coherent')
+    acceptance = acceptance or accepting('coherent')
     found = []
     for frame in range(len(scores)):
         rows = [scores[frame - back] for back in range(min(frame + 1, 12))]
@@ -106,10 +116,10 @@ def verdicts(scores, config=TRACK, acceptance=None, said=None):
 
 def test_a_true_track_is_accepted_once_it_stands_out_long_enough():
     found = verdicts(drawn_scores(30))
-    assert {reason for reason, _ in found[: WINDOW - 1]} == {Reason.WEAK}
-    assert {reason for reason, _ in found[WINDOW - 1 :]} == {Reason.ACCEPTED}
-    assert [sure for _, sure in found[: WINDOW - 1]] == [None] * (WINDOW - 1)
-    assert all(sure > 0.7 for _, sure in found[WINDOW - 1 :])
+    assert {reason for reason, _ in found[: TRACK.window - 1]} == {Reason.WEAK}
+    assert {reason for reason, _ in found[TRACK.window - 1 :]} == {Reason.ACCEPTED}
+    assert [sure for _, sure in found[: TRACK.window - 1]] == [None] * (TRACK.window - 1)
+    assert all(sure > 0.7 for _, sure in found[TRACK.window - 1 :])
 
 
 def test_a_candidate_off_the_track_is_inconsistent_and_unlikely():
@@ -132,19 +142,19 @@ def test_a_candidate_next_to_the_track_is_on_it():
 
 
 def test_more_evidence_may_be_asked_for():
-    strict = replace(TRACK, min_evidence=1000.0)
+    strict = replace(BY_TRACK, min_evidence=1000.0)
     assert {reason for reason, _ in verdicts(drawn_scores(30), strict)[9:]} == {Reason.WEAK}
 
 
 def test_a_frame_that_stands_out_less_than_other_places_scatter_is_ambiguous():
     scores = drawn_scores(30, contrast=0.0)
-    acceptance = Acceptance('coherent')
+    acceptance = accepting('coherent')
     reasons = set()
     for frame in range(30):
         rows = [scores[frame - back] for back in range(min(frame + 1, 12))]
         ahead = sequence_scores(rows[:10])
         best = Candidate(int(ahead.argmax()), 0, 0.2)
-        reasons.add(judged(acceptance, frame, rows, (best,), TRACK)[0])
+        reasons.add(judged(acceptance, frame, rows, (best,), BY_TRACK)[0])
     assert Reason.AMBIGUOUS in reasons and Reason.ACCEPTED not in reasons
 
 
@@ -155,18 +165,18 @@ def test_a_map_too_small_to_compare_in_says_so():
 
 def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
     scores = drawn_scores(15)
-    acceptance = Acceptance('coherent')
+    acceptance = accepting('coherent')
     for frame in range(14):
         rows = [scores[frame - back] for back in range(frame + 1)]
-        acceptance.follow(frame, rows, np.arange(PLACES))
+        acceptance.update(frame, rows, np.arange(PLACES))
     rows = [scores[14 - back] for back in range(15)]
     best = Candidate(19, 0, 0.3)
-    assert judged(acceptance, 14, rows, (best,), TRACK)[0] is Reason.ACCEPTED
+    assert judged(acceptance, 14, rows, (best,), BY_TRACK)[0] is Reason.ACCEPTED
 
 
 def test_between_two_matches_it_cools_down():
     spaced = replace(RULE, closure_interval_s=2.0)
-    acceptance = Acceptance('regional')
+    acceptance = accepting('regional')
     found = candidates([0.9, 0, 0, 0.5])
     rows = [np.zeros(4, np.float32)]
     reasons = [
@@ -185,7 +195,7 @@ def test_between_two_matches_it_cools_down():
 
 def test_after_a_reset_evidence_is_gathered_anew():
     scores = drawn_scores(20)
-    acceptance = Acceptance('coherent')
+    acceptance = accepting('coherent')
     first = verdicts(scores, acceptance=acceptance)
     acceptance.reset()
     assert verdicts(scores, acceptance=acceptance) == first
@@ -207,7 +217,7 @@ def image(place, seed=0):
 
 @pytest.fixture(scope='module')
 def reference_map():
-    made = ReferenceMap(SMALL)
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     for place in range(PLACES):
         made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
     return made
@@ -241,7 +251,7 @@ def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(reference_map, co
     assert decided <= {Reason.AMBIGUOUS, Reason.WEAK, Reason.INCONSISTENT, Reason.TOO_FEW_RIVALS}
 
 
-def test_lost_frames_do_not_break_a_track(reference_map, coherent):
+def test_unreadable_frames_do_not_break_a_track(reference_map, coherent):
     places = list(range(10, 40))
     places[18] = places[19] = None
     matches = drive(PlaceRecognizer(reference_map, coherent), places)
@@ -255,14 +265,14 @@ def test_a_recogniser_that_starts_anew_forgets_the_track(reference_map, coherent
     first = drive(recognizer, range(10, 30))
     recognizer.reset()
     again = drive(recognizer, range(10, 30), start=100)
-    early = slice(WINDOW - 1)
+    early = slice(TRACK.window - 1)
     assert [match.reason for match in again][early] == [match.reason for match in first][early]
     assert not any(match.accepted for match in again[early]) and again[-1].accepted
 
 
 def accepted_of(scores, lengths, truth):
     """Return how many matches are accepted right, wrong, and could be, of a drive's scores."""
-    acceptance = Acceptance('coherent')
+    acceptance = accepting('coherent')
     right = wrong = answerable = 0
     for frame, length in enumerate(lengths):
         row = scores[frame]
@@ -273,14 +283,14 @@ def accepted_of(scores, lengths, truth):
             for each in (scores[frame - back][: len(row)] for back in range(min(frame, 24) + 1))
         ]
         ends = np.arange(len(row))
-        acceptance.follow(frame, rows, ends)
+        acceptance.update(frame, rows, ends)
         if not length:
             continue
         places = [Place(index) for index in range(len(row))]
         scores_of_ends = sequence_scores(rows[:length], partial=True)
-        found = best_candidates(ends, scores_of_ends, places, TRACK)
+        found = best_candidates(ends, scores_of_ends, places, BY_TRACK)
         answerable += any(length - 1 <= place < len(row) for place in truth[frame])
-        if found and acceptance.judge(frame, 0, found, TRACK)[0] is Reason.ACCEPTED:
+        if found and acceptance.judge(frame, 0, found, BY_TRACK)[0] is Reason.ACCEPTED:
             near = min(
                 (abs(found[0].reference_index - place) for place in truth[frame]), default=99
             )
@@ -304,7 +314,7 @@ def test_revisits_of_a_loop_are_accepted_online(shared_data):
     folder = shared_data / 'rtabmap84'
     grays = (cv2.imread(str(folder / f'{number}.jpg')) for number in range(1, 85))
     drive = [describe(cv2.cvtColor(gray, cv2.COLOR_BGR2GRAY)) for gray in grays]
-    seen = [see(one, 4.0) if one.informative else None for one in drive]
+    queries = [extract(one, 4.0) if one.informative else None for one in drive]
     regions = [projected_regions(one.cells) if one.cells.any() else None for one in drive]
     scores = [
         np.array(
@@ -316,11 +326,12 @@ def test_revisits_of_a_loop_are_accepted_online(shared_data):
             ],
             np.float32,
         )
-        for now, query in enumerate(seen)
+        for now, query in enumerate(queries)
     ]
+    similarity = PaperSimilarity()
     lengths = [
         choose_length(drive[now::-1][:25], similarity, SequenceConfig()) if query else None
-        for now, query in enumerate(seen)
+        for now, query in enumerate(queries)
     ]
     truth = [[] for _ in drive]
     for line in (folder / 'loops_gt.csv').read_text().splitlines()[1:]:

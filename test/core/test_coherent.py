@@ -7,24 +7,19 @@ from pathlib import Path
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.entropy import MAX_BITS
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.regions import joined_regions, projected_regions, projection
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.coherent import (
-    agreeing_regions,
-    coherent_score,
-    joined_regions,
-    projected_regions,
-    projection,
-    see,
-)
+from convseq_ros.core.similarity.coherent import coherent_score, extract, inlier_regions
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-LEAST_BITS = 0.5 * MAX_BITS
+LEAST_BITS = 0.5 * ENTROPY.max_bits
 
 
 def texture(seed, shape=(512, 512)):
@@ -34,8 +29,8 @@ def texture(seed, shape=(512, 512)):
 
 
 def score(query, reference):
-    seen = see(describe(query), LEAST_BITS)
-    return coherent_score(seen, projected_regions(describe(reference).cells))
+    features = extract(describe(query), LEAST_BITS)
+    return coherent_score(features, projected_regions(describe(reference).cells))
 
 
 def oracle(query, entropy, reference):
@@ -82,7 +77,7 @@ def oracle(query, entropy, reference):
 
 def test_score_and_shift_are_those_of_the_definition():
     query, reference = describe(texture(0)), describe(np.roll(texture(0), 40, axis=1) // 2 + 9)
-    found = coherent_score(see(query, LEAST_BITS), projected_regions(reference.cells))
+    found = coherent_score(extract(query, LEAST_BITS), projected_regions(reference.cells))
     expected = oracle(query.cells, query.cell_entropy, reference.cells)
     assert found[0] == pytest.approx(expected[0], abs=1e-3) and found[1] == expected[1]
 
@@ -101,16 +96,16 @@ def test_a_shifted_copy_scores_high_with_exactly_that_shift(rows, columns):
     assert found > 0.6 and shift == (rows, columns)
 
 
-def test_the_regions_that_agree_lie_apart_by_the_shift():
+def test_the_inliers_lie_apart_by_the_shift():
     wide = texture(2, (700, 700))
-    query = see(describe(wide[94:606, 94:606]), LEAST_BITS)
+    query = extract(describe(wide[94:606, 94:606]), LEAST_BITS)
     reference = projected_regions(describe(wide[94:606, 158:670]).cells)
-    agreeing = agreeing_regions(query, reference, (0.0, -4.0))
-    moved = (agreeing[:, 2:] - agreeing[:, :2]) * 32
-    assert len(agreeing) > 400
+    inliers = inlier_regions(query, reference, (0.0, -4.0))
+    moved = (inliers[:, 2:] - inliers[:, :2]) * 32
+    assert len(inliers) > 400
     assert np.median(moved, axis=0) == pytest.approx([0, -4])
-    assert agreeing.min() > 0 and agreeing.max() < 1
-    assert not len(agreeing_regions(query, reference, (20.0, 20.0)))
+    assert inliers.min() > 0 and inliers.max() < 1
+    assert not len(inlier_regions(query, reference, (20.0, 20.0)))
 
 
 def test_unrelated_images_score_near_chance():
@@ -122,15 +117,15 @@ def test_brightness_and_contrast_hardly_matter():
 
 
 def test_an_image_without_salient_regions_shows_nothing():
-    assert see(describe(np.full((512, 512), 90, np.uint8)), LEAST_BITS) is None
+    assert extract(describe(np.full((512, 512), 90, np.uint8)), LEAST_BITS) is None
 
 
 def test_only_regions_over_nine_salient_cells_vote():
     entropy = np.zeros((32, 32))
-    entropy[4:7, 8:11] = 2 * MAX_BITS
+    entropy[4:7, 8:11] = 2 * ENTROPY.max_bits
     drawn = np.random.default_rng(0).random((32, 32, 8), np.float32)
-    seen = see(Descriptor(drawn, np.ones(961, bool), entropy, 0.5), MAX_BITS)
-    places = {divmod(int(index), 30) for index in seen.index}
+    features = extract(Descriptor(drawn, np.ones(961, bool), entropy, 0.5), ENTROPY.max_bits)
+    places = {divmod(int(index), 30) for index in features.index}
     assert (4, 8) in places and (3, 8) in places and (2, 8) not in places
 
 
@@ -142,7 +137,7 @@ def test_adding_references_changes_no_other_score():
         return Matcher(reference_map, MatchingConfig(matching='coherent', kernel='numpy'), 0.5)
 
     few, many = made(range(3)), made(range(6))
-    query = few.see(describe(texture(1)))
+    query = few.extract(describe(texture(1)))
     everywhere = np.arange(3)
     assert (few.scores(query, everywhere) == many.scores(query, everywhere)).all()
     assert few.scores(query, everywhere).argmax() == 1
@@ -164,8 +159,8 @@ def test_corridor_scores_are_those_of_the_study(shared_data):
     references = [projected_regions(one.cells) for one in drive('ref')]
     for index, query in enumerate(drive('query')):
         if index % 5 == 0:
-            seen = see(query, LEAST_BITS)
-            found = [coherent_score(seen, reference)[0] for reference in references]
+            features = extract(query, LEAST_BITS)
+            found = [coherent_score(features, reference)[0] for reference in references]
             assert np.abs(np.array(found) - golden[index]).max() < 1e-3
 
 

@@ -1,15 +1,21 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent matching of a drive: the usual counts for nothing, the whole image up to half."""
+"""Coherent matching of a drive: less its background, and by global similarity up to half."""
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.background import Layout, unusual
-from convseq_ros.core.similarity.cell_normalization import evened
-from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.similarity.coherent_pair import COHERENT, shown
-from convseq_ros.core.similarity.global_similarity import likeness, moved, whole
+from convseq_ros.core.similarity.background import Background, subtracted
+from convseq_ros.core.similarity.cell_normalization import normalized
+from convseq_ros.core.similarity.coherent import coherent_score, extract
+from convseq_ros.core.similarity.coherent_pair import COHERENT_PAIR, shown_regions
+from convseq_ros.core.similarity.global_similarity import (
+    global_similarity,
+    lateral_shifts,
+    region_blocks,
+)
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest
@@ -17,10 +23,10 @@ import pytest
 EVERYTHING = np.full((32, 32), 8.0)
 
 
-def drawn(seed, layout=0.0):
-    """Return cells that are a layout, the same for all, to some share."""
+def drawn(seed, share=0.0):
+    """Return cells that are a background, the same for all, to some share."""
     own, common = (np.random.default_rng(one).random((32, 32, 8)) ** 3 for one in (seed, 99))
-    return unpack_cells(pack_cells(((1 - layout) * own + layout * common).astype(np.float32)))
+    return unpack_cells(pack_cells(((1 - share) * own + share * common).astype(np.float32)))
 
 
 def described(cells):
@@ -38,28 +44,32 @@ def matcher(reference_map, **settings):
     return Matcher(reference_map, MatchingConfig(kernel='numpy', **settings), 0.5)
 
 
-def test_without_a_layout_the_score_is_the_share_of_regions():
+def test_without_a_background_the_score_is_the_share_of_regions():
     references = [drawn(seed) for seed in range(4)]
     query = described(drawn(2))
-    seen = COHERENT.see(query, 4.0, None)
-    scores, shifts = COHERENT.compare(seen, [COHERENT.prepare(one, None) for one in references])
-    expected = [coherent_score(see(query, 4.0), projected_regions(one)) for one in references]
+    features = COHERENT_PAIR.extract(query, 4.0, None)
+    scores, shifts = COHERENT_PAIR.compare(
+        features, [COHERENT_PAIR.prepare(one, None) for one in references]
+    )
+    expected = [coherent_score(extract(query, 4.0), projected_regions(one)) for one in references]
     assert scores.tolist() == pytest.approx([score for score, _ in expected], abs=1e-7)
     assert [tuple(shift) for shift in shifts] == [shift for _, shift in expected]
 
 
-def test_with_a_layout_up_to_half_is_lost_where_whole_images_differ():
+def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
-    found = one.scores(one.see(query), np.arange(24))
-    layout = Layout(map_of(*references), evened, shown)
-    layout.renew()
-    cells = evened(query.cells)
-    own = unusual(projected_regions(cells), layout.of_drive(cells))
+    found = one.scores(one.extract(query), np.arange(24))
+    background = Background(map_of(*references), normalized, shown_regions)
+    background.update_map()
+    cells = normalized(query.cells)
+    own = subtracted(projected_regions(cells), background.update(cells))
     for score, reference in zip(found, references, strict=True):
-        other = unusual(projected_regions(evened(reference)), layout.of_map)
-        share, _ = coherent_score(see(query, 4.0, own), other)
-        (alike,) = likeness(moved(whole(own), 30), whole(other)[None].astype(np.float64))
+        other = subtracted(projected_regions(normalized(reference)), background.of_map)
+        share, _ = coherent_score(extract(query, 4.0, own), other)
+        (alike,) = global_similarity(
+            lateral_shifts(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
+        )
         assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)
         assert 0 <= score <= 1
 
@@ -67,12 +77,12 @@ def test_with_a_layout_up_to_half_is_lost_where_whole_images_differ():
 def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
     reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
     query, found = described(drawn(7, 0.55)), {}
-    for removed in (True, False):
-        one = matcher(reference_map, remove_layout=removed)
-        scores = one.scores(one.see(query), np.arange(40))
+    for less_background in (True, False):
+        one = matcher(reference_map, subtract_background=less_background)
+        scores = one.scores(one.extract(query), np.arange(40))
         assert scores.argmax() == 7
         elsewhere = np.delete(scores, 7)
-        found[removed] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
+        found[less_background] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
     assert found[True][0] > 3 * found[False][0]
     assert found[True][1] < found[False][1] / 3
 
@@ -81,32 +91,32 @@ def test_references_added_before_the_map_has_doubled_change_no_other_score():
     references = [drawn(seed, 0.5) for seed in range(40)]
     reference_map = map_of(*references[:24])
     one, query = matcher(reference_map), described(drawn(3, 0.6))
-    seen = one.see(query)
-    before = one.scores(seen, np.arange(24))
+    features = one.extract(query)
+    before = one.scores(features, np.arange(24))
     for index in range(24, 40):
         reference_map.add(Place(index), pack_cells(references[index]))
-    one.see(query)
-    assert np.array_equal(one.scores(seen, np.arange(24)), before)
+    one.extract(query)
+    assert np.array_equal(one.scores(features, np.arange(24)), before)
 
 
 def test_a_map_that_has_doubled_is_prepared_anew():
     references = [drawn(seed, 0.5) for seed in range(48)]
     reference_map, query = map_of(*references[:24]), described(drawn(3, 0.6))
     one = matcher(reference_map)
-    one.scores(one.see(query), np.arange(24))
+    one.scores(one.extract(query), np.arange(24))
     for index in range(24, 48):
         reference_map.add(Place(index), pack_cells(references[index]))
-    found = one.scores(one.see(query), np.arange(48))
+    found = one.scores(one.extract(query), np.arange(48))
     fresh = matcher(reference_map)
-    fresh.see(query)
-    assert np.array_equal(found, fresh.scores(fresh.see(query), np.arange(48)))
+    fresh.extract(query)
+    assert np.array_equal(found, fresh.scores(fresh.extract(query), np.arange(48)))
 
 
-def test_agreeing_regions_are_those_of_the_unusual_ones():
+def test_inliers_are_regions_less_their_background():
     reference_map = map_of(*(drawn(seed, 0.6) for seed in range(24)))
     one = matcher(reference_map)
-    seen = one.see(described(drawn(7, 0.6)))
-    shift = one.shift(seen, 7)
+    features = one.extract(described(drawn(7, 0.6)))
+    shift = one.shift(features, 7)
     assert shift == (0.0, 0.0)
-    assert len(one.agreeing(seen, 7, shift)) > 890
-    assert len(one.agreeing(seen, 8, shift)) < 90
+    assert len(one.inliers(features, 7, shift)) > 890
+    assert len(one.inliers(features, 8, shift)) < 90

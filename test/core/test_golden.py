@@ -5,13 +5,22 @@
 from pathlib import Path
 import sys
 
-from convseq_ros.config import AcceptanceConfig, Config, MatchingConfig, SequenceConfig
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EVERY_FRAME,
+    MatchingConfig,
+    SequenceConfig,
+)
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import entropy_map
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.regions import paper_regions
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.diagonals import choose_length
-from convseq_ros.core.similarity.regional import pair_scores, regions, similarity
+from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.regional import pair_scores
 from convseq_ros.core.types import Frame
 import numpy as np
 import pytest
@@ -63,13 +72,13 @@ def test_salient_regions_agree(described, golden):
 
 @pytest.mark.parametrize(('drive', 'name'), [(1, 'scores'), (0, 'similarities')])
 def test_pair_scores_agree(described, golden, drive, name):
-    others = [regions(one.cells) for one in described[drive]]
+    others = [paper_regions(one.cells) for one in described[drive]]
     scores = np.stack([pair_scores(query, others) for query in described[0]])
     assert np.abs(scores - golden[name]).max() < 1e-5
 
 
 def test_sequence_lengths_agree(described, golden):
-    queries = described[0]
+    queries, similarity = described[0], PaperSimilarity()
     lengths = [
         choose_length(queries[index::-1], similarity, SequenceConfig()) or 0
         for index in range(COUNT)
@@ -78,7 +87,7 @@ def test_sequence_lengths_agree(described, golden):
 
 
 def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, described, golden):
-    reference_map = ReferenceMap()
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
     for index, one in enumerate(described[1]):
         reference_map.add(Place(index), pack_cells(one.cells))
     config = Config(

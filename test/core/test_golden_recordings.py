@@ -6,8 +6,11 @@ import csv
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.sequence.diagonals import choose_length, FORWARD, sequence_scores
-from convseq_ros.core.similarity.regional import pair_scores, regions, similarity
+from convseq_ros.core.encoding.regions import paper_regions
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.regional import pair_scores
 import cv2
 import numpy as np
 import pytest
@@ -34,7 +37,7 @@ def corridor(shared_data):
 
 @pytest.fixture(scope='module')
 def cohog_scores(corridor):
-    references = [regions(one.cells) for one in drive(corridor / 'ref', from_bgr, ET_04)]
+    references = [paper_regions(one.cells) for one in drive(corridor / 'ref', from_bgr, ET_04)]
     queries = drive(corridor / 'query', from_bgr, ET_04)
     return np.stack([pair_scores(query, references) for query in queries])
 
@@ -52,22 +55,24 @@ def test_single_frame_scores_are_those_of_cohog(corridor, cohog_scores, name, to
 def released(corridor):
     """Return the queries, and each region's best similarity to each reference, unmasked."""
     queries, references = (drive(corridor / name, straight_to_grey) for name in ('query', 'ref'))
-    other = [regions(one.cells).T for one in references]
+    other = [paper_regions(one.cells).T for one in references]
     best = [
         np.stack([(own @ each).max(axis=1) for each in other])
-        for own in (regions(one.cells) for one in queries)
+        for own in (paper_regions(one.cells) for one in queries)
     ]
     return queries, best
 
 
 def forward_results(queries, best, rule):
     """Return (query, reference, score, k, entropy) with the first frame's mask for all frames."""
+    similarity = PaperSimilarity()
     for anchor, first in enumerate(queries):
         k = choose_length(queries[anchor:], similarity, rule)
         if k is None:
             continue
         rows = [each[:, first.salient].mean(axis=1) for each in best[anchor : anchor + k]]
-        scores = sequence_scores(rows, FORWARD)
+        # In a map that is read from its end, later references are earlier ones.
+        scores = sequence_scores([row[::-1] for row in rows])[::-1]
         entropy = np.mean([one.entropy for one in queries[anchor : anchor + k]])
         yield anchor, int(scores.argmax()), float(scores.max()), k, entropy
 
@@ -101,7 +106,7 @@ def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     folder = shared_data / 'gardens_point'
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:
         golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)]
-    references = [regions(one.cells) for one in drive(folder / 'day_right', from_bgr)]
+    references = [paper_regions(one.cells) for one in drive(folder / 'day_right', from_bgr)]
     queries = drive(folder / 'day_left', from_bgr)
     found = [int(pair_scores(query, references).argmax()) for query in queries]
     assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 198

@@ -10,11 +10,14 @@ import sys
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, compiled
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.sequence import shortlist as retrieval
+from convseq_ros.core.sequence import coarse_scores
 from convseq_ros.core.similarity.choice import chosen_kernels
-from convseq_ros.core.similarity.coherent import coherent_score, CoherentQuery, projected_regions
+from convseq_ros.core.similarity.coherent import coherent_score, CoherentQuery
+from convseq_ros.core.similarity.coherent_pair import shown_regions
 from convseq_ros.core.similarity.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -61,8 +64,8 @@ def drawn(seed, side=32, share=0.7):
 
 
 def compared(kernel, query, references):
-    seen = kernel.see(query, 4.0 - 1e-6, None)
-    return kernel.compare(seen, [kernel.prepare(one, None) for one in references])
+    features = kernel.extract(query, 4.0 - 1e-6, None)
+    return kernel.compare(features, [kernel.prepare(one, None) for one in references])
 
 
 def test_scores_are_those_of_the_definition(pair):
@@ -148,16 +151,15 @@ def test_compiled_regions_are_those_of_the_definition(side):
 
 
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
-def test_compiled_regions_without_the_usual_are_those_of_the_definition(side):
+def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
     needs('float32')
-    from convseq_ros.core.similarity.coherent_pair import shown as definition
-    from convseq_ros.core.similarity.kernels.projection import shown
+    from convseq_ros.core.similarity.kernels.projection import shown_regions as compiled
 
-    cells, usual = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
-    (regions, image), (expected, whole) = shown(cells, usual), definition(cells, usual)
-    assert np.abs(regions - expected).max() < 2e-6
-    assert np.abs(image - whole).max() < 2e-6 * 2**24
-    assert shown(cells, None)[1] is definition(cells, None)[1] is None
+    cells, background = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
+    found, expected = (show(cells, background) for show in (compiled, shown_regions))
+    assert np.abs(found[0] - expected[0]).max() < 2e-6
+    assert np.abs(found[1] - expected[1]).max() < 2e-6 * 2**24
+    assert compiled(cells, None)[1] is shown_regions(cells, None)[1] is None
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
@@ -215,12 +217,12 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         for kernel in ('numpy', 'int8')
     )
     for query in queries[::3]:
-        expected = definition.scores(definition.see(query), everywhere)
-        seen = fast.see(query)
-        scores = fast.scores(seen, everywhere)
+        expected = definition.scores(definition.extract(query), everywhere)
+        features = fast.extract(query)
+        scores = fast.scores(features, everywhere)
         assert np.abs(scores - expected).max() < TOLERANCE[way, 'int8']
         best = np.argsort(-scores)[:RESCORED]
-        exact = fast.exact_scores(seen, best)
+        exact = fast.exact_scores(features, best)
         assert np.abs(exact - expected[best]).max() < 1e-6
         assert best[exact.argmax()] == expected.argmax()
 
@@ -235,10 +237,10 @@ MACHINES = {
 SCORE_ONE = """
 import numpy as np
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.sequence import shortlist as retrieval
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.regional import similarity
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor
 
 cells = np.random.default_rng(0).random((32, 32, 8), np.float32)
@@ -250,10 +252,10 @@ for way in ('coherent', 'regional'):
     for kernel in ('auto', 'numpy'):
         matcher = Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.4)
         matcher.warm_up()
-        found.append(matcher.scores(matcher.see(one), np.arange(1))[0])
+        found.append(matcher.scores(matcher.extract(one), np.arange(1))[0])
         print(matcher.kernel)
     assert abs(found[0] - found[1]) < 1e-2, found
-assert abs(similarity(one, one) - 1) < 1e-6
+assert abs(PaperSimilarity()(one, one) - 1) < 1e-6
 """
 
 
@@ -310,14 +312,14 @@ def test_where_no_folder_can_be_written_code_is_compiled_all_the_same(monkeypatc
 @pytest.mark.parametrize('compiled', [True, False])
 def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypatch):
     if not compiled:
-        monkeypatch.setattr(retrieval, 'float_tile', lambda: None)
+        monkeypatch.setattr(coarse_scores, 'float_tile', lambda: None)
     rng = np.random.default_rng(numbers)
     rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
     rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]
     direction = rng.normal(0, 1, numbers).astype(np.float32)
-    found = retrieval.products(rows, direction)
+    found = coarse_scores.products(rows, direction)
     expected = rows.astype(np.float64) @ direction
     size = np.abs(rows.astype(np.float64)) @ np.abs(direction)
     assert found.dtype == np.float32
     assert (np.abs(found - expected) <= 1e-6 * size).all()
-    assert retrieval.products(rows[:0], direction).shape == (0,)
+    assert coarse_scores.products(rows[:0], direction).shape == (0,)

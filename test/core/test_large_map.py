@@ -7,11 +7,12 @@ import os
 import subprocess
 import sys
 
-from convseq_ros.core.encoding.global_descriptor import pooled
-from convseq_ros.core.map.map_file import open_map
-from convseq_ros.core.map.map_writer import MapWriter
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.map.place import pack_cells, Picture, Place
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.thumbnail import thumbnail
+from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
@@ -39,14 +40,14 @@ def large(tmp_path_factory):
     path = tmp_path_factory.mktemp('large') / 'map.db'
     rng = np.random.default_rng(0)
     cells = [pack_cells(drawn_cells(place)) for place in range(DRAWN)]
-    sights = [pooled(drawn_cells(place)).astype(np.float32) for place in range(DRAWN)]
-    pictures = [thumbnail(image(place), 128) for place in range(DRAWN)]
-    with MapWriter(path, ReferenceMap().encoding) as writer:
+    known = [global_descriptor(drawn_cells(place)).astype(np.float32) for place in range(DRAWN)]
+    thumbnails = [thumbnail(image(place), 128) for place in range(DRAWN)]
+    with MapWriter(path, EncodingConfig(), KeyframeConfig()) as writer:
         for index in range(COUNT):
             place = Place(index * 10**8, '/camera/image_raw', Pose((index, 0, 0), (0, 0, 0, 1)))
             like = index % DRAWN
-            sight = sights[like] + rng.normal(0, 0.01, len(sights[like]))
-            writer.add(place, cells[like], pictures[like], sight)
+            descriptor = (known[like] + rng.normal(0, 0.01, known[like].shape)).astype(np.float16)
+            writer.add(place, Picture(cells[like], thumbnails[like]), descriptor)
     return path
 
 
@@ -58,10 +59,11 @@ MEASURE = """
 import gc, json, os, sys
 from pathlib import Path
 import numpy as np
-from convseq_ros.core.map.map_file import open_map
-from convseq_ros.core.map.map_format import decode_cells, encode_cells
-from convseq_ros.core.map.reference_map import Place, ReferenceMap
-from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.format import decode_cells, encode_cells
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.types import Descriptor
 
 def resident():
@@ -69,29 +71,29 @@ def resident():
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE')
 
-def seen(cells):
+def described(cells):
     return Descriptor(cells, np.ones(1, bool), np.zeros((32, 32)), 1.0)
 
 # What is compiled does not count.
 small, packed = ReferenceMap(), np.ones((32, 32, 8), np.float16)
 small.add(Place(0), decode_cells(encode_cells(packed), packed.shape))
-Shortlist(small, 50, 10).row(seen(small.cells(0)))
+CoarseScores(small).update(described(small.cells(0)))
 
 before = resident()
 reference_map = open_map(Path(sys.argv[1]))
 opened = resident()
-query = seen(reference_map.cells(7))
-shortlist = Shortlist(reference_map, 50, 10)
+query = described(reference_map.cells(7))
+coarse = CoarseScores(reference_map)
 for index in range(3000):
     reference_map.cells(index * 6)
     if index % 100 == 0:
-        row = shortlist.row(query)
+        row = coarse.update(query)
 print(json.dumps([len(row), int(row.argmax()) % 50, opened - before, resident() - opened]))
 """
 
 
 @pytest.mark.skipif(not os.path.exists('/proc/self/statm'), reason='needs /proc')
-def test_a_map_takes_little_more_memory_than_its_pooled_descriptors(large):
+def test_a_map_takes_little_more_memory_than_its_global_descriptors(large):
     answer = subprocess.run(
         [sys.executable, '-c', MEASURE, str(large)], capture_output=True, check=True, timeout=60
     )

@@ -11,23 +11,29 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.compiled import available
-from convseq_ros.core.map import map_format
-from convseq_ros.core.map import reference_map as reference_map_module
-from convseq_ros.core.map.map_file import describe_file, open_map, save_map
-from convseq_ros.core.map.map_format import decode_cells, encode_cells, FORMAT_VERSION
-from convseq_ros.core.map.map_writer import MapWriter
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core import compiled
+from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.map.format import decode_cells, encode_cells, FORMAT_VERSION
+from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
+from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
 ENCODING = EncodingConfig(image_size_px=64)
+APART = KeyframeConfig()
 
 
 def cells(seed):
     return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 391_754)
+
+
+def write(writer, place, packed):
+    """Write a place with what a map knows of its picture."""
+    writer.add(place, Picture(packed), global_descriptor(unpack_cells(packed)))
 
 
 def make(count=5, encoding=ENCODING):
@@ -50,7 +56,7 @@ def same(one, other):
     return list(one.places) == list(other.places) and all(
         (one.packed(index) == other.packed(index)).all()
         and one.thumbnail(index) == other.thumbnail(index)
-        and (one.pooled[index] == other.pooled[index]).all()
+        and (one.global_descriptors[index] == other.global_descriptors[index]).all()
         for index in range(len(one))
     )
 
@@ -79,8 +85,8 @@ def test_an_empty_map_is_a_map(tmp_path):
 
 
 def test_places_are_appended_after_those_that_are_there(map_path):
-    with MapWriter(map_path, ENCODING, append=True) as writer:
-        writer.add(Place(7), cells(9))
+    with MapWriter(map_path, ENCODING, APART, append=True) as writer:
+        write(writer, Place(7), cells(9))
     opened = open_map(map_path)
     assert len(opened) == 6 and opened.places[5] == Place(7)
 
@@ -88,13 +94,13 @@ def test_places_are_appended_after_those_that_are_there(map_path):
 def test_a_map_is_not_overwritten_by_mistake(map_path):
     before = map_path.read_bytes()
     with pytest.raises(MapError, match='exists already'):
-        MapWriter(map_path, ENCODING)
+        MapWriter(map_path, ENCODING, APART)
     assert map_path.read_bytes() == before
 
 
 def test_appending_with_other_settings_is_refused(map_path):
     with pytest.raises(MapError, match='image_size_px 64, asked for 512'):
-        MapWriter(map_path, EncodingConfig(), append=True)
+        MapWriter(map_path, EncodingConfig(), APART, append=True)
 
 
 def test_a_map_knows_how_far_apart_its_places_are(tmp_path):
@@ -105,7 +111,7 @@ def test_a_map_knows_how_far_apart_its_places_are(tmp_path):
     with pytest.raises(MapError, match=r'interval_s 0.5, asked for 0.0; set keyframe_interval_s'):
         open_map(path, ENCODING, KeyframeConfig())
     with pytest.raises(MapError, match=r'keyframe_interval_s 0.5, asked for 2'):
-        MapWriter(path, ENCODING, True, KeyframeConfig(keyframe_interval_s=2))
+        MapWriter(path, ENCODING, KeyframeConfig(keyframe_interval_s=2), append=True)
 
 
 def test_a_map_that_does_not_say_holds_every_frame(map_path):
@@ -118,13 +124,13 @@ def test_opening_does_not_change_the_file(map_path):
     before = map_path.read_bytes(), map_path.stat().st_mtime_ns
     map_path.chmod(0o444)
     open_map(map_path)
-    describe_file(map_path)
+    MapReader(map_path).about()
     assert (map_path.read_bytes(), map_path.stat().st_mtime_ns) == before
     assert list(map_path.parent.iterdir()) == [map_path]
 
 
 def test_the_file_says_what_made_it(map_path):
-    about = describe_file(map_path)
+    about = MapReader(map_path).about()
     assert json.loads(about['encoding']) == {'image_size_px': 64}
     assert about['tool'] and about['thumbnails'] == 4
 
@@ -176,7 +182,7 @@ def test_a_folder_is_no_map(tmp_path):
 
 def test_new_maps_want_a_folder_that_exists(tmp_path):
     with pytest.raises(MapError, match=r'map.db: cannot write .*a folder that exists'):
-        MapWriter(tmp_path / 'none' / 'map.db', EncodingConfig())
+        MapWriter(tmp_path / 'none' / 'map.db', EncodingConfig(), APART)
 
 
 def test_a_truncated_map_is_refused_at_any_length(map_path):
@@ -261,10 +267,9 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statemen
 @pytest.fixture(params=['compiled', 'plain'])
 def way(request, monkeypatch):
     """Have cells decoded by compiled code, or without it."""
-    if request.param == 'compiled' and not available():
+    if request.param == 'compiled' and not compiled.available():
         pytest.skip('needs numba')
-    for module in (map_format, reference_map_module):
-        monkeypatch.setattr(module, 'available', lambda: request.param == 'compiled')
+    monkeypatch.setattr(compiled, 'available', lambda: request.param == 'compiled')
 
 
 FINITE = 0x7C00
@@ -328,15 +333,15 @@ def test_a_map_can_be_saved_over_the_file_that_it_is_read_from(map_path):
 WRITE_UNTIL_KILLED = """
 import sys, time
 sys.path.insert(0, {folder!r})
-from test_map_file import cells, ENCODING, Place, MapWriter
+from test_map_file import APART, cells, ENCODING, MapWriter, Place, write
 from pathlib import Path
-with MapWriter(Path({path!r}), ENCODING) as writer:
+with MapWriter(Path({path!r}), ENCODING, APART) as writer:
     for index in range(3):
-        writer.add(Place(index), cells(index))
+        write(writer, Place(index), cells(index))
     writer.commit()
     writer._database.execute('PRAGMA cache_size = 1')
     for index in range(3, 1000):
-        writer.add(Place(index), cells(index))
+        write(writer, Place(index), cells(index))
     print('ready', flush=True)
     time.sleep(60)
 """
@@ -367,12 +372,12 @@ def test_a_killed_build_keeps_what_was_committed(tmp_path, how):
 def test_a_full_disk_is_one_clear_line_and_keeps_what_was_committed(tmp_path):
     path = tmp_path / 'map.db'
     with pytest.raises(MapError, match=r'map.db: cannot write .*disk'):
-        with MapWriter(path, ENCODING) as writer:
-            writer.add(Place(0), cells(0))
+        with MapWriter(path, ENCODING, APART) as writer:
+            write(writer, Place(0), cells(0))
             writer.commit()
             writer._database.execute('PRAGMA max_page_count = 6')
             for index in range(1, 100):
-                writer.add(Place(index), cells(index))
+                write(writer, Place(index), cells(index))
     assert len(open_map(path)) == 1
 
 

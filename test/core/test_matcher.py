@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import weakref
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity import choice
 from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
@@ -50,37 +51,37 @@ def made(request, way):
 
 def test_a_reference_that_shows_nothing_has_no_score(made):
     matcher = made(drawn_map(5, blank=(1, 3)))
-    query = matcher.see(drawn(4))
+    query = matcher.extract(drawn(4))
     for scores in (matcher.scores, matcher.exact_scores):
         found = scores(query, np.arange(5))
         assert np.isnan(found).tolist() == [False, True, False, True, False]
         assert np.nanargmax(found) == 4
     assert np.isnan(matcher.scores(query, np.array([3]))).all()
     assert matcher.shift(query, 1) is None
-    assert matcher.agreeing(query, 1, (0.0, 0.0)).shape == (0, 4)
+    assert matcher.inliers(query, 1, (0.0, 0.0)).shape == (0, 4)
 
 
 def test_no_references_have_no_scores(made):
     matcher = made(drawn_map(1))
-    assert matcher.scores(matcher.see(drawn(0)), np.zeros(0, np.int64)).shape == (0,)
+    assert matcher.scores(matcher.extract(drawn(0)), np.zeros(0, np.int64)).shape == (0,)
 
 
-def test_a_query_that_shows_nothing_is_not_seen(made):
+def test_a_query_that_shows_nothing_has_no_features(made):
     blank = Descriptor(
         np.zeros((32, 32, 8), np.float32), np.zeros(961, bool), np.zeros((32, 32)), 0.0
     )
-    assert made(drawn_map(1)).see(blank) is None
+    assert made(drawn_map(1)).extract(blank) is None
 
 
 def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
     reference_map = drawn_map(70, blank=(50,))
     indices = np.random.default_rng(0).permutation(70)
     plain = made(reference_map)
-    query = plain.see(drawn(9))
+    query = plain.extract(drawn(9))
     expected = plain.scores(query, indices)
     for kept, threads in ((None, 2), (3, 1), (3, 4)):
         matcher = made(reference_map, kept, threads)
-        found = matcher.scores(matcher.see(drawn(9)), indices)
+        found = matcher.scores(matcher.extract(drawn(9)), indices)
         assert np.array_equal(found, expected, equal_nan=True)
     alone = [plain.scores(query, indices[place : place + 1])[0] for place in range(70)]
     assert np.array_equal(alone, expected, equal_nan=True)
@@ -109,8 +110,8 @@ def watched():
 @pytest.mark.parametrize('threads', [1, 3])
 def test_references_are_read_in_one_go_and_once(made, watched, threads):
     matcher = made(watched, threads=threads)
-    query = matcher.see(drawn(9))
-    other = matcher.see(drawn(3))
+    query = matcher.extract(drawn(9))
+    other = matcher.extract(drawn(3))
     watched.reads.clear()
     found = matcher.scores_of([(query, np.array([3, 7, 3])), (other, np.array([30, 9, 3]))])
     assert watched.reads == [[3, 7, 30, 9]]
@@ -125,7 +126,7 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
 
 def test_references_that_were_used_last_are_kept(made, watched):
     matcher = made(watched, kept=3)
-    query = matcher.see(drawn(0))
+    query = matcher.extract(drawn(0))
     for asked, read in (([1, 2, 3], [1, 2, 3]), ([1], []), ([4], [4]), ([1, 3], []), ([2], [2])):
         watched.reads.clear()
         matcher.scores(query, np.array(asked))
@@ -135,13 +136,13 @@ def test_references_that_were_used_last_are_kept(made, watched):
 def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
     few, all_ = made(watched, kept=2), made(watched)
     for _ in range(2):
-        found, expected = (one.scores(one.see(drawn(5)), np.arange(40)) for one in (few, all_))
+        found, expected = (one.scores(one.extract(drawn(5)), np.arange(40)) for one in (few, all_))
         assert np.array_equal(found, expected, equal_nan=True)
 
 
 def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
-    query = matcher.see(drawn(0))
+    query = matcher.extract(drawn(0))
     watched.reads.clear()
     with monkeypatch.context() as patch:
         patch.setattr(watched, 'cells_of', lambda indices: [None] * len(indices))
@@ -154,7 +155,7 @@ def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
 @pytest.mark.parametrize('threads', [1, 2])
 def test_several_queries_have_the_scores_that_each_has_alone(made, threads):
     matcher = made(drawn_map(40, blank=(3,)), threads=threads)
-    queries = [matcher.see(drawn(seed)) for seed in range(4)]
+    queries = [matcher.extract(drawn(seed)) for seed in range(4)]
     asked = [np.arange(40), np.zeros(0, np.int64), np.array([3]), np.array([7, 3, 7])]
     found = matcher.scores_of(list(zip(queries, asked, strict=True)))
     for query, indices, scores in zip(queries, asked, found, strict=True):
@@ -165,7 +166,7 @@ def test_several_queries_have_the_scores_that_each_has_alone(made, threads):
 def test_places_may_be_added_to_the_map_later(made):
     reference_map = drawn_map(2)
     matcher = made(reference_map)
-    query = matcher.see(drawn(5))
+    query = matcher.extract(drawn(5))
     matcher.scores(query, np.arange(2))
     reference_map.add(Place(2), pack_cells(drawn(5).cells))
     assert matcher.scores(query, np.arange(3)).argmax() == 2
@@ -174,9 +175,9 @@ def test_places_may_be_added_to_the_map_later(made):
 def test_exact_scores_are_those_of_the_definition(made, way):
     reference_map = drawn_map(6)
     definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)
-    expected = definition.scores(definition.see(drawn(2)), np.arange(6))
+    expected = definition.scores(definition.extract(drawn(2)), np.arange(6))
     matcher = made(reference_map)
-    query = matcher.see(drawn(2))
+    query = matcher.extract(drawn(2))
     assert np.abs(matcher.exact_scores(query, np.arange(6)) - expected).max() < 1e-6
     assert matcher.exact == (not matcher.kernel.startswith('int8'))
     if matcher.exact:
@@ -187,7 +188,7 @@ def test_warming_up_changes_no_answer(made):
     reference_map = drawn_map(4, blank=(0,))
     cold, warm = made(reference_map), made(reference_map)
     warm.warm_up()
-    found = [one.scores(one.see(drawn(1)), np.arange(4)) for one in (cold, warm)]
+    found = [one.scores(one.extract(drawn(1)), np.arange(4)) for one in (cold, warm)]
     assert np.array_equal(*found, equal_nan=True)
 
 
@@ -197,9 +198,9 @@ def test_an_empty_map_can_be_warmed_up(made):
 
 def test_only_coherent_matching_tells_the_shift(made, way):
     matcher = made(drawn_map(3))
-    query = matcher.see(drawn(1))
+    query = matcher.extract(drawn(1))
     assert matcher.shift(query, 1) == ((0.0, 0.0) if way == 'coherent' else None)
-    assert (len(matcher.agreeing(query, 1, (0.0, 0.0))) > 300) == (way == 'coherent')
+    assert (len(matcher.inliers(query, 1, (0.0, 0.0))) > 300) == (way == 'coherent')
 
 
 def test_two_matchers_may_work_at_once(made):
@@ -207,7 +208,7 @@ def test_two_matchers_may_work_at_once(made):
 
     def scored(seed):
         matcher = made(reference_map, 8, 2)
-        return matcher.scores(matcher.see(drawn(seed)), np.arange(40)).argmax()
+        return matcher.scores(matcher.extract(drawn(seed)), np.arange(40)).argmax()
 
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(scored, range(8))) == list(range(8))
@@ -247,7 +248,11 @@ def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
 
     kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
     shown = drawn(0)
-    query, reference, made = kernel.see(shown, 3.5, None), kernel.prepare(shown.cells, None), []
+    query, reference, made = (
+        kernel.extract(shown, 3.5, None),
+        kernel.prepare(shown.cells, None),
+        [],
+    )
 
     def uncached(side):
         panel = places(side)

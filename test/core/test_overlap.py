@@ -3,10 +3,11 @@
 """How much of an image moved together since another."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.descriptor import describe, nothing_seen
-from convseq_ros.core.overlap import Overlap
-from convseq_ros.core.similarity.cell_normalization import evened
-from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.keyframes import Overlap
+from convseq_ros.core.similarity.cell_normalization import normalized
+from convseq_ros.core.similarity.coherent import coherent_score, extract
 import cv2
 import numpy as np
 import pytest
@@ -18,9 +19,9 @@ HEIGHT, WIDTH = 240, 320
 def view(scale=1.0, light=1.0, noise=0.0, seed=0):
     """Return what a camera sees of a wall from nearer (scale above 1) or in less light."""
     turned = cv2.getRotationMatrix2D((320, 160), 0, scale)
-    seen = cv2.warpAffine(SCENE, turned, (640, 320))[40 : 40 + HEIGHT, 160 : 160 + WIDTH] * light
-    seen = seen + np.random.default_rng(seed).normal(0, noise or 1e-9, seen.shape)
-    return describe(np.clip(seen, 0, 255).astype(np.uint8))
+    shown = cv2.warpAffine(SCENE, turned, (640, 320))[40 : 40 + HEIGHT, 160 : 160 + WIDTH] * light
+    shown = shown + np.random.default_rng(seed).normal(0, noise or 1e-9, shown.shape)
+    return describe(np.clip(shown, 0, 255).astype(np.uint8))
 
 
 def since(first, *others):
@@ -29,10 +30,10 @@ def since(first, *others):
     return [overlap.of(other) for other in others]
 
 
-def test_it_is_the_coherent_score_with_evened_cells():
+def test_it_is_the_coherent_score_with_normalised_cells():
     one, other = view(noise=2), view(1.1, noise=2, seed=1)
-    seen = see(other, 4.0, projected_regions(evened(other.cells)))
-    expected, _ = coherent_score(seen, projected_regions(evened(one.cells)))
+    features = extract(other, 4.0, projected_regions(normalized(other.cells)))
+    expected, _ = coherent_score(features, projected_regions(normalized(one.cells)))
     assert since(one, other) == pytest.approx([expected], abs=1e-6)
 
 
@@ -53,6 +54,6 @@ def test_nothing_remembered_or_nothing_shown_is_no_overlap():
     overlap = Overlap(0.5)
     assert overlap.of(view()) == 0.0
     overlap.remember(view())
-    assert overlap.of(nothing_seen(EncodingConfig())) == 0.0
+    assert overlap.of(blank_descriptor(EncodingConfig())) == 0.0
     overlap.forget()
     assert overlap.of(view()) == 0.0

@@ -4,7 +4,7 @@
 
 import math
 
-from convseq_ros.core.map.reference_map import Place
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.pose import estimate_pose, turned
 from convseq_ros.core.types import Pose
 from hypothesis import given, strategies

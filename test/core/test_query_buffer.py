@@ -1,41 +1,53 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The buffer of query frames: what is scored, and what is settled exactly."""
+"""The buffer of query frames: what is scored, and what is rescored exactly."""
+
+from dataclasses import replace
+from itertools import count
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.descriptor import nothing_seen
-from convseq_ros.core.sequence.query_buffer import QueryBuffer, Seen
+from convseq_ros.core.encoding.descriptor import blank_descriptor
+from convseq_ros.core.sequence.query_buffer import BUFFER, QueryBuffer
 import numpy as np
 import pytest
 
 REFERENCES = 40
-NOTHING = nothing_seen(EncodingConfig())
+NOTHING = blank_descriptor(EncodingConfig())
+SHOWN = replace(NOTHING, cells=NOTHING.cells + 1, salient=~NOTHING.salient)
 
 
-class Rough:
+class Approximate:
     """A matcher whose scores are off by up to 0.005, as those of 8-bit kernels are."""
 
     exact = False
 
     def __init__(self, scores):
-        self.settled = []
+        self.rescored, self._frames = [], count()
         self._exact = scores
         error = np.random.default_rng(1).uniform(-0.005, 0.005, scores.shape)
-        self._rough = (scores + error).astype(np.float32)
+        self._approximate = (scores + error).astype(np.float32)
+
+    def extract(self, _descriptor):
+        """Return the number of the frame."""
+        return next(self._frames)
 
     def scores_of(self, asked):
-        return [self._rough[query, indices] for query, indices in asked]
+        return [self._approximate[query, indices] for query, indices in asked]
 
     def exact_scores(self, query, indices):
-        self.settled += [(query, index) for index in indices.tolist()]
+        self.rescored += [(query, index) for index in indices.tolist()]
         return self._exact[query, indices]
 
 
+def append(buffer, descriptor=SHOWN):
+    buffer.append(descriptor, REFERENCES, lambda *_: None, most=10)
+
+
 def filled(scores):
-    matcher = Rough(scores)
+    matcher = Approximate(scores)
     buffer = QueryBuffer(matcher, partial=False)
-    for query in range(len(scores)):
-        buffer.append(Seen(NOTHING, query, np.full(REFERENCES, np.nan, np.float32)), 10)
+    for _ in range(len(scores)):
+        append(buffer)
         buffer.score(len(buffer), np.arange(REFERENCES))
     return matcher, buffer
 
@@ -49,7 +61,7 @@ def drawn(seed, frames=1):
 def test_the_best_is_the_exactly_best(seed, frames):
     scores = drawn(seed, frames)
     _, buffer = filled(scores)
-    found = buffer.sequence_scores(frames, np.arange(REFERENCES))
+    found = buffer.best_scores(frames, np.arange(REFERENCES))
     ends = np.arange(frames - 1, REFERENCES)
     expected = np.mean([scores[frames - 1 - back, ends - back] for back in range(frames)], axis=0)
     assert found[: frames - 1].tolist() == [-np.inf] * (frames - 1)
@@ -57,26 +69,26 @@ def test_the_best_is_the_exactly_best(seed, frames):
     assert found.max() == pytest.approx(expected.max(), abs=1e-7)
 
 
-def test_only_what_may_be_the_best_is_settled():
+def test_only_what_may_be_the_best_is_rescored():
     scores = drawn(0)
     scores[0, [7, 20, 30]] = 0.5, 0.49, 0.46
     matcher, buffer = filled(scores)
-    found = buffer.sequence_scores(1, np.arange(REFERENCES))
-    assert sorted(matcher.settled) == [(0, 7), (0, 20)]
+    found = buffer.best_scores(1, np.arange(REFERENCES))
+    assert sorted(matcher.rescored) == [(0, 7), (0, 20)]
     assert found[[7, 20]].tolist() == scores[0, [7, 20]].tolist()
 
 
-def test_no_more_than_eight_are_settled_and_none_twice():
+def test_no_more_than_eight_are_rescored_and_none_twice():
     matcher, buffer = filled(drawn(3))
     for _ in range(3):
-        buffer.sequence_scores(1, np.arange(REFERENCES))
-    assert len(matcher.settled) == len(set(matcher.settled))
-    assert 8 <= len(matcher.settled) < 16
+        buffer.best_scores(1, np.arange(REFERENCES))
+    assert len(matcher.rescored) == len(set(matcher.rescored))
+    assert 8 <= len(matcher.rescored) < 16
 
 
 def test_no_ends_have_no_scores():
     _, buffer = filled(drawn(0))
-    assert buffer.sequence_scores(1, np.zeros(0, np.int64)).shape == (0,)
+    assert buffer.best_scores(1, np.zeros(0, np.int64)).shape == (0,)
 
 
 def test_each_pair_is_scored_once():
@@ -90,9 +102,9 @@ def test_each_pair_is_scored_once():
 def test_only_the_better_half_of_the_diagonals_is_scored_to_their_old_ends(frames):
     scores = drawn(3, frames)
     scores[-1, 30] = 0.5
-    buffer = QueryBuffer(Rough(scores), partial=True)
-    for query in range(frames):
-        buffer.append(Seen(NOTHING, query, np.full(REFERENCES, np.nan, np.float32)), 10)
+    buffer = QueryBuffer(Approximate(scores), partial=True)
+    for _ in range(frames):
+        append(buffer)
     ends = np.arange(20, 34, 2)
     buffer.score_promising(frames, ends)
     newest = -(-frames // 2)
@@ -106,8 +118,37 @@ def test_only_the_better_half_of_the_diagonals_is_scored_to_their_old_ends(frame
 
 
 def test_sequences_that_lack_no_scores_are_scored_to_their_old_ends():
-    buffer = QueryBuffer(Rough(drawn(3, 5)), partial=False)
-    for query in range(5):
-        buffer.append(Seen(NOTHING, query, np.full(REFERENCES, np.nan, np.float32)), 10)
+    buffer = QueryBuffer(Approximate(drawn(3, 5)), partial=False)
+    for _ in range(5):
+        append(buffer)
     buffer.score_promising(5, np.arange(20, 34, 2))
     assert buffer.pairs_scored == 7 * 5
+
+
+def test_a_frame_that_shows_nothing_has_no_scores_and_no_coarse_ones():
+    buffer, asked = QueryBuffer(Approximate(drawn(0, 2)), partial=False), []
+    buffer.append(SHOWN, 30, lambda *given: asked.append(given), most=10)
+    buffer.append(NOTHING, 30, lambda *given: asked.append(given), most=10)
+    assert asked == [(SHOWN, 30)] and buffer.row is None
+    assert [one.row is None for one in buffer.outward] == [True, False]
+    assert np.isnan(buffer.outward[1].row).tolist() == [True] * 30
+
+
+def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
+    buffer = QueryBuffer(Approximate(drawn(0, 13)), partial=False)
+    for _ in range(13):
+        append(buffer)
+    assert len(buffer) == 10 and buffer.frame == 13
+    assert [one.features for one in buffer.outward] == [*range(12, 2, -1)]
+    buffer.reset()
+    assert len(buffer) == 0 and buffer.frame == 13 and buffer.row is None
+
+
+def test_missing_frames_hold_their_places_up_to_a_long_gap():
+    buffer = QueryBuffer(Approximate(drawn(0, 2)), partial=False)
+    append(buffer)
+    buffer.hold_places(BUFFER.longest_gap, NOTHING, 10)
+    assert len(buffer) == buffer.frame == 1 + BUFFER.longest_gap
+    assert [one.features for one in buffer.outward] == [None] * BUFFER.longest_gap + [0]
+    buffer.hold_places(BUFFER.longest_gap + 1, NOTHING, 10)
+    assert len(buffer) == 0 and buffer.frame == 2 + 2 * BUFFER.longest_gap

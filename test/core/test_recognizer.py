@@ -4,9 +4,10 @@
 
 from dataclasses import replace
 
-from convseq_ros.config import Config, MatchingConfig, SequenceConfig
+from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, SequenceConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Reason, Status
 import numpy as np
@@ -27,7 +28,7 @@ def image(place):
 
 @pytest.fixture(scope='module')
 def reference_map():
-    made = ReferenceMap()
+    made = ReferenceMap(keyframes=EVERY_FRAME)
     for place in range(PLACES):
         made.add(Place(5000 + place), pack_cells(describe(image(place)).cells))
     return made
@@ -55,7 +56,7 @@ def test_single_frames_give_the_pair_score_itself(reference_map):
     single = replace(PAPER, sequence=SequenceConfig(fixed_length=1))
     recognizer = PlaceRecognizer(reference_map, single)
     match = recognizer.process(Frame(0, image(4)))
-    assert match.best.score == pytest.approx(recognizer.row.max())
+    assert match.best.score == pytest.approx(recognizer.buffer.row.max())
     assert match.sequence_length == 1
 
 
@@ -100,7 +101,7 @@ def test_without_a_map_every_frame_says_so():
 
 
 def test_a_map_shorter_than_the_sequence_says_so(reference_map):
-    short = ReferenceMap()
+    short = ReferenceMap(keyframes=EVERY_FRAME)
     for index in range(2):
         short.add(reference_map.places[index], reference_map.packed(index))
     matches = run(PlaceRecognizer(short, FIXED), [image(place) for place in range(4)])

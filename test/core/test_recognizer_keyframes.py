@@ -15,7 +15,8 @@ from convseq_ros.config import (
 )
 from convseq_ros.core import recognizer as recognizer_module
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Pose, Reason, Status
@@ -54,7 +55,7 @@ def at(place):
 
 
 def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=False):
-    """Return the answers to a drive, seen a little differently than in the map."""
+    """Return the answers to a drive, shown a little differently than in the map."""
     return [
         recognizer.process(
             Frame(
@@ -93,7 +94,7 @@ def test_between_keyframes_the_last_answer_stands_and_nothing_is_encoded(
     assert matches[28].shift_px == matches[27].shift_px is not None
 
 
-def test_by_odometry_the_speed_of_the_query_does_not_matter(third_places, image):
+def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, image):
     recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
     places = [*slowly, *range(48, 60), *range(60, 88, 3)]
@@ -117,13 +118,13 @@ def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(imag
     recognizer = PlaceRecognizer(grown, config)
     show(recognizer, image, range(7), start_ns=10**12, odometry=True)
     show(recognizer, image, range(6, 12), odometry=True)
-    assert recognizer.resets == 1 and recognizer.session_start == 3
+    assert recognizer.resets == 1 and recognizer.mapping.session_start == 3
     assert [int(place.pose.position[0]) for place in grown.places] == [0, 3, 6, 6, 9]
     assert all(grown.cells(index).any() for index in range(5))
 
 
-def test_a_stop_and_lost_frames_leave_the_keyframes_in_step(third_places, image):
-    """Keyframes are 300 ms apart: two fall into a stop, and one is lost."""
+def test_a_stop_and_dropped_frames_leave_the_keyframes_in_step(third_places, image):
+    """Keyframes are 300 ms apart: two fall into a stop, and one is dropped."""
     recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
     places = [*range(15, 51), *[50] * 6, *range(51, 84)]
     matches = [

@@ -8,12 +8,14 @@ from convseq_ros.config import (
     AcceptanceConfig,
     Config,
     EncodingConfig,
+    EVERY_FRAME,
     MatchingConfig,
     OnlineConfig,
     SequenceConfig,
 )
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
 import numpy as np
@@ -32,7 +34,7 @@ ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
 
 @pytest.fixture(scope='module')
 def reference_map(image):
-    made = ReferenceMap(SMALL)
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     for place in range(PLACES):
         made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
     return made
@@ -110,15 +112,15 @@ def test_after_a_long_gap_the_sequence_starts_anew(reference_map, drive):
     assert matches[18].best.reference_index == 33
 
 
-def test_without_speed_search_gaps_are_not_filled(reference_map, drive):
-    config = replace(OWN, matching=replace(OWN.matching, speed_search=False))
+def test_without_velocity_search_gaps_are_not_filled(reference_map, drive):
+    config = replace(OWN, matching=replace(OWN.matching, velocity_search=False))
     places = [None if 20 <= place < 30 else place for place in range(5, 50)]
     matches = drive(PlaceRecognizer(reference_map, config), places)
     assert Reason.WARMING_UP not in {match.reason for match in matches[3:]}
 
 
 def test_a_map_that_grows_recognises_the_second_lap(drive):
-    grown = ReferenceMap(SMALL)
+    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     laps = [*range(PLACES)] * 2
     matches = drive(PlaceRecognizer(grown, ONLINE), laps)
     assert [match.reason for match in matches[:10]] == [Reason.RECENT] * 10
@@ -133,32 +135,34 @@ def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively(drive):
     answers = []
     for search in ('shortlist', 'exhaustive'):
         config = replace(ONLINE, matching=MatchingConfig(matching='coherent', search=search))
-        matches = drive(PlaceRecognizer(ReferenceMap(SMALL), config), [*range(30)] * 2)
+        matches = drive(
+            PlaceRecognizer(ReferenceMap(SMALL, keyframes=EVERY_FRAME), config), [*range(30)] * 2
+        )
         answers.append([match.best and match.best.reference_index for match in matches[42:]])
     assert answers[0] == answers[1]
 
 
 def test_the_second_session_knows_the_first_at_once_and_goes_on_adding(drive):
-    grown = ReferenceMap(SMALL)
+    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     drive(PlaceRecognizer(grown, ONLINE), range(40))
     later = PlaceRecognizer(grown, ONLINE)
-    assert later.session_start == 40
+    assert later.mapping.session_start == 40
     matches = drive(later, range(10, 30), start_ns=10**15, seed=2)
     assert matches[-1].accepted.reference_index == 29
     assert len(grown) == 60 and grown.places[40].stamp_ns == 10**15
 
 
 def test_a_clock_that_jumps_back_begins_another_session(drive):
-    grown = ReferenceMap(SMALL)
+    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     recognizer = PlaceRecognizer(grown, ONLINE)
     drive(recognizer, range(40), start_ns=10**12)
     matches = drive(recognizer, range(10, 30), seed=2)
-    assert (recognizer.resets, recognizer.session_start) == (1, 40)
+    assert (recognizer.resets, recognizer.mapping.session_start) == (1, 40)
     assert matches[-1].accepted.reference_index == 29
 
 
 def test_what_stands_still_does_not_grow_the_map(drive):
-    grown = ReferenceMap(SMALL)
+    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     drive(PlaceRecognizer(grown, ONLINE), [*range(5), *[4] * 20, *range(5, 10)])
     assert len(grown) == 10
 

@@ -5,14 +5,9 @@
 from threading import Thread
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.global_descriptor import pooled
-from convseq_ros.core.map.reference_map import (
-    pack_cells,
-    Picture,
-    Place,
-    ReferenceMap,
-    unpack_cells,
-)
+from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest
@@ -39,7 +34,10 @@ def test_what_is_added_is_there():
     assert reference_map.places[-1] == places[2] and reference_map.places[1:] == places[1:]
     assert (reference_map.packed(1) == cells(1)).all() and reference_map.thumbnail(2) == b'2'
     for index in range(3):
-        assert (reference_map.pooled[index] == pooled(unpack_cells(cells(index)))).all()
+        assert (
+            reference_map.global_descriptors[index]
+            == global_descriptor(unpack_cells(cells(index)))
+        ).all()
 
 
 @pytest.mark.parametrize('index', [-1, 1])
@@ -52,12 +50,12 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
         reference_map.cells_of([0, index])
 
 
-def test_what_is_stored_is_let_go():
+def test_what_is_stored_is_evicted():
     reference_map = ReferenceMap(ENCODING)
     for index in range(5):
         reference_map.add(Place(index), cells(index))
     for count in (2, 4):
-        reference_map.let_go(count, Stored())
+        reference_map.evict(count, Stored())
         found = [reference_map.packed(index) for index in range(5)]
         expected = [cells(index + 1000 * (index < count)) for index in range(5)]
         assert (np.array(found) == expected).all()
@@ -73,7 +71,7 @@ def test_several_places_are_read_in_one_go_wherever_they_are():
     asked, stored = [], Stored()
     stored.pictures = lambda indices: asked.append(indices) or Stored().pictures(indices)
     for count in (0, 2, 5):
-        reference_map.let_go(count, stored)
+        reference_map.evict(count, stored)
         found = reference_map.cells_of([3, 0, 4, 0])
         expected = [reference_map.cells(index) for index in (3, 0, 4, 0)]
         assert (np.array(found) == expected).all()
@@ -84,19 +82,19 @@ def test_several_places_are_read_in_one_go_wherever_they_are():
 
 def test_whoever_reads_while_it_grows_finds_places_complete():
     reference_map, problems = ReferenceMap(ENCODING), []
-    first_sight = np.zeros(reference_map.pooled.shape[1])
+    known = np.zeros(reference_map.global_descriptors.shape[1])
 
     def read():
         while len(reference_map) < 3000:
             last = len(reference_map) - 1
             if last < 0:
                 continue
-            views = reference_map.pooled
+            descriptors = reference_map.global_descriptors
             good = (
                 reference_map.places[last].stamp_ns == last
                 and reference_map.thumbnail(last) == b'%d' % last
-                and len(views) > last
-                and views[last, 0] == last % 2048
+                and len(descriptors) > last
+                and descriptors[last, 0] == last % 2048
             )
             if not good:
                 problems.append(last)
@@ -106,10 +104,10 @@ def test_whoever_reads_while_it_grows_finds_places_complete():
         reader.start()
     packed = cells(0)
     for index in range(3000):
-        first_sight[0] = index % 2048
-        reference_map.add(Place(index, pose=POSE), packed, b'%d' % index, first_sight)
+        known[0] = index % 2048
+        reference_map.add(Place(index, pose=POSE), packed, b'%d' % index, known)
         if index % 700 == 699:
-            reference_map.let_go(0, Stored())
+            reference_map.evict(0, Stored())
     for reader in readers:
         reader.join()
     assert not problems

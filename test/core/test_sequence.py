@@ -3,7 +3,8 @@
 """Sequence length and sequence scores."""
 
 from convseq_ros.config import SequenceConfig
-from convseq_ros.core.sequence.diagonals import BACKWARD, choose_length, FORWARD, sequence_scores
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
 from hypothesis import strategies as st
@@ -81,6 +82,29 @@ def test_chosen_length_is_within_its_bounds_and_within_the_frames(drawn):
     assert found is None or 2 <= found <= min(25, len(drawn))
 
 
+def flipped(row, count):
+    """Return the scores of a row with a map of so many references that is read from its end."""
+    if row is None:
+        return None
+    whole = np.full(count, np.nan, np.float32)
+    whole[: len(row)] = row
+    return whole[::-1]
+
+
+def scored(rows, forward=False, ends=None, **more):
+    """
+    Return the sequence scores of windows that lie before the anchor or, forward, after it.
+
+    Forward, later references count as earlier ones, as if the map were read from its end.
+    """
+    if not forward:
+        return sequence_scores(rows, ends=ends, **more)
+    count = len(rows[0])
+    if ends is not None:
+        ends = count - 1 - ends[::-1]
+    return sequence_scores([flipped(row, count) for row in rows], ends=ends, **more)[::-1]
+
+
 def test_hand_worked_two_by_two_diagonal():
     newest, older = np.array([0.1, 0.9], np.float32), np.array([0.7, 0.2], np.float32)
     scores = sequence_scores([newest, older])
@@ -89,22 +113,21 @@ def test_hand_worked_two_by_two_diagonal():
 
 def test_hand_worked_forward_window_starts_at_the_anchor():
     oldest, newer = np.array([0.7, 0.2], np.float32), np.array([0.1, 0.9], np.float32)
-    scores = sequence_scores([oldest, newer], FORWARD)
+    scores = scored([oldest, newer], forward=True)
     assert scores[0] == pytest.approx((0.7 + 0.9) / 2) and scores[1] == -np.inf
 
 
 @given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 99))
 def test_scores_are_means_of_diagonals_in_both_directions(k, count, seed):
     rows = list(np.random.default_rng(seed).random((k, count), np.float32))
-    backward = sequence_scores(rows, BACKWARD)
-    forward = sequence_scores([row[::-1] for row in rows], FORWARD)
-    assert (forward[::-1] == backward).all()
-    for index in range(count):
-        if index < k - 1:
-            assert backward[index] == -np.inf
-        else:
-            diagonal = [rows[offset][index - offset] for offset in range(k)]
-            assert backward[index] == pytest.approx(np.mean(diagonal), abs=1e-6)
+    for forward, step in ((False, -1), (True, 1)):
+        scores = scored(rows, forward)
+        for index in range(count):
+            if not 0 <= index + step * (k - 1) < count:
+                assert scores[index] == -np.inf
+            else:
+                diagonal = [rows[offset][index + step * offset] for offset in range(k)]
+                assert scores[index] == pytest.approx(np.mean(diagonal), abs=1e-6)
 
 
 def test_an_uninformative_query_frame_does_not_break_the_diagonal():
@@ -130,26 +153,25 @@ def test_a_window_longer_than_the_map_scores_nothing():
     assert (sequence_scores(rows) == -np.inf).all()
 
 
-@pytest.mark.parametrize('direction', [BACKWARD, FORWARD])
-@pytest.mark.parametrize('slope', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('forward', [False, True])
+@pytest.mark.parametrize('velocity', [0.5, 1.0, 2.0])
 @given(data=st.data())
-def test_chosen_ends_have_the_scores_that_they_have_among_all(data, direction, slope):
+def test_chosen_ends_have_the_scores_that_they_have_among_all(data, forward, velocity):
     rows = drawn_rows(data)
     count = len(rows[0])
     ends = np.array(sorted(data.draw(st.sets(st.integers(0, count - 1)))), np.int64)
-    whole = sequence_scores(rows, direction, slope)
-    assert (sequence_scores(rows, direction, slope, ends) == whole[ends]).all()
+    whole = scored(rows, forward, velocity=velocity)
+    assert (scored(rows, forward, ends, velocity=velocity) == whole[ends]).all()
     assert whole.shape == (count,) and whole.dtype == np.float64
 
 
-@pytest.mark.parametrize('direction', [BACKWARD, FORWARD])
-@pytest.mark.parametrize('slope', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('forward', [False, True])
+@pytest.mark.parametrize('velocity', [0.5, 1.0, 2.0])
 @given(data=st.data())
-def test_scores_are_those_of_the_definition(data, direction, slope):
-    rows = drawn_rows(data)
-    expected = []
+def test_scores_are_those_of_the_definition(data, forward, velocity):
+    rows, expected, direction = drawn_rows(data), [], 1 if forward else -1
     for end in range(len(rows[0])):
-        met = [end + direction * int(offset * slope + 0.5) for offset in range(len(rows))]
+        met = [end + direction * int(offset * velocity + 0.5) for offset in range(len(rows))]
         pairs = [
             row[index] if row is not None and 0 <= index < len(row) else np.nan
             for row, index in zip(rows, met, strict=True)
@@ -157,8 +179,8 @@ def test_scores_are_those_of_the_definition(data, direction, slope):
         known = np.isfinite(pairs)
         fits = known[0] and 0 <= met[-1] < len(rows[0]) and 2 * known.sum() >= len(rows)
         expected.append(np.mean(np.array(pairs, float)[known]) if fits else -np.inf)
-    assert sequence_scores(rows, direction, slope) == pytest.approx(expected)
-    roughly = sequence_scores(rows, direction, slope, dtype=np.float32)
+    assert scored(rows, forward, velocity=velocity) == pytest.approx(expected)
+    roughly = scored(rows, forward, velocity=velocity, dtype=np.float32)
     assert roughly.dtype == np.float32 and roughly == pytest.approx(expected, rel=1e-5)
 
 

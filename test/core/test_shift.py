@@ -6,7 +6,8 @@ import math
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.shift import relative_yaw, shift_px
 from convseq_ros.core.types import Camera
@@ -52,7 +53,7 @@ def measured_px(query, reference):
     reference_map = ReferenceMap()
     reference_map.add(Place(0), pack_cells(describe(reference).cells))
     matcher = Matcher(reference_map, MatchingConfig(matching='coherent', kernel='numpy'), 0.5)
-    shift = matcher.shift(matcher.see(describe(query)), 0)
+    shift = matcher.shift(matcher.extract(describe(query)), 0)
     return shift_px(shift, *query.shape, CELLS)
 
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run of five frames, worked out by hand."""
 
-from convseq_ros.core.sequence.diagonals import BACKWARD, FORWARD
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.evaluation.protocols import in_reach
 from convseq_ros.evaluation.scorecard import decisions, figures, Verdicts
@@ -89,13 +88,11 @@ def test_where_no_other_answer_is_wrong_everything_is_taken():
     assert (found['threshold'], found['false_closures'], found['slips']) == (None, 1, 1)
 
 
-@pytest.mark.parametrize(
-    ('direction', 'expected'), [(BACKWARD, [0, 0, 1, 1]), (FORWARD, [0, 1, 0, 0])]
-)
-def test_a_place_is_in_reach_if_its_whole_sequence_is_in_the_map(direction, expected):
+@pytest.mark.parametrize(('forward', 'expected'), [(False, [0, 0, 1, 1]), (True, [0, 1, 0, 0])])
+def test_a_place_is_in_reach_if_its_whole_sequence_is_in_the_map(forward, expected):
     matches = [
         Match(index, index, Status.REJECTED, Reason.WEAK, sequence_length=length)
         for index, length in enumerate((0, 3, 3, 3))
     ]
     right = np.eye(4, dtype=bool)[[3, 1, 2, 3]]
-    assert in_reach(right, matches, direction).tolist() == expected
+    assert in_reach(right, matches, forward).tolist() == expected

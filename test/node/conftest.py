@@ -13,10 +13,12 @@ import time
 from typing import Any
 import warnings
 
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.map_file import save_map
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.thumbnail import thumbnail
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
@@ -81,7 +83,7 @@ def street() -> list[np.ndarray]:
 @pytest.fixture(scope='session')
 def street_map(street) -> ReferenceMap:
     """Return a map of the street: a place every second, one metre apart."""
-    reference_map = ReferenceMap()
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
     for index, gray in enumerate(street):
         pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
         place = Place(index * SECOND + 1, 'street', pose)

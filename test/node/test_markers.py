@@ -8,8 +8,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node import reference_path
@@ -31,7 +33,7 @@ def pose(x, y=0.0):
 
 
 def map_of(*poses):
-    reference_map = ReferenceMap()
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
     for stamp, each in enumerate(poses):
         reference_map.add(Place(stamp, pose=each), BLANK)
     return reference_map
@@ -55,7 +57,7 @@ class Viewer:
         node.create_publisher.return_value = self.publisher
         self.markers = MatchMarkers(node)
 
-    def see(self, *args):
+    def extract(self, *args):
         """Return the markers that are published for a frame, by namespace."""
         self.publisher.publish.reset_mock()
         self.markers.publish(*args, 'map')
@@ -94,9 +96,9 @@ def test_of_a_large_map_not_all_places_are_drawn(monkeypatch):
 
 def test_nothing_is_built_for_nobody_and_closures_are_remembered():
     viewer, reference_map = Viewer(watchers=0), map_of(pose(0))
-    assert viewer.see(ACCEPTED, reference_map, estimate(1), pose(2)) is None
+    assert viewer.extract(ACCEPTED, reference_map, estimate(1), pose(2)) is None
     viewer.publisher.get_subscription_count.return_value = 1
-    drawn = viewer.see(REJECTED, reference_map, None, None)
+    drawn = viewer.extract(REJECTED, reference_map, None, None)
     assert xs(drawn['loop_edges']) == [2, 1]
     assert xs(drawn['places']) == [0]
     assert drawn['match'].action == Marker.DELETE
@@ -104,26 +106,26 @@ def test_nothing_is_built_for_nobody_and_closures_are_remembered():
 
 def test_only_news_is_drawn():
     viewer, reference_map = Viewer(), map_of(pose(0))
-    assert len(viewer.see(REJECTED, reference_map, None, None)) == 4
-    assert viewer.see(REJECTED, reference_map, None, None).keys() == {'match'}
-    drawn = viewer.see(ACCEPTED, reference_map, estimate(7), None)
+    assert len(viewer.extract(REJECTED, reference_map, None, None)) == 4
+    assert viewer.extract(REJECTED, reference_map, None, None).keys() == {'match'}
+    drawn = viewer.extract(ACCEPTED, reference_map, estimate(7), None)
     assert drawn.keys() == {'match', 'loop_nodes', 'loop_edges'}
     assert drawn['match'].pose.position.x == 7
     assert stamp_to_ns(drawn['match'].header.stamp) == ACCEPTED.query_stamp_ns
     for index in range(10):
         reference_map.add(Place(index, pose=pose(index)), BLANK)
-    assert xs(viewer.see(REJECTED, reference_map, None, None)['places']) == [0, *range(10)]
+    assert xs(viewer.extract(REJECTED, reference_map, None, None)['places']) == [0, *range(10)]
     viewer.publisher.get_subscription_count.return_value = 2
-    assert len(viewer.see(REJECTED, reference_map, None, None)) == 4
+    assert len(viewer.extract(REJECTED, reference_map, None, None)) == 4
 
 
 def test_another_map_has_no_closures_yet_and_there_are_never_too_many(monkeypatch):
     monkeypatch.setattr('convseq_ros.node.markers._MOST_CLOSURES', 3)
     viewer, reference_map = Viewer(), map_of(pose(0))
     for x in range(5):
-        drawn = viewer.see(ACCEPTED, reference_map, estimate(x), None)
+        drawn = viewer.extract(ACCEPTED, reference_map, estimate(x), None)
     assert xs(drawn['loop_nodes']) == [2, 3, 4]
-    drawn = viewer.see(ACCEPTED, map_of(pose(9)), estimate(9), None)
+    drawn = viewer.extract(ACCEPTED, map_of(pose(9)), estimate(9), None)
     assert xs(drawn['loop_nodes']) == [9]
     assert xs(drawn['places']) == [9]
 

@@ -5,12 +5,13 @@
 import os
 import threading
 
+from convseq_ros.core.map.autosave import Autosave
 import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map.map_file import open_map, save_map
-from convseq_ros.core.map.map_keeper import MapKeeper
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import MapError
 from convseq_ros.node.conversions import candidates_from_message
@@ -189,7 +190,7 @@ def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
     def fail(keeper):
         raise MapError('new.db: cannot write (database or disk is full)')
 
-    monkeypatch.setattr(MapKeeper, 'keep', fail)
+    monkeypatch.setattr(Autosave, 'save', fail)
     drive(client.camera(Image), street, image, [*range(10), *range(10)])
     client.wait_for(lambda: len(indices) == 20)
     assert [message.data for message in indices][10:] == list(range(10))

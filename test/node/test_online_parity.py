@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
 from convseq_ros.cli import main
-from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ TURNED_PX = 40
 PARAMETERS = {
     'mode': 'online', 'exclusion_s': 0.5, 'exclusion_m': 3.0, 'fixed_length': 2,
     'rival_distance': 2, 'matching': 'coherent', 'search': 'exhaustive', 'kernel': 'numpy',
-    'acceptance_rule': 'margin', 'speed_search': False, 'stationary_m': 0.1,
+    'acceptance_rule': 'margin', 'velocity_search': False, 'stationary_m': 0.1,
 }  # fmt: skip
 
 

@@ -8,8 +8,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map.map_file import save_map
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Reason
 from convseq_ros.results import read_results
 from diagnostic_msgs.msg import DiagnosticArray
@@ -53,7 +54,7 @@ def part_of(street_map, tmp_path):
     """Return a maker of maps of the first places of the street."""
 
     def make(count):
-        part = ReferenceMap()
+        part = ReferenceMap(keyframes=EVERY_FRAME)
         for index in range(count):
             part.add(street_map.places[index], street_map.packed(index))
         save_map(part, tmp_path / 'part.db')

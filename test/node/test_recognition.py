@@ -159,7 +159,7 @@ def test_a_frame_knows_its_pose_and_its_camera(setup, image, gray):
 def test_a_map_that_cannot_be_written_is_counted_and_frames_are_answered(
     setup, image, gray, monkeypatch
 ):
-    monkeypatch.setattr(Session, 'keep', Mock(side_effect=MapError('map.db: disk full')))
+    monkeypatch.setattr(Session, 'save', Mock(side_effect=MapError('map.db: disk full')))
     setup.handle(image(gray, 1), 0)
     assert (setup.statistics.unkept, setup.statistics.failed) == (1, 0)
     assert setup.statistics.processed == len(setup.published) == 1

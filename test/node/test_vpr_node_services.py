@@ -10,8 +10,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map.map_file import open_map, save_map
+from convseq_ros.config import EVERY_FRAME
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.node import map_services
 from nav_msgs.srv import LoadMap
@@ -78,7 +80,7 @@ def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
 def test_another_map_takes_over_while_frames_come_and_none_is_lost(
     client, vpr, street, street_map, image, map_path, tmp_path, monkeypatch
 ):
-    reverse = ReferenceMap()
+    reverse = ReferenceMap(keyframes=EVERY_FRAME)
     for index in reversed(range(len(street_map))):
         reverse.add(street_map.places[index], street_map.packed(index))
     save_map(reverse, tmp_path / 'reverse.db')

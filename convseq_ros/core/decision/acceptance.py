@@ -3,61 +3,117 @@
 """Whether the best candidate is a match, why or why not, and how sure that is."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
-from convseq_ros.config import AcceptanceConfig
-from convseq_ros.core.decision.track_evidence import (
-    Indices,
-    SAME_TRACK,
-    Sight,
-    TrackEvidence,
-    WINDOW,
-)
-from convseq_ros.core.sequence.diagonals import Row
+from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
+from convseq_ros.core.sequence.diagonals import Indices, Rows
 from convseq_ros.core.types import Candidate, Reason
 
 Verdict = tuple[Reason, float | None]
 
-_CONFIDENCE = (-0.2, 2.1)
-_LEAST_EVIDENCE = 0.1
+
+@dataclass(frozen=True, slots=True)
+class ConfidenceConstants:
+    """
+    Of the logistic function of the logarithm of the evidence.
+
+    Between those that fit drawn streets some of whose buildings repeat, which say less, and real
+    images made dark, which say more (scripts/fit_acceptance.py).
+    """
+
+    offset: float = -0.2  # log odds at an evidence of 1
+    slope: float = 2.1  # log odds per e-fold
+    least_evidence: float = 0.1  # added, so that none has a logarithm
+
+
+CONFIDENCE = ConfidenceConstants()
+
+
+class MarginRule:
+    """Decides by the newest sequence alone: how far the best candidate leads its best rival."""
+
+    window = 1  # frames whose scores are wanted
+
+    def reset(self) -> None:
+        """Forget the drive."""
+
+    def update(self, _frame: int, _rows: Rows, _ends: Indices, _velocity: float) -> None:
+        """Take in a frame; the margin needs no memory."""
+
+    def decide(
+        self, _frame: int, candidates: Sequence[Candidate], config: AcceptanceConfig, _v: float
+    ) -> Verdict:
+        """Return the reason and the confidence, if the rule tells; as `Acceptance.judge`."""
+        return decide_by_margin(candidates, config), None
+
+
+class TrackRule(MarginRule):
+    """Decides by what the last frames together say for the best candidate."""
+
+    window = TRACK.window
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._track = TrackEvidence()
+        self._newest: FrameEvidence | None = None
+
+    def update(self, frame: int, rows: Rows, ends: Indices, velocity: float) -> None:
+        """Take in a frame; as `TrackEvidence.update`."""
+        self._newest = self._track.update(frame, rows, ends, velocity)
+
+    def decide(
+        self, frame: int, candidates: Sequence[Candidate], config: AcceptanceConfig, v: float
+    ) -> Verdict:
+        """Return the reason and the confidence; as `Acceptance.judge`."""
+        best = candidates[0].reference_index
+        evidence = self._track.evidence(frame, best, v)
+        reason = self._doubt(best)
+        if evidence is None:
+            return reason, None
+        if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:
+            reason = Reason.ACCEPTED
+        return reason, confidence(evidence)
+
+    def _doubt(self, best: int) -> Reason:
+        """Return what speaks most against a candidate."""
+        newest = self._newest
+        if newest is None:
+            return Reason.WEAK
+        if abs(newest.reference - best) > TRACK.same_track:
+            return Reason.INCONSISTENT
+        if not newest.enough_rivals:
+            return Reason.TOO_FEW_RIVALS
+        is_close = newest.margin < (self._track.scatter or 0.0)
+        return Reason.AMBIGUOUS if is_close else Reason.WEAK
 
 
 class Acceptance:
-    """
-    Decides frame after frame, by one of two rules.
+    """Decides frame after frame, by one of two rules, and keeps matches apart in time."""
 
-    Parameters
-    ----------
-    matching : str
-        How pairs are scored. `acceptance_rule: auto` takes the track for coherent scores and the
-        margin for regional ones.
-    rule : str
-        auto, margin or track.
-
-    """
-
-    def __init__(self, matching: str, rule: str = 'auto') -> None:
+    def __init__(self, config: Config) -> None:
+        rule, matching = config.acceptance.acceptance_rule, config.matching.matching
         by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
-        self._track = TrackEvidence() if by_track else None
+        self._rule = TrackRule() if by_track else MarginRule()
         self._accepted_ns: int | None = None
-        self._sight: Sight | None = None
 
     @property
     def window(self) -> int:
         """The frames before and with the newest whose scores are wanted."""
-        return WINDOW if self._track else 1
+        return self._rule.window
 
     def reset(self) -> None:
         """Forget the drive."""
         self._accepted_ns = None
-        if self._track:
-            self._track = TrackEvidence()
+        self._rule.reset()
 
-    def follow(
-        self, frame: int, rows: Sequence[Row | None], ends: Indices, slope: float = 1.0
-    ) -> None:
-        """Take note of a frame; as `TrackEvidence.follow`."""
-        self._sight = self._track.follow(frame, rows, ends, slope) if self._track else None
+    def update(self, frame: int, rows: Rows, ends: Indices, velocity: float = 1.0) -> None:
+        """Take in a frame; as `TrackEvidence.update`."""
+        self._rule.update(frame, rows, ends, velocity)
 
     def judge(
         self,
@@ -65,36 +121,15 @@ class Acceptance:
         stamp_ns: int,
         candidates: Sequence[Candidate],
         config: AcceptanceConfig,
-        slope: float = 1.0,
+        velocity: float = 1.0,
     ) -> Verdict:
         """
-        Decide on the best candidate of the frame that was followed last.
+        Decide on the best of at least one candidate of the newest frame.
 
-        Parameters
-        ----------
-        frame : int
-            Its number in the drive; frames that show nothing are passed over but counted.
-        stamp_ns : int
-            When it was taken, nanoseconds.
-        candidates : sequence of Candidate
-            At least one, best first, neighbours left out.
-        config : AcceptanceConfig
-            The least margin and evidence, and the time between two matches.
-        slope : float
-            References that pass while one frame does.
-
-        Returns
-        -------
-        reason : Reason
-            Accepted or why not.
-        confidence : float or None
-            Probability that the best candidate is right, if the rule tells.
-
+        Return whether it is accepted or why not, and the probability that it is right, if the rule
+        tells. Frames are numbered; those that show nothing are counted.
         """
-        if self._track:
-            reason, sure = self._by_track(self._track, frame, candidates[0], config, slope)
-        else:
-            reason, sure = decide(candidates, config), None
+        reason, sure = self._rule.decide(frame, candidates, config, velocity)
         if reason is Reason.ACCEPTED:
             interval_ns = round(config.closure_interval_s * 1e9)
             if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
@@ -102,51 +137,13 @@ class Acceptance:
             self._accepted_ns = stamp_ns
         return reason, sure
 
-    def _by_track(
-        self,
-        track: TrackEvidence,
-        frame: int,
-        candidate: Candidate,
-        config: AcceptanceConfig,
-        slope: float,
-    ) -> Verdict:
-        best = candidate.reference_index
-        evidence = track.evidence(frame, best, slope)
-        reason = _doubt(self._sight, best, track.scatter)
-        if evidence is None:
-            return reason, None
-        if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:
-            reason = Reason.ACCEPTED
-        return reason, confidence(evidence)
 
-
-def _doubt(sight: Sight | None, best: int, scatter: float | None) -> Reason:
-    """Return what speaks most against a candidate."""
-    if sight is None:
-        return Reason.WEAK
-    if abs(sight.reference - best) > SAME_TRACK:
-        return Reason.INCONSISTENT
-    if not sight.enough_rivals:
-        return Reason.TOO_FEW_RIVALS
-    return Reason.AMBIGUOUS if sight.margin < (scatter or 0.0) else Reason.WEAK
-
-
-def decide(candidates: Sequence[Candidate], config: AcceptanceConfig) -> Reason:
+def decide_by_margin(candidates: Sequence[Candidate], config: AcceptanceConfig) -> Reason:
     """
-    Decide by the margin between the best candidate and its best rival.
+    Decide by the margin between the best of at least one candidate and its best rival.
 
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-        At least one, best first, neighbours left out.
-    config : AcceptanceConfig
-        The least margin.
-
-    Notes
-    -----
-    The paper always answers with the best candidate. Scores of unrelated places lie too near those
-    of true ones for an absolute threshold, so the margin decides.
-
+    The paper always answers with the best one. Scores of unrelated places lie too near those of
+    true ones for an absolute threshold, so the margin decides.
     """
     if len(candidates) < 2:
         return Reason.TOO_FEW_RIVALS
@@ -155,13 +152,6 @@ def decide(candidates: Sequence[Candidate], config: AcceptanceConfig) -> Reason:
 
 
 def confidence(evidence: float) -> float:
-    """
-    Return the probability that a candidate is right, in [0, 1], given its track evidence.
-
-    A logistic function of the logarithm, between those that fit drawn streets some of whose
-    buildings repeat (scripts/fit_acceptance.py), which is lower, and real images made dark, which
-    is higher.
-    """
-    offset, slope = _CONFIDENCE
-    log_odds = offset + slope * math.log(max(evidence, 0.0) + _LEAST_EVIDENCE)
-    return 1.0 / (1.0 + math.exp(-log_odds))
+    """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
+    strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
+    return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))

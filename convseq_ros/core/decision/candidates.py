@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 
 from convseq_ros.config import AcceptanceConfig
-from convseq_ros.core.map.reference_map import Place
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Candidate
 import numpy as np
 import numpy.typing as npt
@@ -20,17 +20,7 @@ def best_candidates(
     """
     Return the best places, best first, no two of them neighbours.
 
-    Parameters
-    ----------
-    ends : ndarray of int64, shape (n,)
-        The references that were scored, ascending.
-    scores : ndarray of float64, shape (n,)
-        Their sequence scores; -inf where there is none.
-    places : sequence of Place
-        All references.
-    config : AcceptanceConfig
-        How many, and how far apart.
-
+    `scores` are those of the sequences that end at `ends`, (n,), -inf where there is none.
     """
     remaining = scores.copy()
     found: list[Candidate] = []

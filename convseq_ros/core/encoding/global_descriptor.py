@@ -1,34 +1,37 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What an image looks like at first sight, in half a kilobyte.
+The global descriptor: what an image looks like at a coarse glance, in half a kilobyte.
 
-The projected regions of coherent matching form an image of 32 channels. Its first 12 channels, the
-leading axes of the projection, are transformed by a cosine transform, and only the 21 lowest
-frequencies are kept: what changes slowly over the image is still there after a few cells of shift,
-and what an axis of little variance says at night is mostly noise. The reduction is fixed, so that
-maps can grow.
+The projected regions form an image of 32 channels. Of its first 12 channels, the leading axes of
+the projection, a cosine transform keeps the 21 lowest frequencies: what changes slowly over the
+image is still there after a shift of a few cells, and an axis of little variance is mostly noise
+at night. The reduction is fixed, so that maps can grow.
 """
 
+from dataclasses import dataclass
 from functools import cache
 from math import isqrt
 
-from convseq_ros.core.similarity.coherent import projected_regions
+from convseq_ros.core.encoding.regions import Cells, projected_regions
 import numpy as np
 import numpy.typing as npt
 
-_FREQUENCIES = 6
-_AXES = 12
+
+@dataclass(frozen=True, slots=True)
+class GlobalConstants:
+    """Size of the descriptor; chosen by recall of the coarse search (docs/MATCHING.md)."""
+
+    frequencies: int = 6  # down and across together; 21 pairs of them
+    axes: int = 12  # channels, of 32
 
 
-def pooled(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
+GLOBAL = GlobalConstants()
+
+
+def global_descriptor(cells: Cells) -> npt.NDArray[np.float16]:
     """
-    Return the low frequencies of an image's projected regions.
-
-    Parameters
-    ----------
-    cells : ndarray of float32, shape (S, S, 8)
-        Cell histograms.
+    Return the low frequencies of the regions of cells (S, S, 8).
 
     Returns
     -------
@@ -39,26 +42,23 @@ def pooled(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
     regions = projected_regions(cells)
     side = isqrt(len(regions))
     waves = _waves(side)
-    rows = waves @ regions[:, :_AXES].reshape(side, -1)
-    frequencies = waves @ rows.reshape(len(waves), side, _AXES)
-    return frequencies[_kept(len(waves))].ravel().astype(np.float16)
+    rows = waves @ regions[:, : GLOBAL.axes].reshape(side, -1)
+    spectrum = waves @ rows.reshape(len(waves), side, GLOBAL.axes)
+    order = np.arange(len(waves))
+    low = np.add.outer(order, order) < GLOBAL.frequencies
+    return spectrum[low].ravel().astype(np.float16)
 
 
 @cache
-def pooled_length(cell_shape: tuple[int, int, int]) -> int:
+def global_descriptor_length(cell_shape: tuple[int, int, int]) -> int:
     """Return how many numbers there are for cells of a shape."""
-    return len(pooled(np.zeros(cell_shape, np.float32)))
+    return len(global_descriptor(np.zeros(cell_shape, np.float32)))
 
 
 @cache
 def _waves(side: int) -> npt.NDArray[np.float32]:
     """Return the rows of a cosine transform, scaled to give means: (frequencies, side)."""
-    frequency = np.arange(min(_FREQUENCIES, side))[:, None]
+    frequency = np.arange(min(GLOBAL.frequencies, side))[:, None]
     phase = np.pi * frequency * (np.arange(side) + 0.5) / side
     scale = np.where(frequency, np.sqrt(2.0), 1.0) / side
     return np.asarray(scale * np.cos(phase), np.float32)
-
-
-def _kept(count: int) -> npt.NDArray[np.bool_]:
-    """Return which pairs of frequencies down and across are low together."""
-    return np.add.outer(np.arange(count), np.arange(count)) < _FREQUENCIES

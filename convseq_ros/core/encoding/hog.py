@@ -2,29 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """Histograms of oriented gradients, one for every cell of an image (paper III-C)."""
 
-from convseq_ros.core.compiled import available
+from dataclasses import dataclass
+
+from convseq_ros.core.compiled import kernels_of
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-CELL_PX = 16
-BINS = 8
-_BIN_DEG = 360.0 / BINS
-_MARGIN_PX = 2
-# Few enough rows at a time for what is computed of them to stay in the processor's cache.
-_STRIP_CELLS = 4
 
-Pixels = npt.NDArray[np.float32]
+@dataclass(frozen=True, slots=True)
+class HogConstants:
+    """Of the histograms (paper III-C; where it is silent, the released script)."""
+
+    cell_px: int = 16  # W2 = H2 in the paper
+    bins: int = 8  # L in the paper
+    margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
+    strip_cells: int = 4  # rows of cells at a time; measured: they stay in the processor's cache
+
+
+HOG = HogConstants()
+
+
+def cell_shape(image_size_px: int) -> tuple[int, int, int]:
+    """Return rows, columns and bins of the cells of a square image."""
+    side = image_size_px // HOG.cell_px
+    return side, side, HOG.bins
 
 
 def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """
-    Return the orientation histogram of every 16 x 16 px cell.
-
-    Parameters
-    ----------
-    gray : ndarray of uint8, shape (S, S)
-        The image; S is a multiple of 16.
+    Return the orientation histogram of every 16 x 16 px cell of an image (S, S).
 
     Returns
     -------
@@ -41,60 +48,26 @@ def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     is kept, for a region of such cells only is scaled to unit length like any other.
 
     """
-    side = gray.shape[0] // CELL_PX
-    cells = np.zeros((side, side, BINS), np.float32)
+    kernels, (side, _, bins) = kernels_of(__package__), cell_shape(gray.shape[0])
+    cells = np.zeros((side, side, bins), np.float32)
     brightest = float(gray.max())
     if brightest == 0.0:
         return cells
     gamma = np.sqrt(np.arange(256) / brightest) * 255.0
-    framed = cv2.copyMakeBorder(gray, *(_MARGIN_PX,) * 4, borderType=cv2.BORDER_REFLECT_101)
-    for first in range(0, side, _STRIP_CELLS):
-        strip = cells[first : first + _STRIP_CELLS]
-        start = first * CELL_PX
-        rows = framed[start : start + len(strip) * CELL_PX + 2 * _MARGIN_PX]
-        gx, gy = _gradients(cv2.LUT(rows, gamma))
-        bins = cv2.phase(gx, gy, angleInDegrees=True)
-        bins *= np.float32(1 / _BIN_DEG)
+    framed = cv2.copyMakeBorder(gray, *(HOG.margin_px,) * 4, borderType=cv2.BORDER_REFLECT_101)
+    for first in range(0, side, HOG.strip_cells):
+        strip = cells[first : first + HOG.strip_cells]
+        start, height = first * HOG.cell_px, len(strip) * HOG.cell_px
+        rows = cv2.LUT(framed[start : start + height + 2 * HOG.margin_px], gamma)
+        gx, gy = np.empty((2, height, gray.shape[1]), np.float32)
+        kernels.gradients(rows, gx, gy)
+        orientation = cv2.phase(gx, gy, angleInDegrees=True)
+        orientation *= np.float32(bins / 360.0)
         strength = cv2.absdiff(gx, -gy)
         strength *= np.float32(0.5)
-        votes = _column_votes(strength, bins, len(strip))
-        votes[:, 0] += votes[:, BINS]
-        of_cells = votes[:, :BINS].reshape(len(strip), BINS, side, CELL_PX).sum(axis=3)
+        votes = np.empty((len(strip), bins + 1, gray.shape[1]), np.float32)
+        kernels.column_votes(strength, orientation, votes)
+        votes[:, 0] += votes[:, bins]
+        of_cells = votes[:, :bins].reshape(len(strip), bins, side, HOG.cell_px).sum(axis=3)
         strip[:] = of_cells.transpose(0, 2, 1)
     return cells
-
-
-def _gradients(framed: npt.NDArray[np.float64]) -> tuple[Pixels, Pixels]:
-    """Return the Sobel gradients of an image, without its margin, along x and y."""
-    if available():
-        from convseq_ros.core.encoding.kernels import gradients
-
-        height, width = (length - 2 * _MARGIN_PX for length in framed.shape)
-        gx, gy = np.empty((2, height, width), np.float32)
-        gradients(framed, gx, gy)
-        return gx, gy
-    inner = slice(_MARGIN_PX, -_MARGIN_PX)
-    gx, gy = (
-        cv2.Sobel(framed, cv2.CV_64F, *order, ksize=5)[inner, inner].astype(np.float32)
-        for order in ((1, 0), (0, 1))
-    )
-    return gx, gy
-
-
-def _column_votes(strength: Pixels, bins: Pixels, rows: int) -> npt.NDArray[np.float32]:
-    """Return the votes of each column for bins 0 to 8 in each row of cells, (rows, 9, S)."""
-    votes = np.empty((rows, BINS + 1, strength.shape[1]), np.float32)
-    if available():
-        from convseq_ros.core.encoding.kernels import column_votes
-
-        column_votes(strength, bins, votes)
-        return votes
-    share = np.empty_like(bins)
-    for middle in range(BINS + 1):
-        np.subtract(bins, np.float32(middle), out=share)
-        np.abs(share, out=share)
-        np.subtract(np.float32(1), share, out=share)
-        np.maximum(share, 0, out=share)
-        share *= strength
-        np.add.reduce(share.reshape(rows, CELL_PX, -1), axis=1, out=votes[:, middle])
-    return votes

@@ -3,8 +3,8 @@
 """
 The inner loops of an image's encoding, for numba to compile.
 
-Each does the operations of its counterpart in NumPy or OpenCV in their order, so that results
-differ in the last bit at most. To be imported only where functions are compiled.
+Each does the operations of its counterpart in `numpy_kernels` in their order, so that results
+differ in the last bit at most.
 """
 
 from convseq_ros.core.compiled import compiled

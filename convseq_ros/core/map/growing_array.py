@@ -7,19 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-_GROWTH = 1.25
-_FEWEST_ROWS = 64
+_GROWTH = 1.25  # of the room, when it is full; a fifth of it is empty at most
+_FEWEST_ROWS = 64  # of a new array
 
 
 class GrowingArray:
     """
     Rows that are appended by one thread; views that others took before stay as they are.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n, ...)
-        What is there at the start; not copied before the array grows.
-
+    The `rows` (n, ...) at the start are not copied before the array grows.
     """
 
     def __init__(self, rows: npt.NDArray[Any]) -> None:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-_QUALITY = 70
+_QUALITY = 70  # of the JPEG, in percent; 2 to 3 kB at 128 px
 
 
 def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:

@@ -3,181 +3,172 @@
 """The rolling buffer of query frames, and their pair scores as far as they are known."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.sequence.diagonals import diagonal, Row, sequence_scores
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.matcher import Features, Matcher
+from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, sequence_scores
+from convseq_ros.core.types import Candidate, Descriptor
 import numpy as np
 import numpy.typing as npt
 
-_SETTLED_ENDS = 8
-# Ten times the largest error that was seen, of single pairs; sequences average theirs away.
-_WITHIN = 0.02
 
-Indices = npt.NDArray[np.int64]
+@dataclass(frozen=True, slots=True)
+class BufferConstants:
+    """Of the buffer; engineering, but for the error, which was measured."""
+
+    longest_gap: int = 5  # missing frames that hold their places
+    most_rescored: int = 8  # sequences
+    error: float = 0.02  # of a score; ten times the largest that was seen, of single pairs
+
+
+BUFFER = BufferConstants()
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """
-    A frame of the buffer.
-
-    Parameters
-    ----------
-    descriptor : Descriptor
-        What it shows.
-    query : object
-        What is compared of it; None if it shows nothing.
-    row : ndarray of float32, shape (R,), or None
-        Pair scores with the references that may be matched, NaN where there is none.
-    first_sight : ndarray of float32, shape (R,), or None
-        How alike they are at first sight.
-
-    """
+class BufferedFrame:
+    """A frame of the buffer; its row fills as pairs are scored."""
 
     descriptor: Descriptor
-    query: Any = None
-    row: Row | None = None
-    first_sight: Row | None = None
-    settled: set[int] = field(default_factory=set)
+    features: Features | None = None  # None if it shows nothing
+    row: Row | None = None  # pair scores (R,), NaN where there is none
+    coarse: Row | None = None  # coarse scores (R,)
+    rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
 
 
 class QueryBuffer:
     """
     Keeps the last frames, and scores each pair of frame and reference once.
 
-    Parameters
-    ----------
-    matcher : Matcher
-        What scores pairs.
-    partial : bool
-        Whether sequences may leave the map, as `sequence_scores` says.
-
-    Attributes
-    ----------
-    frame : int
-        The number of the newest frame; it goes on when the buffer is emptied.
-    pairs_scored : int
-        Pairs that were scored since that frame came.
-
+    If `partial`, sequences may leave the map, as `sequence_scores` says. `frame` is the number of
+    the newest frame, which goes on when the buffer is emptied; `pairs_scored` counts since then.
     """
 
     def __init__(self, matcher: Matcher, partial: bool) -> None:
-        self.frame = 0
-        self.pairs_scored = 0
+        self.frame = self.pairs_scored = 0
         self._matcher = matcher
         self._partial = partial
-        self._frames: deque[Seen] = deque()
+        self._frames: deque[BufferedFrame] = deque()
 
     def __len__(self) -> int:
         return len(self._frames)
 
     @property
-    def newest(self) -> Seen:
+    def newest(self) -> BufferedFrame:
         """The frame that came last."""
         return self._frames[-1]
 
     @property
-    def outward(self) -> list[Seen]:
+    def outward(self) -> list[BufferedFrame]:
         """All frames, newest first."""
         return list(reversed(self._frames))
 
-    def clear(self, missed: int = 0) -> None:
-        """Forget all frames, and count some that were missed."""
+    @property
+    def row(self) -> Row | None:
+        """Pair scores of the newest frame, (R,), NaN where there is none; None if it has none."""
+        return self._frames[-1].row if self._frames else None
+
+    def reset(self) -> None:
+        """Forget all frames."""
         self._frames.clear()
-        self.frame += missed
 
-    def append(self, seen: Seen, most: int) -> None:
-        """Add the newest frame and keep no more than so many."""
-        self._frames.append(seen)
-        self.frame += 1
-        self.pairs_scored = 0
-        while len(self._frames) > most:
-            self._frames.popleft()
-
-    def score(self, count: int, ends: Indices, slope: float = 1.0) -> None:
+    def append(
+        self,
+        descriptor: Descriptor,
+        usable: int,
+        coarse: Callable[[Descriptor, int], Row | None],
+        most: int,
+    ) -> None:
         """
-        Score what is missing on some diagonals.
+        Add the newest frame, which may show so many references, and keep so many frames at most.
 
-        Parameters
-        ----------
-        count : int
-            How many frames back from the newest.
-        ends : ndarray of int64, shape (n,)
-            The references at which the diagonals end.
-        slope : float
-            References that pass while one frame does.
-
+        `coarse` takes in a frame that shows something, and returns its coarse scores.
         """
+        features = self._matcher.extract(descriptor) if descriptor.informative else None
+        frame = BufferedFrame(descriptor)
+        if features is not None:
+            row = np.full(usable, np.nan, np.float32)
+            frame = BufferedFrame(descriptor, features, row, coarse(descriptor, usable))
+        self._keep(frame, most)
+
+    def hold_places(self, missing: int, blank: Descriptor, most: int) -> None:
+        """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
+        if missing > BUFFER.longest_gap:
+            self._frames.clear()
+            self.frame += missing
+            return
+        for _ in range(missing):
+            self._keep(BufferedFrame(blank), most)
+
+    def score(self, count: int, ends: Indices, velocity: float = 1.0) -> None:
+        """Score what is missing of so many newest frames on diagonals, by their ends (n,)."""
         lacking = [
-            (row, one.query, met[np.isnan(row[met])])
-            for one, row, met in _diagonals(self.outward[:count], ends, slope)
+            (row, features, met[np.isnan(row[met])])
+            for _, features, row, met in _diagonals(self.outward[:count], ends, velocity)
         ]
-        found = self._matcher.scores_of([(query, missing) for _, query, missing in lacking])
+        found = self._matcher.scores_of([(features, missing) for _, features, missing in lacking])
         for (row, _, missing), scores in zip(lacking, found, strict=True):
             row[missing] = scores
             self.pairs_scored += len(missing)
 
-    def score_promising(self, count: int, ends: Indices, slope: float = 1.0) -> None:
+    def score_promising(self, count: int, ends: Indices, velocity: float = 1.0) -> None:
         """
         Score the newest half of some diagonals and, of the better half of them, the rest.
 
         All of all where sequences may not leave the map, and so lack no scores.
         """
         newest = -(-count // 2) if self._partial else count
-        self.score(newest, ends, slope)
-        rough = self.rough_scores(min(newest, len(self)), ends, slope)
-        better = np.argsort(-rough, kind='stable')[: -(-len(ends) // 2)]
-        self.score(count, ends[np.sort(better)], slope)
+        self.score(newest, ends, velocity)
+        scores = self.approximate_scores(min(newest, len(self)), ends, velocity)
+        better = np.argsort(-scores, kind='stable')[: -(-len(ends) // 2)]
+        self.score(count, ends[np.sort(better)], velocity)
 
-    def rough_scores(
-        self, length: int, ends: Indices, slope: float = 1.0
+    def approximate_scores(
+        self, length: int, ends: Indices, velocity: float = 1.0
     ) -> npt.NDArray[np.float64]:
-        """
-        Return how well the newest frames match some diagonals that were scored.
-
-        Parameters
-        ----------
-        length, ends, slope : int, ndarray of int64, shape (n,), float
-            As for `score`.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            As the function `sequence_scores` gives them.
-
-        """
+        """Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored."""
         rows = [one.row for one in self.outward[:length]]
-        return sequence_scores(rows, slope=slope, ends=ends, partial=self._partial)
+        return sequence_scores(rows, velocity, ends, partial=self._partial)
 
-    def sequence_scores(
-        self, length: int, ends: Indices, slope: float = 1.0
+    def best_scores(
+        self, length: int, ends: Indices, velocity: float = 1.0
     ) -> npt.NDArray[np.float64]:
         """
-        Return `rough_scores`, but exact for whatever may be the best.
+        Return `approximate_scores`, but exact for whatever may be the best.
 
         Where the kernel approximates, these are those within 0.02 of the best, and 8 at most.
         """
-        scores = self.rough_scores(length, ends, slope)
+        scores = self.approximate_scores(length, ends, velocity)
         if self._matcher.exact:
             return scores
-        best = np.argsort(-scores, kind='stable')[:_SETTLED_ENDS]
-        best = best[scores[best] >= scores.max(initial=-np.inf) - _WITHIN]
-        for one, row, met in _diagonals(self.outward[:length], ends[best], slope):
-            rough = np.array([index for index in met if index not in one.settled], np.int64)
-            row[rough] = self._matcher.exact_scores(one.query, rough)
-            one.settled.update(rough.tolist())
-        return self.rough_scores(length, ends, slope)
+        best = np.argsort(-scores, kind='stable')[: BUFFER.most_rescored]
+        best = best[scores[best] >= scores.max(initial=-np.inf) - BUFFER.error]
+        for one, features, row, met in _diagonals(self.outward[:length], ends[best], velocity):
+            rough = np.array([index for index in met if index not in one.rescored], np.int64)
+            row[rough] = self._matcher.exact_scores(features, rough)
+            one.rescored.update(rough.tolist())
+        return self.approximate_scores(length, ends, velocity)
+
+    def inliers(self, candidate: Candidate | None) -> npt.NDArray[np.float64]:
+        """Return the regions that moved from the newest frame to a candidate, (n, 4)."""
+        features = self.newest.features
+        if features is None or candidate is None or candidate.shift is None:
+            return np.zeros((0, 4))
+        return self._matcher.inliers(features, candidate.reference_index, candidate.shift)
+
+    def _keep(self, frame: BufferedFrame, most: int) -> None:
+        self._frames.append(frame)
+        self.frame += 1
+        self.pairs_scored = 0
+        while len(self._frames) > most:
+            self._frames.popleft()
 
 
 def _diagonals(
-    window: Sequence[Seen], ends: Indices, slope: float
-) -> Iterator[tuple[Seen, Row, Indices]]:
-    """Yield each frame that shows something, its row, and the references that it meets."""
-    for step, one in zip(diagonal(len(window), slope), window, strict=True):
-        if one.row is not None:
+    window: Sequence[BufferedFrame], ends: Indices, velocity: float
+) -> Iterator[tuple[BufferedFrame, Features, Row, Indices]]:
+    """Yield each frame that shows something, with the references that it meets."""
+    for step, one in zip(diagonal(len(window), velocity), window, strict=True):
+        if one.row is not None and one.features is not None:
             met = ends - step
-            yield one, one.row, met[(met >= 0) & (met < len(one.row))]
+            yield one, one.features, one.row, met[(met >= 0) & (met < len(one.row))]

@@ -1,105 +1,111 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the query drives, compared with the reference: the slope of the diagonals."""
+"""How fast the query drives, compared with the map: the slope of the diagonals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from convseq_ros.core.sequence.diagonals import diagonal, Row, sequence_scores
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, sequence_scores, window_sums
 import numpy as np
 import numpy.typing as npt
-
-SLOPES = (1.0, 0.5, 0.57, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
-_SHORTEST = 8
-_FEWEST_SEQUENCES = 20
-_MEMORY_FRAMES = 20
-_CLOSE_MEMORY_FRAMES = 10
-_POWER = 3
-_PREFERENCE = 0.95**_POWER
 
 Scores = npt.NDArray[np.floating]
 
 
-class SlopeSearch:
-    """
-    Follows the slope whose best sequence stands out most, frame after frame.
+@dataclass(frozen=True, slots=True)
+class VelocityConstants:
+    """Of the search; chosen on drawn drives and halves of real maps (docs/MATCHING.md)."""
 
-    How far the best score of a frame stands above the mean of all is averaged for every slope over
-    about the last 20 frames: its cube, so that the frames that know their place outvote at once
-    those of streets that are in no map, at which every slope stands out by chance. Another slope
-    than 1 must stand out by a twentieth more, because a search that takes the best slope of every
-    single frame finds chance alignments. A sequence of less than 8 frames tells no slope, nor does
-    a map in which less than 20 sequences find room.
+    velocities: tuple[float, ...] = (1.0, 0.5, 0.57, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
+    shortest: int = 8  # frames of a sequence that tells a velocity
+    fewest_sequences: int = 20  # that must find room in the map
+    memory: int = 20  # frames over which the prominence is averaged
+    close_memory: int = 10  # the same where pairs are scored
+    power: int = 3  # of the prominence; frames that know their place outvote the others
+    preference: float = 0.95**3  # for one to one: another velocity stands out by a twentieth more
+
+
+VELOCITY = VelocityConstants()
+
+
+class ConstantVelocity:
+    """The query drives as fast as the map's drive did, as the paper has it."""
+
+    def reset(self) -> None:
+        """Forget nothing."""
+
+    def update(self, _rows: Rows, _closer: Callable[[float], Scores] | None = None) -> float:
+        """Return 1."""
+        return 1.0
+
+
+class VelocitySearch(ConstantVelocity):
+    """
+    Follows the velocity whose best sequence stands out most, frame after frame.
+
+    The prominence, how far the best score of a frame stands above the mean of all, is averaged for
+    every velocity over about the last 20 frames: its cube, so that the frames that know their
+    place outvote at once those of streets that are in no map, where every velocity stands out by
+    chance. A sequence of less than 8 frames tells no velocity, nor does a map in which less than
+    20 sequences find room.
     """
 
     def __init__(self) -> None:
-        self._prominence: npt.NDArray[np.float64] = np.zeros(len(SLOPES))
+        self._prominence: npt.NDArray[np.float64] = np.zeros(len(VELOCITY.velocities))
         self._closely: dict[float, float] = {}
         self._room: Scores = np.zeros(0, np.float32)
 
     def reset(self) -> None:
-        """Forget the frames seen so far."""
+        """Forget the frames so far."""
         self._prominence[:] = 0.0
         self._closely.clear()
 
-    def follow(
-        self, rows: Sequence[Row | None], closer: Callable[[float], Scores] | None = None
-    ) -> float:
+    def update(self, rows: Rows, closer: Callable[[float], Scores] | None = None) -> float:
         """
-        Take in the newest frame and return the slope, references per frame.
+        Take in rows as for `sequence_scores`, and return the velocity, references per frame.
 
-        Parameters
-        ----------
-        rows : sequence of k ndarrays of float32, shape (R,), or None
-            Scores of the frames, newest first; as for `sequence_scores`.
-        closer : callable, optional
-            Where rows are a first sight only: from a slope to better scores of its likeliest
-            sequences. Another slope than 1 must stand out in these, too.
-
+        Where rows are coarse, `closer` leads from a velocity to better scores of its likeliest
+        sequences, in which another velocity than 1 must stand out, too.
         """
-        if len(rows) >= _SHORTEST:
+        if len(rows) >= VELOCITY.shortest:
             even = self._known(rows, 1.0)
-            if len(even) >= _FEWEST_SEQUENCES:
-                of_even = _prominence(even)
-                others = [_prominence(self._known(rows, slope)) for slope in SLOPES[1:]]
-                self._learn(np.array([of_even, *others]))
-        weight = np.full(len(SLOPES), _PREFERENCE)
+            if len(even) >= VELOCITY.fewest_sequences:
+                first = _prominence(even)
+                others = [_prominence(self._known(rows, one)) for one in VELOCITY.velocities[1:]]
+                self._learn(np.array([first, *others]))
+        weight = np.full(len(VELOCITY.velocities), VELOCITY.preference)
         weight[0] = 1.0
-        slope = SLOPES[int((weight * self._prominence).argmax())]
-        if slope == 1.0 or closer is None:
+        velocity = VELOCITY.velocities[int((weight * self._prominence).argmax())]
+        if velocity == 1.0 or closer is None:
             self._closely.clear()
-            return slope
-        for one in (1.0, slope):
+            return velocity
+        for one in (1.0, velocity):
             scores = closer(one)
             now = _prominence(scores[np.isfinite(scores)])
             before = self._closely.get(one, now)
-            self._closely[one] = before + (now - before) / _CLOSE_MEMORY_FRAMES
-        return slope if _PREFERENCE * self._closely[slope] > self._closely[1.0] else 1.0
+            self._closely[one] = before + (now - before) / VELOCITY.close_memory
+        stands_out = VELOCITY.preference * self._closely[velocity] > self._closely[1.0]
+        return velocity if stands_out else 1.0
 
     def _learn(self, now: npt.NDArray[np.float64]) -> None:
         if not self._prominence.any():
             self._prominence = now
-        self._prominence += (now - self._prominence) / _MEMORY_FRAMES
+        self._prominence += (now - self._prominence) / VELOCITY.memory
 
-    def _known(self, rows: Sequence[Row | None], slope: float) -> Scores:
+    def _known(self, rows: Rows, velocity: float) -> Scores:
         """Return the scores of all sequences that have one, until asked again."""
-        steps = diagonal(len(rows), slope)
-        shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
-        count = max((len(row) for row, _ in shown), default=0)
-        if len(self._room) < count:
-            self._room = np.empty(count, np.float32)
-        total = self._room[: max(0, count - steps[-1])]
-        if len(total) and all(len(row) - steps[-1] + step >= len(total) for row, step in shown):
-            total[:] = 0
-            for row, step in shown:
-                start = steps[-1] - step
-                total += row[start : start + len(total)]
-            # The rule, where it says the same as the sum and that in a third of the time.
-            if 2 * len(shown) >= len(rows) and np.isfinite(total.max()):
-                total /= len(shown)
-                return total
-        scores = sequence_scores(rows, slope=slope, dtype=np.float32)[steps[-1] :]
+        steps, newest = diagonal(len(rows), velocity), rows[0]
+        if newest is not None and len(self._room) < len(newest):
+            self._room = np.empty(len(newest), np.float32)
+        total = window_sums(rows, steps, self._room)
+        informative = sum(row is not None for row in rows)
+        if 2 * informative >= len(rows) and len(total) and np.isfinite(total.max()):
+            # All of them have a score; this takes a third of the time.
+            total /= informative
+            return total
+        scores = sequence_scores(rows, velocity, dtype=np.float32)[steps[-1] :]
         return scores[np.isfinite(scores)]
 
 
 def _prominence(scores: Scores) -> float:
-    return float(scores.max() - scores.mean()) ** _POWER if scores.size else 0.0
+    return float(scores.max() - scores.mean()) ** VELOCITY.power if scores.size else 0.0

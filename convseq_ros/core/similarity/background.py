@@ -1,99 +1,109 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a drive usually shows, region by region of the image.
+The background: what a map, or a drive, shows on average, region by region of the image.
 
-All images of one road or corridor have the same layout: the ground below, walls that run to the
+All images of one road or corridor are laid out alike: the ground below, walls that run to the
 middle. So regions find counterparts where they lie themselves, at the right place as elsewhere.
-What is usual is therefore subtracted: of references what their map shows on average, of queries
-what their own drive does, since at night the same layout looks otherwise.
+The background is therefore subtracted: of references their map's, of queries their own drive's,
+since the same layout looks otherwise at night.
 """
 
 from collections.abc import Callable
-from typing import Any, TYPE_CHECKING
+from dataclasses import dataclass
 
-from convseq_ros.core.encoding.unit import unit
+from convseq_ros.core.encoding.regions import Cells, Regions, unit
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.similarity.pair_score import ShowRegions
 import numpy as np
-import numpy.typing as npt
-
-if TYPE_CHECKING:
-    from convseq_ros.core.map.reference_map import ReferenceMap
-
-_FEWEST = 20
-_SAMPLE = 256
-_PRIOR_FRAMES = 5
-_STILL_ALIKE = 0.8
-
-Cells = npt.NDArray[np.float32]
-Regions = npt.NDArray[np.float32]
-Even = Callable[[Cells], Cells]
-Show = Callable[[Cells, Regions | None], tuple[Regions, Any]]
 
 
-def unusual(regions: Regions, usual: Regions | None) -> Regions:
-    """Return regions, (N, 32), less what is usual there, of unit length; as they are if None."""
-    return regions if usual is None else unit(regions - usual)
+@dataclass(frozen=True, slots=True)
+class BackgroundConstants:
+    """Chosen on 29 sets, by day and darkened (docs/MATCHING.md), but for the sample."""
+
+    fewest_places: int = 20  # a map of fewer has no background
+    sample: int = 256  # places of the map that are read; more make no difference
+    prior_frames: int = 5  # that the map's background counts for in the drive's
+    still_alike: float = 0.8  # mean cosine of two frames, above which the later does not count
 
 
-class Layout:
+BACKGROUND = BackgroundConstants()
+
+
+def subtracted(regions: Regions, background: Regions | None) -> Regions:
+    """Return regions (N, 32) less their background, of unit length; as they are if None."""
+    return regions if background is None else unit(regions - background)
+
+
+class NoBackground:
+    """Stands in where no background is subtracted, and cells are compared as they are."""
+
+    of_map: Regions | None = None
+
+    def normalize(self, cells: Cells) -> Cells:
+        """Return the cells."""
+        return cells
+
+    def update_map(self) -> bool:
+        """Return False: nothing has changed."""
+        return False
+
+    def update(self, _cells: Cells) -> Regions | None:
+        """Return None: there is none."""
+        return None
+
+
+class Background(NoBackground):
     """
-    What is usual in a map, and in the drive that is matched with it.
+    The backgrounds of a map and of the drive that is matched with it.
 
-    Parameters
-    ----------
-    reference_map : ReferenceMap
-        At most 256 of its references are looked at, evenly spread, and others whenever the map
-        has doubled. Nothing is known of maps of less than 20 places.
-    even, show : callable
-        As in `Look`.
-
-    Attributes
-    ----------
-    even : callable
-        What is done to all cells first.
-    of_map : ndarray of float32, shape (N, 32), or None
-        The mean of the references' regions.
-
+    At most 256 places of the map are read, evenly spread, and others whenever it has doubled.
+    `of_map` is their mean, (N, 32); None for a map of less than 20 places. `normalize` and
+    `regions` are those of a `PairScore`.
     """
 
-    def __init__(self, reference_map: 'ReferenceMap', even: Even, show: Show) -> None:
-        self.even = even
-        self.of_map: Regions | None = None
-        self._map = reference_map
-        self._show = show
+    def __init__(
+        self,
+        reference_map: ReferenceMap,
+        normalize: Callable[[Cells], Cells],
+        regions: ShowRegions,
+    ) -> None:
+        self._map, self._normalize, self._regions = reference_map, normalize, regions
         self._averaged = 0
         self._last: Regions | None = None
         self._sum = np.zeros(1, np.float32)
         self._frames = 0
 
-    def renew(self) -> bool:
-        """Look at the map again if it has doubled, and return whether `of_map` has changed."""
+    def normalize(self, cells: Cells) -> Cells:
+        """Return normalised cells."""
+        return self._normalize(cells)
+
+    def update_map(self) -> bool:
+        """Read the map again if it has doubled, and return whether `of_map` has changed."""
         count = len(self._map)
-        if count < max(_FEWEST, 2 * self._averaged):
+        if count < max(BACKGROUND.fewest_places, 2 * self._averaged):
             return False
-        some = np.unique(np.linspace(0, count - 1, min(count, _SAMPLE)).astype(int)).tolist()
-        read = [self.even(cells) for cells in self._map.cells_of(some) if cells.any()]
-        shown = [self._show(cells, None)[0] for cells in read]
+        sample = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
+        read = self._map.cells_of(np.unique(sample).tolist())
+        shown = [self._regions(self._normalize(one), None)[0] for one in read if one.any()]
         self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
 
-    def of_drive(self, cells: Cells) -> Regions | None:
+    def update(self, cells: Cells) -> Regions | None:
         """
-        Return what was usual up to a query, (N, 32), None for as long as `of_map` is.
+        Take in a query's normalised cells (S, S, 8), and return the drive's background, (N, 32).
 
-        Parameters
-        ----------
-        cells : ndarray of float32, shape (S, S, 8)
-            Of the query, from `even`; each frame comes once. The mean of the map counts as 5
-            frames, and a frame that is still much like the last that counted does not count.
-
+        Each frame comes once; one that is still much like the last that counted does not count.
+        None as long as the map has no background, which counts as 5 frames.
         """
-        regions, _ = self._show(cells, None)
-        if self._last is None or np.vdot(regions, self._last) < _STILL_ALIKE * len(regions):
+        regions, _ = self._regions(cells, None)
+        alike = BACKGROUND.still_alike * len(regions)
+        if self._last is None or np.vdot(regions, self._last) < alike:
             self._last, self._sum = regions, self._sum + regions
             self._frames += 1
         if self.of_map is None:
             return None
-        total = self._sum + _PRIOR_FRAMES * self.of_map
-        return np.asarray(total / (self._frames + _PRIOR_FRAMES), np.float32)
+        total = self._sum + BACKGROUND.prior_frames * self.of_map
+        return np.asarray(total / (self._frames + BACKGROUND.prior_frames), np.float32)

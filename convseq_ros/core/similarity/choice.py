@@ -4,26 +4,22 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.similarity.coherent_pair import COHERENT
+from convseq_ros.core.similarity.coherent_pair import COHERENT_PAIR
 from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.similarity.regional import REGIONAL
 from convseq_ros.errors import ConfigError
 
-PAIR_SCORES = {'coherent': COHERENT, 'regional': REGIONAL}
+_DEFINITIONS = {'coherent': COHERENT_PAIR, 'regional': REGIONAL}
 
 
 def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
     """
     Return the kernel for a way of matching, and one whose scores are those of the definition.
 
-    Raises
-    ------
-    ConfigError
-        If the machine cannot run the kernel that is asked for.
-
+    ConfigError if the machine cannot run the kernel that is asked for.
     """
-    definition = PAIR_SCORES[matching.matching]
+    definition = _DEFINITIONS[matching.matching]
     wanted = matching.kernel
     if wanted in ('int8', 'float32') and not available():
         raise ConfigError(f'kernel: {wanted} needs numba 0.61 or later; install it or choose auto')

@@ -1,53 +1,54 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent matching of a drive with a map: shares of regions, and how alike whole images are."""
+"""The pair score of coherent matching: shares of regions, less where whole images differ."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from convseq_ros.core.similarity.background import unusual
-from convseq_ros.core.similarity.cell_normalization import evened
+from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions
+from convseq_ros.core.similarity.background import subtracted
+from convseq_ros.core.similarity.cell_normalization import normalized
 from convseq_ros.core.similarity.coherent import (
-    agreeing_regions,
     coherent_score,
     CoherentQuery,
-    projected_regions,
-    Regions,
-    see,
+    extract,
+    inlier_regions,
 )
-from convseq_ros.core.similarity.global_similarity import likeness, moved, Whole, whole
-from convseq_ros.core.similarity.pair_score import Look, PairScore, Scores
+from convseq_ros.core.similarity.global_similarity import (
+    Blocks,
+    global_similarity,
+    lateral_shifts,
+    region_blocks,
+)
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, ShowRegions
 from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
-Cells = npt.NDArray[np.float32]
-Show = Callable[[Cells, Regions | None], tuple[Regions, Whole | None]]
-
 
 @dataclass(frozen=True, slots=True)
 class _Query:
-    """What is compared of a query, and its moved images if the layout is known."""
+    """What is compared of a query, and its lateral shifts if a background is known."""
 
-    seen: CoherentQuery
+    regions: CoherentQuery
     packed: Any
-    images: npt.NDArray[np.float64] | None
+    shifted: npt.NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """What is compared of a reference, and its image if the layout is known."""
+    """What is compared of a reference, and its blocks if a background is known."""
 
     packed: Any
-    image: Whole | None
+    blocks: Blocks | None
 
 
 def coherent_pair(
     name: str,
     exact: bool,
-    even: Callable[[Cells], Cells],
-    show: Show,
+    normalize: Callable[[Cells], Cells],
+    regions: ShowRegions,
     pack_query: Callable[[CoherentQuery], Any],
     pack_reference: Callable[[Regions], Any],
     compare: Callable[[Any, Sequence[Any]], Scores],
@@ -55,56 +56,46 @@ def coherent_pair(
     """
     Return the pair score that a kernel computes.
 
-    Parameters
-    ----------
-    name, exact : str, bool
-        As in `PairScore`.
-    even, show : callable
-        As in `Look`: compute `evened` and `shown`.
-    pack_query, pack_reference : callable
-        To what the kernel compares.
-    compare : callable
-        Computes `coherent_score` of a query and some references.
+    Without a background its scores are those of `coherent_score`. With one, it is subtracted from
+    regions, and up to half of the score is lost as the global similarity falls.
 
-    Returns
-    -------
-    PairScore
-        Its scores are those of `coherent_score` as long as nothing is known of what is usual. With
-        that, regions are `unusual` ones, and up to half of the score is lost as the whole images
-        are less alike at their best shift.
-
+    `normalize` and `regions` compute `normalized` and `shown_regions`; `pack_query` and
+    `pack_reference` lead to what the kernel compares; `compare` computes `coherent_score` of a
+    query and some references.
     """
 
-    def seen(query: Descriptor, least_bits: float, usual: Regions | None) -> _Query | None:
-        regions, image = show(query.cells, usual)
-        found = see(query, least_bits, regions)
+    def extracted(
+        query: Descriptor, least_bits: float, background: Regions | None
+    ) -> _Query | None:
+        shown, blocks = regions(query.cells, background)
+        found = extract(query, least_bits, shown)
         if found is None:
             return None
-        images = None if image is None else moved(image, found.side)
-        return _Query(found, pack_query(found), images)
+        shifted = None if blocks is None else lateral_shifts(blocks, found.side)
+        return _Query(found, pack_query(found), shifted)
 
-    def prepare(cells: Cells, usual: Regions | None) -> _Reference:
-        regions, image = show(cells, usual)
-        return _Reference(pack_reference(regions), image)
+    def prepare(cells: Cells, background: Regions | None) -> _Reference:
+        shown, blocks = regions(cells, background)
+        return _Reference(pack_reference(shown), blocks)
 
     def score(query: _Query, references: Sequence[_Reference]) -> Scores:
         shares, shifts = compare(query.packed, [one.packed for one in references])
-        images = [one.image for one in references]
-        if query.images is None or any(image is None for image in images):
+        blocks = [one.blocks for one in references]
+        if query.shifted is None or any(one is None for one in blocks):
             return shares, shifts
-        alike = likeness(query.images, np.array(images, np.float64))
+        alike = global_similarity(query.shifted, np.array(blocks, np.float64))
         return shares * (0.5 + 0.5 * alike), shifts
 
-    def agree(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
-        return agreeing_regions(query.seen, reference, shift)
+    def inliers(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
+        return inlier_regions(query.regions, reference, shift)
 
-    return PairScore(name, exact, seen, prepare, score, Look(even, show, agree))
+    return PairScore(name, exact, extracted, prepare, score, regions, normalize, inliers)
 
 
-def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
-    """Return the regions of an image that are compared, and the `whole` where layout is known."""
-    regions = unusual(projected_regions(cells), usual)
-    return regions, None if usual is None else whole(regions)
+def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:
+    """Return the regions of an image that are compared, and its blocks if there is background."""
+    regions = subtracted(projected_regions(cells), background)
+    return regions, None if background is None else region_blocks(regions)
 
 
 def _same(what: Any) -> Any:
@@ -116,4 +107,4 @@ def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
     return np.array(scores, np.float32), np.array(shifts)
 
 
-COHERENT = coherent_pair('numpy', True, evened, shown, _same, _same, _compare)
+COHERENT_PAIR = coherent_pair('numpy', True, normalized, shown_regions, _same, _same, _compare)

@@ -1,74 +1,59 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How alike two images are as wholes, where one may have moved to the side."""
+"""The global similarity of two images, one of which may have moved to the side."""
 
+from dataclasses import dataclass
 from math import isqrt
 
-from convseq_ros.core.encoding.unit import unit
+from convseq_ros.core.encoding.regions import Regions, unit
 import numpy as np
 import numpy.typing as npt
 
-BLOCK = 3
-_MOST = 4
-_LENGTH = np.float32(2**24)
-
-Whole = npt.NDArray[np.float32]
+Blocks = npt.NDArray[np.float32]
 
 
-def whole(regions: npt.NDArray[np.float32]) -> Whole:
-    """
-    Return the sums of 3 x 3 neighbouring regions in one vector, (L,).
+@dataclass(frozen=True, slots=True)
+class GlobalSimilarityConstants:
+    """Chosen on real and darkened image pairs (docs/MATCHING.md)."""
 
-    It is 2 ** 24 long and of whole numbers, so that products of two are exact in any order.
-    """
+    block: int = 3  # regions in a row that are summed up
+    most_shift: int = 4  # blocks to either side
+    length: float = 2.0**24  # of the vector; products of whole numbers are exact in any order
+
+
+GLOBAL_SIMILARITY = GlobalSimilarityConstants()
+
+
+def region_blocks(regions: Regions) -> Blocks:
+    """Return the sums of 3 x 3 neighbouring regions (N, 32) in one vector, as `rounded` does."""
     side = isqrt(len(regions))
-    starts = np.arange(0, side, BLOCK)
+    starts = np.arange(0, side, GLOBAL_SIMILARITY.block)
     image = regions.reshape(side, side, -1)
     return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
 
 
-def rounded(blocks: npt.NDArray[np.float32]) -> Whole:
-    """Return blocks of any shape in one vector, as `whole` does."""
-    return np.rint(_LENGTH * unit(blocks.ravel()))
+def rounded(blocks: npt.NDArray[np.float32]) -> Blocks:
+    """Return blocks of any shape in one vector, (L,), of whole numbers and 2 ** 24 long."""
+    return np.rint(np.float32(GLOBAL_SIMILARITY.length) * unit(blocks.ravel()))
 
 
-def moved(image: Whole, side: int) -> npt.NDArray[np.float64]:
-    """
-    Return an image moved by up to 4 blocks to each side, (9, L).
-
-    Parameters
-    ----------
-    image : ndarray of float32, shape (L,)
-        From `whole`.
-    side : int
-        Regions in a row of the image.
-
-    """
-    count = -(-side // BLOCK)
+def lateral_shifts(image: Blocks, side: int) -> npt.NDArray[np.float64]:
+    """Return blocks (L,) moved by up to 4 to each side, (9, L); `side`: regions in a row."""
+    count = -(-side // GLOBAL_SIMILARITY.block)
     blocks = image.reshape(count, count, -1)
-    most = min(_MOST, count - 1)
+    most = min(GLOBAL_SIMILARITY.most_shift, count - 1)
     found = np.zeros((2 * most + 1, *blocks.shape))
     for one, shift in zip(found, range(-most, most + 1), strict=True):
         one[:, _overlap(shift, count)] = blocks[:, _overlap(-shift, count)]
     return found.reshape(len(found), -1)
 
 
-def likeness(
+def global_similarity(
     query: npt.NDArray[np.float64], references: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float32]:
-    """
-    Return the cosines of the best shifts, in [0, 1].
-
-    Parameters
-    ----------
-    query : ndarray of float64, shape (9, L)
-        From `moved`.
-    references : ndarray of float64, shape (n, L)
-        Rows from `whole`.
-
-    """
+    """Return the cosines (n,) in [0, 1] of the best of 9 shifts of a query, of shape (9, L)."""
     best = (query @ references.T).max(axis=0)
-    return np.clip(best / float(_LENGTH) ** 2, 0, 1).astype(np.float32)
+    return np.clip(best / GLOBAL_SIMILARITY.length**2, 0, 1).astype(np.float32)
 
 
 def _overlap(shift: int, count: int) -> slice:

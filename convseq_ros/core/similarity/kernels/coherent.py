@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from functools import cache
 
 from convseq_ros.core.compiled import compiled
-from convseq_ros.core.similarity.coherent import CoherentQuery, REACH, Regions, WINDOW
+from convseq_ros.core.encoding.regions import Regions
+from convseq_ros.core.similarity.coherent import COHERENT, CoherentQuery
 from convseq_ros.core.similarity.coherent_pair import coherent_pair
-from convseq_ros.core.similarity.kernels.evening import evened
+from convseq_ros.core.similarity.kernels.normalization import normalized
 from convseq_ros.core.similarity.kernels.panel import (
     address,
     addresses,
@@ -19,7 +20,7 @@ from convseq_ros.core.similarity.kernels.panel import (
     query_words,
     reference_words,
 )
-from convseq_ros.core.similarity.kernels.projection import packed_bytes, shown
+from convseq_ros.core.similarity.kernels.projection import packed_bytes, shown_regions
 from convseq_ros.core.similarity.kernels.tile import (
     best_word,
     BYTE_WORDS,
@@ -38,7 +39,8 @@ import numpy.typing as npt
 
 _SCALE = 160.0
 _MOST = 127
-_FACTORS = WINDOW[REACH:]
+REACH = COHERENT.reach_cells
+_FACTORS = COHERENT.window[REACH:]
 _LANES, _ROWS, _COLUMNS = BYTES.lanes, BYTES.rows, BYTES.columns
 _FLOAT_LANES, _FLOAT_ROWS, _FLOAT_COLUMNS = FLOATS.lanes, FLOATS.rows, FLOATS.columns
 
@@ -47,14 +49,14 @@ _FLOAT_LANES, _FLOAT_ROWS, _FLOAT_COLUMNS = FLOATS.lanes, FLOATS.rows, FLOATS.co
 class _Query:
     """What compiled functions read of a query; `spots` as `_spots` has them."""
 
-    seen: CoherentQuery
+    query: CoherentQuery
     words: Panel
     spots: npt.NDArray[np.int64]
     start: npt.NDArray[np.int32] | None = None
 
     @property
     def side(self) -> int:
-        return self.seen.side
+        return self.query.side
 
 
 @cache
@@ -232,11 +234,13 @@ def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
     name = f'float32 {FLOATS.name}'
     return coherent_pair(
-        name, True, evened, shown, _float_query, _float_reference, _compare_floats
+        name, True, normalized, shown_regions, _float_query, _float_reference, _compare_floats
     )
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     name = f'int8 {BYTES.name}'
-    return coherent_pair(name, False, evened, shown, _byte_query, _byte_reference, _compare_bytes)
+    return coherent_pair(
+        name, False, normalized, shown_regions, _byte_query, _byte_reference, _compare_bytes
+    )

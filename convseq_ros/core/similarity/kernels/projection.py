@@ -6,8 +6,8 @@ from functools import cache
 from math import isqrt
 
 from convseq_ros.core.compiled import compiled
-from convseq_ros.core.similarity.coherent import projection, Regions
-from convseq_ros.core.similarity.global_similarity import BLOCK, rounded, Whole
+from convseq_ros.core.encoding.regions import Cells, projection, Regions
+from convseq_ros.core.similarity.global_similarity import Blocks, GLOBAL_SIMILARITY, rounded
 from convseq_ros.core.similarity.kernels.panel import address, empty_panel, Panel, reference_words
 from convseq_ros.core.similarity.kernels.tile import (
     BYTE_WORDS,
@@ -22,9 +22,8 @@ from convseq_ros.core.similarity.kernels.tile import (
 import numpy as np
 import numpy.typing as npt
 
+BLOCK = GLOBAL_SIMILARITY.block
 _ROWS, _COLUMNS = REGION_ROWS, FLOATS.columns
-
-Cells = npt.NDArray[np.float32]
 
 
 def projected(cells: Cells) -> Regions:
@@ -36,14 +35,14 @@ def projected(cells: Cells) -> Regions:
     return regions
 
 
-def shown(cells: Cells, usual: Regions | None) -> tuple[Regions, Whole | None]:
-    """Return what the definition's `shown` does, to 1e-6."""
+def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:
+    """Return what the definition's `shown_regions` does, to 1e-6."""
     regions = projected(cells)
-    if usual is None:
+    if background is None:
         return regions, None
     blocks = -(-isqrt(len(regions)) // BLOCK)
     sums = np.zeros((blocks, blocks, FLOAT_WORDS), np.float32)
-    _subtract(regions, np.ascontiguousarray(usual, np.float32), sums)
+    _subtract(regions, np.ascontiguousarray(background, np.float32), sums)
     return regions, rounded(sums)
 
 
@@ -107,14 +106,14 @@ def _project(cells, axes, origin, regions):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _subtract(regions, usual, sums):  # type: ignore[no-untyped-def]
-    """Make regions unusual ones, of unit length, and add them up in blocks."""
+def _subtract(regions, background, sums):  # type: ignore[no-untyped-def]
+    """Subtract the background from regions, to unit length, and add them up in blocks."""
     side = int(np.sqrt(len(regions)))
     one = np.ones(1, np.float32)
     for place in range(len(regions)):
         offset = 4 * place * FLOAT_WORDS
         own = address(regions) + offset
-        place_region(own, address(one), address(usual) + offset, own)
+        place_region(own, address(one), address(background) + offset, own)
         block = sums[place // side // BLOCK, place % side // BLOCK]
         for axis in range(len(block)):
             block[axis] += regions[place, axis]

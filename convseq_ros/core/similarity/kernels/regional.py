@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from convseq_ros.core.compiled import compiled
+from convseq_ros.core.encoding.regions import Cells, paper_regions
 from convseq_ros.core.similarity.kernels.panel import (
     address,
     addresses,
@@ -27,7 +28,6 @@ from convseq_ros.core.similarity.kernels.tile import (
     maximum,
 )
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
-from convseq_ros.core.similarity.regional import regions
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
@@ -36,8 +36,6 @@ import numpy.typing as npt
 _QUERY_SCALE, _REFERENCE_SCALE = 127, 255
 _LANES, _ROWS, _COLUMNS = BYTES.lanes, BYTES.rows, BYTES.columns
 _FLOAT_LANES, _FLOAT_ROWS, _FLOAT_COLUMNS = FLOATS.lanes, FLOATS.rows, FLOATS.columns
-
-Cells = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +66,7 @@ def _inverse_lengths(cells: Cells) -> npt.NDArray[np.float32]:
     return inverse
 
 
-def _see_cells(query: Descriptor, _least_bits: float, _usual: object) -> _Cells | None:
+def _extract_cells(query: Descriptor, _least_bits: float, _background: object) -> _Cells | None:
     if not query.informative:
         return None
     side = len(query.cells)
@@ -79,7 +77,7 @@ def _see_cells(query: Descriptor, _least_bits: float, _usual: object) -> _Cells 
     return _Cells(words, inverse.ravel(), int(salient.sum()), side)
 
 
-def _cells_of(cells: Cells, _usual: object) -> Panel:
+def _cells_of(cells: Cells, _background: object) -> Panel:
     """Return cells in blocks and, behind them, the inverse lengths of regions a row earlier."""
     side = len(cells)
     blocks = reference_words(cells.reshape(side * side, -1), FLOATS).array
@@ -96,16 +94,16 @@ def _compare_cells(query: _Cells, references: Sequence[Panel]) -> Scores:
     return scores, None
 
 
-def _see_bytes(query: Descriptor, _least_bits: float, _usual: object) -> _Bytes | None:
+def _extract_bytes(query: Descriptor, _least_bits: float, _background: object) -> _Bytes | None:
     if not query.informative:
         return None
-    salient = regions(query.cells)[query.salient]
+    salient = paper_regions(query.cells)[query.salient]
     words = query_words(quantised(salient, _QUERY_SCALE, _QUERY_SCALE), BYTES)
     return _Bytes(words, len(salient))
 
 
-def _bytes_of(cells: Cells, _usual: object) -> Panel:
-    whole = quantised(regions(cells), _REFERENCE_SCALE, _REFERENCE_SCALE, 0)
+def _bytes_of(cells: Cells, _background: object) -> Panel:
+    whole = quantised(paper_regions(cells), _REFERENCE_SCALE, _REFERENCE_SCALE, 0)
     return reference_words(whole, BYTES)
 
 
@@ -185,9 +183,9 @@ def _byte_scores(query, count, blocks, references, scores):  # type: ignore[no-u
 
 def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
-    return PairScore(f'float32 {FLOATS.name}', True, _see_cells, _cells_of, _compare_cells)
+    return PairScore(f'float32 {FLOATS.name}', True, _extract_cells, _cells_of, _compare_cells)
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.001 of the definition's."""
-    return PairScore(f'int8 {BYTES.name}', False, _see_bytes, _bytes_of, _compare_bytes)
+    return PairScore(f'int8 {BYTES.name}', False, _extract_bytes, _bytes_of, _compare_bytes)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reading a map file: the whole of what is held in memory, and the rest on demand."""
+"""Reading a map file: what is held in memory at once, and the rest on demand."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,31 +15,39 @@ from typing import Any
 import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.hog import BINS, CELL_PX
-from convseq_ros.core.map.map_format import checked_settings, decode_cells, picture_crc, place_crc
-from convseq_ros.core.map.reference_map import Columns, empty_columns, Picture
+from convseq_ros.core.encoding.hog import cell_shape
+from convseq_ros.core.map.format import checked_settings, decode_cells, picture_crc, place_crc
+from convseq_ros.core.map.place import Columns, empty_columns, Picture
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 import numpy as np
 
-_ROWS_AT_ONCE = 2048
-_PICTURES_AT_ONCE = 256
+_ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
+_PICTURES_AT_ONCE = 256  # of `pictures`; SQLite takes 999 values in a statement
 _DAMAGE = (OverflowError, UnicodeDecodeError, ValueError, TypeError)
+
+
+def open_map(
+    path: str | Path,
+    encoding: EncodingConfig | None = None,
+    keyframes: KeyframeConfig | None = None,
+) -> ReferenceMap:
+    """
+    Open a map: all that is searched in; cells and thumbnails are read when they are asked for.
+
+    The file is not changed, and must stay where it is while the map is used. The settings are as
+    for `MapReader`, and so are the errors; damaged cells are found when they are read.
+    """
+    reader = MapReader(Path(path), encoding, keyframes)
+    return ReferenceMap(reader.encoding, reader.columns(), reader, reader.keyframes)
 
 
 class MapReader:
     """
     A map file that is open for reading; any thread may read.
 
-    The file is not changed. If a crash left it with a journal, a copy is mended and read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    encoding : EncodingConfig, optional
-        How query images will be encoded; without it the map's own settings are taken.
-    keyframes : KeyframeConfig, optional
-        How far apart those will be that are added; without it the map's own settings are taken.
+    The file is not changed. If a crash left it with a journal, a copy is mended and read. Without
+    an `encoding` of queries, or the `keyframes` that will be added, the map's own are taken.
 
     Raises
     ------
@@ -65,8 +73,7 @@ class MapReader:
             self.encoding, self.keyframes = checked_settings(
                 path, self._database, encoding, keyframes
             )
-        side = self.encoding.image_size_px // CELL_PX
-        self._cell_shape = side, side, BINS
+        self._cell_shape = cell_shape(self.encoding.image_size_px)
 
     def close(self) -> None:
         """Close the file."""
@@ -135,7 +142,8 @@ class MapReader:
         columns.stamps_ns[here] = stamps_ns
         columns.sources.extend(map(sys.intern, sources))
         columns.poses[here] = np.array(poses, np.float64).T
-        columns.pooled[here] = np.frombuffer(b''.join(pooled), '<f2').reshape(len(rows), -1)
+        descriptors = np.frombuffer(b''.join(pooled), '<f2')
+        columns.global_descriptors[here] = descriptors.reshape(len(rows), -1)
 
     def _damaged(self, reason: object) -> MapError:
         in_one_line = ' '.join(str(reason).split())

@@ -1,8 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How alike whole images are."""
+"""The global similarity of images."""
 
-from convseq_ros.core.similarity.global_similarity import likeness, moved, whole
+from convseq_ros.core.similarity.global_similarity import (
+    global_similarity,
+    lateral_shifts,
+    region_blocks,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -19,12 +23,12 @@ def shifted(regions, down, right, side=30):
 
 
 def alike(query, *references, side=30):
-    others = np.array([whole(one) for one in references], np.float64)
-    return likeness(moved(whole(query), side), others)
+    others = np.array([region_blocks(one) for one in references], np.float64)
+    return global_similarity(lateral_shifts(region_blocks(query), side), others)
 
 
 def test_blocks_are_the_sums_of_nine_regions():
-    found = whole(drawn(0)).reshape(10, 10, 32)
+    found = region_blocks(drawn(0)).reshape(10, 10, 32)
     means = drawn(0).reshape(10, 3, 10, 3, 32).mean(axis=(1, 3))
     assert found / 2**24 == pytest.approx(means / np.linalg.norm(means), abs=1e-6)
     assert (found == np.rint(found)).all()
@@ -39,8 +43,8 @@ def test_an_image_is_like_itself_and_unlike_noise():
 @pytest.mark.parametrize('right', [12, -9, 3])
 def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
     found, other = alike(drawn(1), shifted(drawn(1), 0, right), drawn(2))
-    kept = 1 - abs(right) / 30
-    assert found == pytest.approx(kept, abs=0.05) and found > other + 0.4
+    left = 1 - abs(right) / 30
+    assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
 
 
 def test_an_image_that_moved_farther_is_unlike():
@@ -55,7 +59,7 @@ def test_images_of_any_size_are_compared(side, seed):
     assert found == pytest.approx(1.0, abs=2e-2)
 
 
-def test_a_likeness_depends_on_no_other_reference():
+def test_a_global_similarity_depends_on_no_other_reference():
     references = [drawn(seed) for seed in range(40)]
     together = alike(drawn(99), *references)
     alone = [alike(drawn(99), one)[0] for one in references]

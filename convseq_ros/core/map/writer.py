@@ -4,13 +4,13 @@
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+import os
 from pathlib import Path
 import sqlite3
 from typing import Self
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.encoding.global_descriptor import pooled
-from convseq_ros.core.map.map_format import (
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.format import (
     about,
     checked_settings,
     encode_cells,
@@ -18,33 +18,37 @@ from convseq_ros.core.map.map_format import (
     place_crc,
     SCHEMA,
 )
-from convseq_ros.core.map.reference_map import Place, pose_numbers, unpack_cells
+from convseq_ros.core.map.place import Picture, Place, pose_numbers
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
+
+
+def save_map(reference_map: ReferenceMap, path: Path) -> None:
+    """
+    Write a map as it is now, replacing the file in one step.
+
+    MapError if it cannot be written; an existing file is then unchanged.
+    """
+    part = path.with_name(path.name + '.part')
+    try:
+        part.unlink(missing_ok=True)
+        with MapWriter(part, reference_map.encoding, reference_map.keyframes) as writer:
+            copy_places(reference_map, writer, len(reference_map))
+        os.replace(part, path)
+    except (MapError, OSError) as error:
+        part.unlink(missing_ok=True)
+        raise MapError(f'{path}: cannot write the map ({error})') from error
 
 
 class MapWriter:
     """
     Appends places to a map file; use it as a context manager.
 
-    Places are safe on disk after `commit`, and at the end, also when the work was interrupted.
-
-    Parameters
-    ----------
-    path : Path
-        The file; a new one is made unless `append`.
-    encoding : EncodingConfig
-        How the images are encoded.
-    append : bool
-        Add to an existing map, which must have been made with the same settings.
-    keyframes : KeyframeConfig
-        How far apart they are.
-
-    Attributes
-    ----------
-    committed : int
-        Places that are safe.
+    Places are safe on disk after `commit`, and at the end, also when the work was interrupted;
+    `committed` counts them. A new file is made unless `append`; then it must have been made with
+    the same settings.
 
     Raises
     ------
@@ -55,11 +59,7 @@ class MapWriter:
     """
 
     def __init__(
-        self,
-        path: Path,
-        encoding: EncodingConfig,
-        append: bool = False,
-        keyframes: KeyframeConfig = EVERY_FRAME,
+        self, path: Path, encoding: EncodingConfig, keyframes: KeyframeConfig, append: bool = False
     ) -> None:
         self.encoding = encoding
         self._keyframes = keyframes
@@ -82,26 +82,21 @@ class MapWriter:
                 raise
 
     def add(
-        self,
-        place: Place,
-        packed: npt.NDArray[np.float16],
-        thumbnail: bytes = b'',
-        first_sight: npt.NDArray[np.floating] | None = None,
+        self, place: Place, picture: Picture, global_descriptor: npt.NDArray[np.float16]
     ) -> None:
-        """Append a place; the parameters are those of `ReferenceMap.add`."""
-        if first_sight is None:
-            first_sight = pooled(unpack_cells(packed))
-        index, sight = self._count, first_sight.astype('<f2').tobytes()
+        """Append a place; its global descriptor has shape (n,)."""
+        index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
         # SQLite has no NaN and stores NULL, of which the checksum must tell the same.
         pose = [float(number) if number == number else None for number in pose_numbers(place.pose)]
         plain = index, place.stamp_ns, place.source, *pose
-        cells = encode_cells(packed)
+        cells = encode_cells(picture.packed)
         with self._explained():
             marks = ', '.join('?' * (len(plain) + 2))
-            values = (*plain, sight, place_crc(plain, sight))
+            values = (*plain, descriptor, place_crc(plain, descriptor))
             self._database.execute(f'INSERT INTO places VALUES ({marks})', values)
-            picture = index, cells, thumbnail, picture_crc(index, cells, thumbnail)
-            self._database.execute('INSERT INTO pictures VALUES (?, ?, ?, ?)', picture)
+            crc = picture_crc(index, cells, picture.thumbnail)
+            values = index, cells, picture.thumbnail, crc
+            self._database.execute('INSERT INTO pictures VALUES (?, ?, ?, ?)', values)
         self._count += 1
 
     def commit(self) -> None:
@@ -143,6 +138,13 @@ class MapWriter:
             yield
         except sqlite3.DatabaseError as error:
             raise MapError(f'{self._path}: {_what_went_wrong(error)}') from error
+
+
+def copy_places(reference_map: ReferenceMap, writer: MapWriter, end: int) -> None:
+    """Write the places that follow those that a writer has, up to before `end`."""
+    for index in range(len(writer), end):
+        known = reference_map.global_descriptors[index]
+        writer.add(reference_map.place(index), reference_map.picture(index), known)
 
 
 def _what_went_wrong(error: sqlite3.DatabaseError) -> str:

@@ -4,73 +4,44 @@
 
 from collections.abc import Callable, Sequence
 from itertools import islice
-from threading import Lock
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-from convseq_ros.core.lots import Lots
-import numpy as np
-import numpy.typing as npt
+from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.threads import Threads
 
-if TYPE_CHECKING:
-    from convseq_ros.core.map.reference_map import ReferenceMap
-
-_READ_AT_ONCE = 256
+_READ_AT_ONCE = 256  # references, for 8 MB of cells
 
 
-class Prepared:
+class FeatureCache:
     """
-    Reads references, prepares them and keeps the results.
+    Reads references, prepares what is compared of their cells and keeps the results.
 
-    Parameters
-    ----------
-    reference_map : ReferenceMap
-        The references.
-    prepare : callable
-        From the cells of one to what is compared of it.
-    lots : Lots
-        Who does the work.
-    most : int, optional
-        How many are kept, those that were asked for last; all by default.
-
+    At most `most` are kept, those that were asked for last; all by default.
     """
 
     def __init__(
         self,
-        reference_map: 'ReferenceMap',
-        prepare: Callable[[npt.NDArray[np.float32]], Any],
-        lots: Lots,
+        reference_map: ReferenceMap,
+        prepare: Callable[[Cells], Any],
+        threads: Threads,
         most: int | None = None,
     ) -> None:
-        self._map = reference_map
-        self._prepare = prepare
-        self._lots = lots
-        self._most = most
-        self._lock = Lock()
+        self._map, self._prepare, self._threads, self._most = reference_map, prepare, threads, most
         self._kept: dict[int, Any] = {}
 
     def clear(self) -> None:
         """Forget what was made."""
-        with self._lock:
-            self._kept.clear()
+        self._kept.clear()
 
     def of(self, indices: Sequence[int]) -> list[Any]:
-        """
-        Return what is compared of references, None for each that shows nothing.
-
-        Raises
-        ------
-        MapError
-            If one is stored and damaged.
-
-        """
-        with self._lock:
-            found = {index: self._kept[index] for index in indices if index in self._kept}
+        """Return what is compared of references, None for each that shows nothing; or MapError."""
+        found = {index: self._kept[index] for index in indices if index in self._kept}
         missing = [index for index in dict.fromkeys(indices) if index not in found]
         for start in range(0, len(missing), _READ_AT_ONCE):
             some = missing[start : start + _READ_AT_ONCE]
             found.update(zip(some, self._made(some), strict=True))
-        with self._lock:
-            self._keep(found)
+        self._keep(found)
         return [found[index] for index in indices]
 
     def _made(self, indices: Sequence[int]) -> list[Any]:
@@ -82,7 +53,7 @@ class Prepared:
                 if cells[place].any():
                     made[place] = self._prepare(cells[place])
 
-        self._lots.run([len(cells)], prepare)
+        self._threads.run([len(cells)], prepare)
         return made
 
     def _keep(self, found: dict[int, Any]) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A growing map and its file."""
+"""A growing map is persisted in its file."""
 
 import os
 import signal
@@ -8,9 +8,11 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.map.map_file import open_map, save_map
-from convseq_ros.core.map.map_keeper import MapKeeper
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
 import numpy as np
 import pytest
@@ -47,56 +49,56 @@ def path(tmp_path):
     return tmp_path / 'map.db'
 
 
-def test_a_map_that_starts_empty_is_kept_in_a_new_file(path):
+def test_a_map_that_starts_empty_is_persisted_in_a_new_file(path):
     reference_map = grown(0)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     assert holds(path, 0)
     grow(reference_map, 3)
-    keeper.close()
+    autosave.close()
     assert holds(path, 3)
 
 
 def test_what_is_there_is_written_at_once_to_a_new_file(path):
-    keeper = MapKeeper(path, grown(4))
+    autosave = Autosave(path, grown(4))
     assert holds(path, 4)
-    keeper.close()
+    autosave.close()
 
 
 def test_the_file_that_was_opened_goes_on_growing(path):
     save_map(grown(3), path)
     reference_map = open_map(path)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     grow(reference_map, 2)
-    keeper.close()
+    autosave.close()
     assert holds(path, 5)
 
 
 def test_places_are_safe_every_half_second(path):
     reference_map, start = grown(0), 5 * SECOND
-    keeper = MapKeeper(path, reference_map)
-    keeper.keep(start)
+    autosave = Autosave(path, reference_map)
+    autosave.save(start)
     for now_ns, safe in ((0.1, 0), (0.49, 0), (0.5, 3), (0.9, 3), (1.0, 5)):
         grow(reference_map, 1)
-        keeper.keep(start + round(now_ns * SECOND))
+        autosave.save(start + round(now_ns * SECOND))
         assert len(open_map(path)) == safe
-    keeper.close()
+    autosave.close()
 
 
 def test_a_clock_is_found_where_none_is_given(path):
-    keeper = MapKeeper(path, grown(0))
-    keeper.keep()
-    keeper.close()
+    autosave = Autosave(path, grown(0))
+    autosave.save()
+    autosave.close()
 
 
-def test_what_is_safe_leaves_the_memory_and_is_still_known(path):
+def test_what_is_persisted_is_evicted_and_still_known(path):
     reference_map = grown(0)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     for frame in range(30):
         grow(reference_map, 1)
-        keeper.keep((frame + 1) * 10**15)
+        autosave.save((frame + 1) * 10**15)
         assert not reference_map._in_memory
     assert all((reference_map.packed(index) == cells(index)).all() for index in range(30))
-    keeper.close()
+    autosave.close()
     assert (reference_map.packed(7) == cells(7)).all()
 
 
@@ -108,14 +110,14 @@ def test_another_map_is_not_mixed_in(path):
         other.add(Place(index), cells(index + 50))
     for one in (other, grown(2), grown(0)):
         with pytest.raises(MapError, match=r'map.db: holds another map .*name a new file'):
-            MapKeeper(path, one)
+            Autosave(path, one)
     assert path.read_bytes() == before
 
 
 def test_a_file_that_is_no_map_is_left_alone(path):
     path.write_bytes(b'SQLite format 3\0' + b'\0' * 500)
     with pytest.raises(MapError):
-        MapKeeper(path, grown(1))
+        Autosave(path, grown(1))
     assert path.stat().st_size == 516
 
 
@@ -125,44 +127,44 @@ def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypat
     blocked = path if what == 'file' else path.parent
     monkeypatch.setattr(os, 'access', lambda one, _mode: os.fspath(one) != os.fspath(blocked))
     with pytest.raises(MapError, match=r'map.db: cannot be written; make it and its folder'):
-        MapKeeper(path, open_map(path))
+        Autosave(path, open_map(path))
 
 
 def test_a_missing_folder_is_said_at_the_start(tmp_path):
     with pytest.raises(MapError, match=r'there is no folder .*/none; make it'):
-        MapKeeper(tmp_path / 'none' / 'map.db', grown(0))
+        Autosave(tmp_path / 'none' / 'map.db', grown(0))
 
 
 def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room(path):
     reference_map = grown(0)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     grow(reference_map, 1)
-    keeper.keep(10**15)
-    database = keeper._writer._database
+    autosave.save(10**15)
+    database = autosave._writer._database
     database.execute('PRAGMA max_page_count = 6')
     grow(reference_map, 40)
     with pytest.raises(MapError, match=r'map.db: cannot write .*disk full'):
-        keeper.keep(2 * 10**15)
-    keeper.keep(3 * 10**15)
+        autosave.save(2 * 10**15)
+    autosave.save(3 * 10**15)
     assert holds(path, 1) and (reference_map.packed(40) == cells(40)).all()
     database.execute('PRAGMA max_page_count = 1000000')
-    keeper.keep(4 * 10**15)
+    autosave.save(4 * 10**15)
     assert holds(path, 41)
     database.execute('PRAGMA max_page_count = 6')
     grow(reference_map, 40)
     with pytest.raises(MapError, match='disk full'):
-        keeper.close()
+        autosave.close()
 
 
 def test_a_second_program_that_adds_to_the_map_is_told_so(path):
     save_map(grown(3), path)
     maps = [open_map(path) for _ in range(2)]
-    first, second = (MapKeeper(path, one) for one in maps)
+    first, second = (Autosave(path, one) for one in maps)
     grow(maps[0], 1)
     first.close()
     grow(maps[1], 2)
     with pytest.raises(MapError, match=r'map.db: another program adds to this map .*only one'):
-        second.keep(10**15)
+        second.save(10**15)
     with pytest.raises(MapError, match='another program'):
         second.close()
     assert holds(path, 4)
@@ -170,34 +172,34 @@ def test_a_second_program_that_adds_to_the_map_is_told_so(path):
 
 def test_a_file_that_was_replaced_is_reported_and_left_alone(path):
     reference_map = grown(1)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     save_map(reference_map, path)
     before = path.read_bytes()
     grow(reference_map, 1)
     with pytest.raises(MapError, match=r'map.db: was moved or replaced'):
-        keeper.keep(10**15)
-    keeper.keep(2 * 10**15)
+        autosave.save(10**15)
+    autosave.save(2 * 10**15)
     assert path.read_bytes() == before and (reference_map.packed(0) == cells(0)).all()
 
 
-KEEP_UNTIL_KILLED = """
+SAVE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
 sys.path.insert(0, {folder!r})
-from test_map_keeper import grow, grown, MapKeeper
+from test_autosave import Autosave, grow, grown
 reference_map = grown(0)
-keeper = MapKeeper(Path({path!r}), reference_map)
+autosave = Autosave(Path({path!r}), reference_map)
 now_ns = 10**15
 while True:
     grow(reference_map, 5)
     now_ns += 10**9
-    keeper.keep(now_ns)
+    autosave.save(now_ns)
     print(len(reference_map), flush=True)
 """
 
 
 def test_what_was_committed_outlives_being_killed_at_any_moment(path):
-    program = KEEP_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
+    program = SAVE_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
     with subprocess.Popen(
         [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
@@ -211,7 +213,7 @@ def test_what_was_committed_outlives_being_killed_at_any_moment(path):
     assert committed <= count <= committed + 5 and holds(path, count)
     assert path.read_bytes() == left
     reference_map = open_map(path)
-    keeper = MapKeeper(path, reference_map)
+    autosave = Autosave(path, reference_map)
     grow(reference_map, 3)
-    keeper.close()
+    autosave.close()
     assert holds(path, count + 3)

@@ -3,9 +3,10 @@
 """A map that grows from the robot's own past."""
 
 from convseq_ros.config import Config, EncodingConfig, OnlineConfig
-from convseq_ros.core.encoding.descriptor import describe, nothing_seen
-from convseq_ros.core.map.growth import Growth
-from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.map.online import OnlineMap
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 SECOND = 10**9
 SMALL = EncodingConfig(image_size_px=64)
 GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
-SEEN = describe(GRAY, SMALL)
+DESCRIPTOR = describe(GRAY, SMALL)
 
 
 def at(x):
@@ -21,17 +22,17 @@ def at(x):
 
 
 def grown(online, seconds, poses=None, earlier=0):
-    """Drive for some seconds; return the growth and how much was usable at each."""
+    """Drive for some seconds; return the online map and how much was usable at each."""
     reference_map = ReferenceMap(SMALL)
     for index in range(earlier):
-        reference_map.add(Place(index), pack_cells(SEEN.cells))
-    growth = Growth(reference_map, Config(online=online))
+        reference_map.add(Place(index), pack_cells(DESCRIPTOR.cells))
+    mapping = OnlineMap(reference_map, Config(online=online))
     usable = []
     for second in range(seconds):
         pose = poses[second] if poses else None
-        usable.append(growth.usable(second * SECOND, pose))
-        growth.add(Frame(second * SECOND, GRAY, 'camera', pose), SEEN)
-    return growth, reference_map, usable
+        usable.append(mapping.update(second * SECOND, pose))
+        mapping.add(Frame(second * SECOND, GRAY, 'camera', pose), DESCRIPTOR)
+    return mapping, reference_map, usable
 
 
 def test_places_become_usable_when_they_are_old_enough():
@@ -41,8 +42,8 @@ def test_places_become_usable_when_they_are_old_enough():
 
 
 def test_places_of_an_earlier_session_are_usable_at_once():
-    growth, _, usable = grown(OnlineConfig(exclusion_s=3.0), 5, earlier=7)
-    assert growth.session_start == 7
+    mapping, _, usable = grown(OnlineConfig(exclusion_s=3.0), 5, earlier=7)
+    assert mapping.session_start == 7
     assert usable == [7, 7, 7, 8, 9]
 
 
@@ -62,22 +63,22 @@ def test_a_place_holds_what_a_built_map_holds():
     _, reference_map, _ = grown(OnlineConfig(), 2, [at(0), at(3)])
     place = reference_map.places[1]
     assert (place.stamp_ns, place.source, place.pose) == (SECOND, 'camera', at(3))
-    assert np.array_equal(reference_map.packed(1), pack_cells(SEEN.cells))
+    assert np.array_equal(reference_map.packed(1), pack_cells(DESCRIPTOR.cells))
 
 
 def test_a_frame_that_could_not_be_read_is_no_place():
-    growth, reference_map, _ = grown(OnlineConfig(), 0)
-    growth.add(Frame(0, None), nothing_seen(SMALL))
+    mapping, reference_map, _ = grown(OnlineConfig(), 0)
+    mapping.add(Frame(0, None), blank_descriptor(SMALL))
     assert len(reference_map) == 0
 
 
 def test_a_new_session_makes_all_of_the_map_the_past():
-    growth, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
-    assert growth.usable(4 * SECOND, None) == 0
-    growth.reset()
-    assert growth.session_start == growth.usable(0, None) == 4
-    growth.add(Frame(0, GRAY), SEEN)
-    assert [growth.usable(second * SECOND, None) for second in (1, 5)] == [4, 5]
+    mapping, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
+    assert mapping.update(4 * SECOND, None) == 0
+    mapping.reset()
+    assert mapping.session_start == mapping.update(0, None) == 4
+    mapping.add(Frame(0, GRAY), DESCRIPTOR)
+    assert [mapping.update(second * SECOND, None) for second in (1, 5)] == [4, 5]
     assert len(reference_map) == 5
 
 

@@ -1,8 +1,8 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Frames that a steady stream lacks."""
+"""Frames that were dropped from a steady stream."""
 
-from convseq_ros.core.sequence.pace import Pace
+from convseq_ros.core.sequence.frame_drops import FrameDropDetector
 import numpy as np
 import pytest
 
@@ -10,22 +10,22 @@ STEP_NS = 33_333_333
 
 
 def missing(stamps_ns):
-    pace = Pace()
-    return [pace.missing(int(stamp_ns)) for stamp_ns in stamps_ns]
+    detector = FrameDropDetector()
+    return [detector.update(int(stamp_ns)) for stamp_ns in stamps_ns]
 
 
 def test_a_steady_stream_lacks_nothing():
     assert missing(np.arange(50) * STEP_NS) == [0] * 50
 
 
-def test_a_gap_is_counted_in_frames_once_the_pace_is_known():
+def test_a_gap_is_counted_in_frames_once_the_interval_is_known():
     shown = [index for index in range(40) if index not in (3, 20, 30, 31)]
     counts = dict(zip(shown, missing(np.array(shown) * STEP_NS), strict=True))
     assert {index: count for index, count in counts.items() if count} == {21: 1, 32: 2}
 
 
 @pytest.mark.parametrize('share', [0.1, 0.3, 0.5])
-def test_the_pace_is_that_of_the_camera_though_many_frames_are_lost(share):
+def test_the_interval_is_that_of_the_camera_though_many_frames_are_dropped(share):
     shown = np.flatnonzero(np.random.default_rng(1).random(300) >= share)
     steps = np.diff(shown)
     assert missing(shown * STEP_NS)[30:] == (steps[29:] - 1).tolist()
@@ -41,12 +41,12 @@ def test_times_without_a_common_step_lack_nothing():
     assert sum(missing(stamps)) <= 2
 
 
-def test_after_a_reset_the_pace_is_learnt_anew():
-    pace = Pace()
+def test_after_a_reset_the_interval_is_learnt_anew():
+    detector = FrameDropDetector()
     for index in range(20):
-        pace.missing(index * STEP_NS)
-    pace.reset()
-    assert [pace.missing(index * 2 * STEP_NS) for index in range(20)] == [0] * 20
+        detector.update(index * STEP_NS)
+    detector.reset()
+    assert [detector.update(index * 2 * STEP_NS) for index in range(20)] == [0] * 20
 
 
 def test_equal_stamps_are_borne():
@@ -55,21 +55,21 @@ def test_equal_stamps_are_borne():
 
 def missing_keyframes(shown, keyframes):
     """Return how many keyframes are missing before each keyframe that was shown."""
-    pace, found = Pace(), {}
+    detector, found = FrameDropDetector(), {}
     for index in shown:
-        pace.missing(index * STEP_NS)
+        detector.update(index * STEP_NS)
         if index in keyframes:
-            found[index] = pace.missing_keyframes()
+            found[index] = detector.update_keyframe()
     return found
 
 
-def test_lost_frames_are_as_many_keyframes_if_each_is_one():
+def test_dropped_frames_are_as_many_keyframes_if_each_is_one():
     shown = [index for index in range(60) if index not in (30, 31, 45)]
     found = missing_keyframes(shown, shown)
     assert {index: count for index, count in found.items() if count} == {32: 2, 46: 1}
 
 
-def test_frames_lost_between_keyframes_are_none_and_long_gaps_are_several():
+def test_frames_dropped_between_keyframes_are_none_and_long_gaps_are_several():
     shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
     found = missing_keyframes(shown, range(0, 120, 5))
     assert {index: count for index, count in found.items() if count} == {80: 3}

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an image looks like at first sight."""
+"""What an image looks like at a coarse glance."""
 
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.global_descriptor import pooled, pooled_length
-from convseq_ros.core.similarity.coherent import projected_regions
+from convseq_ros.core.encoding.global_descriptor import global_descriptor, global_descriptor_length
+from convseq_ros.core.encoding.regions import projected_regions
 import cv2
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def cosine(one, other, mean):
 def test_it_is_the_cosine_transform_of_the_leading_axes():
     cells = describe(texture(0)).cells
     image = projected_regions(cells).reshape(30, 30, 32)
-    found = pooled(cells)
+    found = global_descriptor(cells)
     assert found.shape == (252,) and found.dtype == np.float16
     expected = [
         np.mean(
@@ -43,9 +43,11 @@ def test_it_is_the_cosine_transform_of_the_leading_axes():
 
 
 def test_an_image_shifted_by_two_cells_still_looks_alike():
-    here = pooled(describe(texture(0)).cells).astype(float)
-    shifted = pooled(describe(texture(0, 32)).cells).astype(float)
-    others = np.array([pooled(describe(texture(seed)).cells) for seed in range(1, 9)], float)
+    here = global_descriptor(describe(texture(0)).cells).astype(float)
+    shifted = global_descriptor(describe(texture(0, 32)).cells).astype(float)
+    others = np.array(
+        [global_descriptor(describe(texture(seed)).cells) for seed in range(1, 9)], float
+    )
     mean = others.mean(axis=0)
     alike = cosine(here, shifted, mean)
     assert alike > 0.5 > max(cosine(here, other, mean) for other in others) + 0.1
@@ -54,8 +56,8 @@ def test_an_image_shifted_by_two_cells_still_looks_alike():
 @pytest.mark.parametrize(('size', 'length'), [(64, 48), (96, 180), (128, 252), (1024, 252)])
 def test_small_images_have_fewer_frequencies(size, length):
     cells = np.random.default_rng(0).random((size // 16, size // 16, 8), np.float32)
-    assert len(pooled(cells)) == pooled_length(cells.shape) == length
+    assert len(global_descriptor(cells)) == global_descriptor_length(cells.shape) == length
 
 
 def test_an_image_that_shows_nothing_gives_a_finite_answer():
-    assert np.isfinite(pooled(np.zeros((32, 32, 8), np.float32))).all()
+    assert np.isfinite(global_descriptor(np.zeros((32, 32, 8), np.float32))).all()

@@ -1,24 +1,26 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The evened cells of coherent matching, compiled."""
+"""The normalised cells of coherent matching, compiled."""
 
 from convseq_ros.core.compiled import compiled
-from convseq_ros.core.similarity.cell_normalization import Cells, MIDDLE, SATURATION, SIDE
+from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.similarity.cell_normalization import NORMALIZATION
 import numpy as np
 
 
-def evened(cells: Cells) -> Cells:
-    """Return what the definition's `evened` does, to 1e-6."""
+def normalized(cells: Cells) -> Cells:
+    """Return what the definition's `normalized` does, to 1e-6."""
     found = np.empty_like(cells, order='C')
     # Given, for what is compiled is not made anew when another folder's constants change.
-    middle, side, saturation = np.float32(MIDDLE), np.float32(SIDE), np.float32(SATURATION)
-    _even(np.ascontiguousarray(cells), middle, side, saturation, found)
+    middle, side = np.float32(NORMALIZATION.middle), np.float32(NORMALIZATION.side)
+    saturation = np.float32(NORMALIZATION.saturation)
+    _normalize(np.ascontiguousarray(cells), middle, side, saturation, found)
     return found
 
 
 @compiled
-def _even(cells, middle, side, saturation, found):  # type: ignore[no-untyped-def]
-    """Fill in the evened cells."""
+def _normalize(cells, middle, side, saturation, found):  # type: ignore[no-untyped-def]
+    """Fill in the normalised cells."""
     size, _, bins = cells.shape
     above, across = np.empty(cells.shape, np.float32), np.empty(cells.shape, np.float32)
     for row in range(size):
@@ -45,8 +47,8 @@ def _even(cells, middle, side, saturation, found):  # type: ignore[no-untyped-de
                 found[row, column, one] = number
                 here += number
             total += np.float64(here)
-    usual = np.float32(saturation * total / cells.size)
-    if usual > 0:
+    typical = np.float32(saturation * total / cells.size)
+    if typical > 0:
         flat = found.reshape(-1)
         for place in range(len(flat)):
-            flat[place] /= flat[place] + usual
+            flat[place] /= flat[place] + typical

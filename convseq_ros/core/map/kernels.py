@@ -1,10 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The inner loops between stored cells and numbers, for numba to compile.
-
-To be imported only where functions are compiled.
-"""
+"""The inner loops between stored cells and numbers, for numba to compile."""
 
 from convseq_ros.core.compiled import compiled
 import numpy as np

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A growing map, kept in its file as it grows."""
+"""A growing map is persisted in its file as it grows."""
 
 from contextlib import closing, suppress
 import os
@@ -8,37 +8,40 @@ from pathlib import Path
 from threading import Lock
 import time
 
-from convseq_ros.core.map.map_file import copy_places
-from convseq_ros.core.map.map_reader import MapReader
-from convseq_ros.core.map.map_writer import MapWriter
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import copy_places, MapWriter
 from convseq_ros.errors import MapError
 import numpy as np
 
-_COMMIT_EVERY_NS = 500_000_000
-_PLACES_AT_ONCE = 500
+_COMMIT_EVERY_NS = 500_000_000  # what a crash may cost; each commit waits for the disk
+_PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
 
 
-class MapKeeper:
+class NoAutosave:
+    """Stands in for a map that is in memory alone."""
+
+    @property
+    def committed(self) -> int:
+        """Places that are safe in a file."""
+        return 0
+
+    def save(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class Autosave(NoAutosave):
     """
     Writes what is added to a map to a file; one thread at a time does so.
 
-    What is safe in the file is read from there when it is needed, so that a map that grows all day
-    does not fill the memory. What was committed outlives a crash.
+    What is persisted is evicted from memory and read from the file when it is needed, so that a
+    map may grow all day. What was committed outlives a crash.
 
-    Parameters
-    ----------
-    path : Path
-        The file: a new one, to which all places are written at once, or the one that the map was
-        opened from, which is appended to.
-    reference_map : ReferenceMap
-        The map.
-
-    Raises
-    ------
-    MapError
-        If the file cannot be written, or holds another map.
-
+    The file is a new one, to which all places are written at once, or the one that the map was
+    opened from, which is appended to. MapError if it cannot be written, or holds another map.
     """
 
     def __init__(self, path: Path, reference_map: ReferenceMap) -> None:
@@ -46,7 +49,7 @@ class MapKeeper:
         self._path = path
         self._map = reference_map
         self._writer = MapWriter(
-            path, reference_map.encoding, path.exists(), reference_map.keyframes
+            path, reference_map.encoding, reference_map.keyframes, append=path.exists()
         )
         self._lock = Lock()
         self._committed_ns: int | None = None
@@ -66,21 +69,12 @@ class MapKeeper:
         """Places that are safe in the file."""
         return self._writer.committed
 
-    def keep(self, now_ns: int | None = None) -> None:
+    def save(self, now_ns: int | None = None) -> None:
         """
-        Write what was added, and every half a second make it safe.
+        Write what was added, every half a second by a clock that does not jump, and make it safe.
 
-        Parameters
-        ----------
-        now_ns : int, optional
-            The time of a clock that does not jump; by default that of the machine.
-
-        Raises
-        ------
-        MapError
-            If it cannot be written, once; later calls try again and say nothing before they
-            succeed. The map goes on in memory.
-
+        MapError, once, if it cannot be written: the map goes on in memory, and later calls try
+        again and say nothing before they succeed.
         """
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         with self._lock:
@@ -98,15 +92,7 @@ class MapKeeper:
                 self._has_failed = False
 
     def close(self) -> None:
-        """
-        Make all that was added safe and close the file.
-
-        Raises
-        ------
-        MapError
-            If it cannot be written.
-
-        """
+        """Make all that was added safe and close the file; MapError if it cannot be written."""
         with self._lock, closing(self._writer):
             self._write()
 
@@ -118,7 +104,7 @@ class MapKeeper:
                 stop = min(end, self._writer.committed + _PLACES_AT_ONCE)
                 copy_places(self._map, self._writer, stop)
                 self._writer.commit()
-                self._map.let_go(stop, self._pictures)
+                self._map.evict(stop, self._pictures)
         except MapError:
             with suppress(MapError):
                 self._writer.roll_back()

@@ -3,7 +3,7 @@
 """Cells in which noise and the strength of edges count for less."""
 
 from convseq_ros.core.compiled import available
-from convseq_ros.core.similarity.cell_normalization import evened
+from convseq_ros.core.similarity.cell_normalization import normalized
 import numpy as np
 import pytest
 
@@ -16,16 +16,16 @@ def test_a_cell_loses_what_all_its_bins_have_and_is_saturated():
     cells = np.array([1, 3, 1, 1, 1, 1, 1, 1], np.float32).reshape(1, 1, 8)
     mean = 2 / 8
     expected = [0, 2 / (2 + 6 * mean), 0, 0, 0, 0, 0, 0]
-    assert evened(cells).ravel() == pytest.approx(expected, abs=1e-6)
+    assert normalized(cells).ravel() == pytest.approx(expected, abs=1e-6)
 
 
 def test_neighbouring_cells_are_blended_with_weights_of_a_gaussian():
     cells = np.zeros((5, 5, 8), np.float32)
     cells[2, 2, 0] = 100
-    found = evened(cells)[:, :, 0]
+    found = normalized(cells)[:, :, 0]
     # Of x / (x + u), with u six times the mean, which blending does not change.
-    usual = 6 * 100 / cells.size
-    blended = found * usual / (1 - found)
+    typical = 6 * 100 / cells.size
+    blended = found * typical / (1 - found)
     beside = np.exp(-1 / (2 * 0.4**2))
     middle, side = 1 / (1 + 2 * beside), beside / (1 + 2 * beside)
     assert blended[2, 2] == pytest.approx(100 * middle**2, rel=2e-3)
@@ -38,26 +38,26 @@ def test_neighbouring_cells_are_blended_with_weights_of_a_gaussian():
 def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
     cells = drawn()
     noise = np.random.default_rng(1).random((32, 32, 1), np.float32) * 300
-    assert evened(cells + noise) == pytest.approx(evened(cells), abs=1e-5)
-    assert evened(cells * 8) == pytest.approx(evened(cells), abs=1e-6)
+    assert normalized(cells + noise) == pytest.approx(normalized(cells), abs=1e-5)
+    assert normalized(cells * 8) == pytest.approx(normalized(cells), abs=1e-6)
 
 
 def test_all_numbers_lie_between_0_and_1_and_keep_their_order_where_nothing_is_blended():
-    found = evened(drawn())
+    found = normalized(drawn())
     assert 0 <= found.min() and found.max() < 1
     flat = np.broadcast_to(drawn()[:1, :1], (4, 4, 8)).copy()
-    assert (evened(flat)[0, 0].argsort() == flat[0, 0].argsort()).all()
+    assert (normalized(flat)[0, 0].argsort() == flat[0, 0].argsort()).all()
 
 
 @pytest.mark.parametrize('cells', [np.zeros((4, 4, 8)), np.ones((4, 4, 8))])
 def test_cells_without_direction_show_nothing(cells):
-    assert not evened(cells.astype(np.float32)).any()
+    assert not normalized(cells.astype(np.float32)).any()
 
 
 @pytest.mark.skipif(not available(), reason='numba is not installed, or compiles nothing')
 @pytest.mark.parametrize('side', [1, 2, 7, 32])
-def test_compiled_evening_is_the_definition(side):
-    from convseq_ros.core.similarity.kernels.evening import evened as compiled
+def test_compiled_normalisation_is_the_definition(side):
+    from convseq_ros.core.similarity.kernels.normalization import normalized as compiled
 
     for cells in (drawn()[:side, :side], np.zeros((side, side, 8), np.float32)):
-        assert compiled(cells) == pytest.approx(evened(cells), abs=1e-6)
+        assert compiled(cells) == pytest.approx(normalized(cells), abs=1e-6)

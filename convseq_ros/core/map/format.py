@@ -17,14 +17,14 @@ import zlib
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.compiled import available
-from convseq_ros.core.encoding.hog import BINS
+from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.encoding.hog import HOG
 from convseq_ros.errors import ConfigError, MapError
 import numpy as np
 import numpy.typing as npt
 
-FORMAT_VERSION = 3
-APPLICATION_ID = 0x43565351
+FORMAT_VERSION = 3  # PRAGMA user_version
+APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {FORMAT_VERSION};
@@ -40,8 +40,8 @@ CREATE TABLE pictures (
 );
 """
 
-_TOP = np.uint8(128)
-_TOP_BITS = np.arange(BINS - 1, 0, -1, dtype=np.uint8)[:, None]
+_TOP = np.uint8(128)  # the top bit of a byte
+_TOP_BITS = np.arange(HOG.bins - 1, 0, -1, dtype=np.uint8)[:, None]
 
 
 def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
@@ -51,7 +51,7 @@ def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
 
 def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
     """Return packed cells (S, S, 8) as they are stored; ValueError if one is negative."""
-    halves = packed.reshape(-1, BINS).view(np.uint16).T
+    halves = packed.reshape(-1, HOG.bins).view(np.uint16).T
     upper = (halves >> 8).astype(np.uint8)
     if (upper & _TOP).any():
         raise ValueError('cells are sums of strengths, which are not negative')
@@ -61,18 +61,9 @@ def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray[np.float16]:
     """Return stored cells, packed; ValueError if they are not of that shape."""
-    planes = np.frombuffer(stored, np.uint8).reshape(2 * BINS - 1, -1)
-    halves = np.empty((planes.shape[1], BINS), np.uint16)
-    if available():
-        from convseq_ros.core.map.cell_kernels import join_bytes
-
-        join_bytes(planes, halves)
-    else:
-        upper = planes[BINS:]
-        halves[:, :-1] = (upper & ~_TOP).T
-        halves[:, -1] = np.packbits(upper >= _TOP, axis=0, bitorder='little')[0]
-        halves <<= 8
-        halves |= planes[:BINS].T
+    planes = np.frombuffer(stored, np.uint8).reshape(2 * HOG.bins - 1, -1)
+    halves = np.empty((planes.shape[1], HOG.bins), np.uint16)
+    kernels_of(__package__).join_bytes(planes, halves)
     return halves.view(np.float16).reshape(cell_shape)
 
 
@@ -104,23 +95,9 @@ def checked_settings(
     """
     Return how the images of a map were encoded, and how far apart they are.
 
-    Parameters
-    ----------
-    path : Path
-        Its name, for messages.
-    database : sqlite3.Connection
-        The map.
-    encoding : EncodingConfig, optional
-        How query images will be encoded; without it the map's own settings are taken.
-    keyframes : KeyframeConfig, optional
-        How far apart those will be that are added to it; without it the map's own settings are
-        taken. Every frame, in maps that do not say.
-
-    Raises
-    ------
-    MapError
-        If the file is foreign, of another format or made with other settings.
-
+    Without an `encoding` of queries, or the `keyframes` that will be added, the map's own settings
+    are taken: every frame, in maps that do not say. MapError if the file is foreign, of another
+    format or made with other settings.
     """
     if database.execute('PRAGMA application_id').fetchone()[0] != APPLICATION_ID:
         raise MapError(f'{path}: not a convseq map but another SQLite file')

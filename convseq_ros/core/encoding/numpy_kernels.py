@@ -1,0 +1,78 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback without numba."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+
+def disk_sums(
+    levels: npt.NDArray[np.uint16],
+    half_widths: npt.NDArray[np.int64],
+    terms: npt.NDArray[np.float64],
+    sums: npt.NDArray[np.float64],
+) -> None:
+    """
+    Fill in the sum of c log2 c over a disk around every pixel, without loops over pixels.
+
+    The n-th pixel of its level, in reading order, adds n log2 n - (n - 1) log2 (n - 1). So for one
+    pixel of the disk after the other the equal ones before it are counted, around all pixels of
+    the image at once. Those in a row of the disk are a difference of two running sums along a row
+    of the image, which serve many pixels of the disk.
+    """
+    height, width = sums.shape
+    line, size = levels.shape[1], levels.size
+    reach = half_widths.size - 1
+    radius = reach // 2
+    slack = np.full(reach * line + reach, levels[0, 0], np.uint16)
+    flat = np.concatenate([slack, levels.ravel(), slack[:reach]])
+    here = flat[slack.size : slack.size + size]
+    middle = half_widths.cumsum() * 2 - half_widths + np.arange(half_widths.size)
+    rank = np.ones((terms.size - 1, height * line), np.uint8)
+    equal = np.zeros((2 * reach + 2, size + reach), np.uint8)
+    for up in range(reach + 1):
+        shifts = range(-reach, reach + 1 if up else 0)
+        for index, shift in enumerate(shifts):
+            start = slack.size - up * line + shift
+            same = (flat[start : start + size] == here).view(np.uint8)
+            np.add(equal[index, :size], same, out=equal[index + 1, :size])
+        for row in range(up, half_widths.size):
+            half = half_widths[row - up]
+            for x in range(-half_widths[row], half_widths[row] + 1):
+                start = row * line + radius + x
+                counted = equal[:, start : start + height * line]
+                first, end = -half - x, half - x + 1 if up else 0
+                of_pixel = rank[middle[row] + x]
+                of_pixel += counted[reach + end]
+                of_pixel -= counted[reach + first]
+    added = np.zeros(256)
+    added[1 : terms.size] = np.diff(terms)
+    sums[:] = 0
+    for of_pixel in rank.reshape(-1, height, line):
+        sums += cv2.LUT(of_pixel, added)[:, :width]
+
+
+def gradients(
+    framed: npt.NDArray[np.float64], gx: npt.NDArray[np.float32], gy: npt.NDArray[np.float32]
+) -> None:
+    """Fill in the 5 x 5 Sobel gradients (H, W) of an image with a margin of two pixels."""
+    for order, found in (((1, 0), gx), ((0, 1), gy)):
+        found[:] = cv2.Sobel(framed, cv2.CV_64F, *order, ksize=5)[2:-2, 2:-2]
+
+
+def column_votes(
+    strength: npt.NDArray[np.float32],
+    bins: npt.NDArray[np.float32],
+    votes: npt.NDArray[np.float32],
+) -> None:
+    """Fill in how much the pixels of each column vote for each bin, (rows, bins, columns)."""
+    height = len(strength) // len(votes)
+    share = np.empty_like(bins)
+    for middle in range(votes.shape[1]):
+        np.subtract(bins, np.float32(middle), out=share)
+        np.abs(share, out=share)
+        np.subtract(np.float32(1), share, out=share)
+        np.maximum(share, 0, out=share)
+        share *= strength
+        np.add.reduce(share.reshape(len(votes), height, -1), axis=1, out=votes[:, middle])

@@ -1,0 +1,88 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Online mapping: a map that grows from the robot's own past, and how much of it is matched."""
+
+import math
+
+from convseq_ros.config import Config
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Descriptor, Frame, Pose, Reason
+
+
+class PreloadedMap:
+    """A map that does not grow: all of its places may be matched."""
+
+    nothing_usable = Reason.NO_MAP  # what is said of a frame as long as no place may be matched
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self._map = reference_map
+        self.session_start = len(reference_map)  # the first place of this session
+
+    def reset(self) -> None:
+        """Begin a new session: all that is in the map is the past."""
+        self.session_start = len(self._map)
+
+    def update(self, _stamp_ns: int, _pose: Pose | None) -> int:
+        """Return how many places, from the first, may be matched."""
+        return len(self._map)
+
+    def add(self, frame: Frame, descriptor: Descriptor) -> None:
+        """Add nothing."""
+
+
+class OnlineMap(PreloadedMap):
+    """
+    Adds the frames of this session, and excludes those that are recent from being matched.
+
+    What is in the map already comes from earlier sessions.
+    """
+
+    nothing_usable = Reason.RECENT
+
+    def __init__(self, reference_map: ReferenceMap, config: Config) -> None:
+        self._exclusion_ns = round(config.online.exclusion_s * 1e9)
+        self._exclusion_m = config.online.exclusion_m
+        self._width_px = config.keyframes.thumbnail_width_px
+        super().__init__(reference_map)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a new session: all that is in the map is the past."""
+        super().reset()
+        self._usable = self.session_start
+        self._pose: Pose | None = None
+        self._travelled_m = 0.0
+        self._passed_m: list[float] = []
+
+    def update(self, stamp_ns: int, pose: Pose | None) -> int:
+        """
+        Return how many places, from the first, are old enough to be matched by a frame.
+
+        The way from pose to pose, by odometry, is summed up.
+        """
+        if pose:
+            if self._pose:
+                self._travelled_m += math.dist(pose.position, self._pose.position)
+            self._pose = pose
+        while self._usable < len(self._map) and self._is_past(self._usable, stamp_ns):
+            self._usable += 1
+        return self._usable
+
+    def add(self, frame: Frame, descriptor: Descriptor) -> None:
+        """Add a frame to the map unless it could not be read."""
+        if frame.gray is not None:
+            self._map.add_frame(frame, descriptor, self._width_px)
+            self._passed_m.append(self._travelled_m)
+
+    def _is_past(self, index: int, stamp_ns: int) -> bool:
+        age_ns = stamp_ns - self._map.place(index).stamp_ns
+        way_m = self._travelled_m - self._passed_m[index - self.session_start]
+        known = self._pose is not None
+        return age_ns >= self._exclusion_ns and (not known or way_m >= self._exclusion_m)
+
+
+def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return the map as the mode has it."""
+    if config.online.mode == 'online':
+        return OnlineMap(reference_map, config)
+    return PreloadedMap(reference_map)

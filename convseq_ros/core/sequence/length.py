@@ -1,0 +1,63 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How many frames are matched together (paper III-A, E, F)."""
+
+from collections.abc import Callable, Sequence
+
+from convseq_ros.config import SequenceConfig
+from convseq_ros.core.types import Descriptor
+import numpy as np
+
+
+def choose_length(
+    outward: Sequence[Descriptor],
+    similarity: Callable[[Descriptor, Descriptor], float],
+    config: SequenceConfig,
+) -> int | None:
+    """
+    Return the length k of the sequence that starts at an anchor frame.
+
+    The sequence grows while its outermost frame still overlaps the anchor (little information
+    gain), then while it holds too little entropy.
+
+    Parameters
+    ----------
+    outward : sequence of Descriptor
+        The frames in order outward from the anchor, which is the first and informative. None is
+        returned if more of them would be needed.
+    similarity : callable
+        Pair score of two descriptors, in [0, 1].
+    config : SequenceConfig
+        Thresholds and bounds.
+
+    Notes
+    -----
+    With the following departures from the paper: (1) information gain is read as the released
+    script does, `similarity >= overlap_threshold` extends; (2) the shortest chosen length is 2;
+    (3) online, the anchor is the newest frame and the sequence reads into the past (the paper's
+    anchor is the oldest frame and needs up to 24 future ones); (4) uninformative frames are passed
+    over.
+
+    """
+    available = len(outward)
+    if config.fixed_length:
+        return config.fixed_length if config.fixed_length <= available else None
+
+    def overlaps(other: Descriptor) -> bool:
+        return not other.informative or similarity(outward[0], other) >= config.overlap_threshold
+
+    length = config.min_length
+    while length < config.max_overlap_length and length <= available:
+        if not overlaps(outward[length - 1]):
+            break
+        length += 1
+    while length < config.max_length and length <= available:
+        if mean_entropy(outward[:length]) > config.entropy_threshold:
+            break
+        length += 1
+    return length if length <= available else None
+
+
+def mean_entropy(frames: Sequence[Descriptor]) -> float:
+    """Return the mean entropy, in [0, 1], of informative frames, of which there is one."""
+    return float(np.mean([frame.entropy for frame in frames if frame.informative]))

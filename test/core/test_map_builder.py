@@ -1,0 +1,102 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps made offline are those made online, of the same frames."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+import sqlite3
+
+from convseq_ros.config import make_config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map_builder import build_map, MapBuilder
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame, Pose
+from convseq_ros.errors import MapError
+import numpy as np
+import pytest
+
+SECOND = 1_000_000_000
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+SETTINGS = {
+    'by scene': {},
+    'every frame': {'keyframe_overlap': 1.0},
+    'every frame, as in the paper': {'keyframe_overlap': 1.0, 'matching': 'regional'},
+    'by time and way': {'keyframe_interval_s': 2.0, 'keyframe_distance_m': 1.5},
+    'no thumbnails': {'thumbnail_width_px': 0},
+}
+
+
+def drive(image) -> list[Frame]:
+    """Return a drive that stands, creeps, is dark, is unreadable; half of it has poses."""
+    places = [0, 1, 2, 2, 2, 2, 3, 3, 4, 5, 6, 7, 8, 8, 9, 10, 11, 12]
+    frames = [
+        Frame(index * SECOND, image(place, seed=index), 'camera')
+        for index, place in enumerate(places)
+    ]
+    frames[8] = replace(frames[8], gray=None, problem='cut short')
+    frames[10] = replace(frames[10], gray=np.zeros_like(frames[0].gray))
+    return [
+        replace(frame, pose=Pose((0.8 * place, 0.0, 0.0), UPRIGHT)) if index >= 9 else frame
+        for index, (place, frame) in enumerate(zip(places, frames, strict=True))
+    ]
+
+
+def dump(path: Path) -> list[str]:
+    with sqlite3.connect(path) as database:
+        return list(database.iterdump())
+
+
+@pytest.mark.parametrize('settings', SETTINGS.values(), ids=SETTINGS)
+def test_online_and_offline_make_the_same_map(tmp_path, image, settings):
+    config = make_config({'image_size_px': 128, 'mode': 'online', **settings})
+    offline, online = tmp_path / 'offline.db', tmp_path / 'online.db'
+    build_map(drive(image), offline, config)
+    session = Session(online, config)
+    for frame in drive(image):
+        session.recognizer.process(frame)
+        session.save()
+    session.close()
+    assert dump(offline) == dump(online)
+    assert 3 < len(open_map(offline)) < len(drive(image))
+
+
+def test_a_standing_robot_adds_no_places(tmp_path, image):
+    config = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
+    built = build_map(drive(image), tmp_path / 'map.db', config)
+    positions = [place.pose.position for place in built.places if place.pose]
+    assert len(positions) > 5 and all(one != other for one, other in pairwise(positions))
+
+
+def test_more_is_added_to_a_map(tmp_path, image):
+    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+    first = len(build_map(drive(image), path, config))
+    with MapBuilder(path, config, append=True) as builder:
+        added = sum(builder.process(frame) for frame in drive(image))
+    assert added == builder.added == first and len(open_map(path)) == 2 * first
+
+
+def test_a_new_map_without_places_leaves_no_file(tmp_path, image):
+    path = tmp_path / 'map.db'
+    assert len(build_map([replace(drive(image)[0], gray=None)], path)) == 0
+    assert not path.exists()
+
+
+def test_a_finished_map_survives_when_nothing_can_be_added(tmp_path, image):
+    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+    build_map(drive(image), path, config)
+    before = dump(path)
+    with MapBuilder(path, config, append=True) as builder:
+        builder.process(Frame(0, None))
+    assert builder.added == 0 and dump(path) == before
+
+
+def test_a_map_that_is_there_is_not_replaced(tmp_path, image):
+    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+    build_map(drive(image), path, config)
+    before = dump(path)
+    with pytest.raises(MapError, match='exists already'):
+        build_map(drive(image), path, config)
+    with pytest.raises(MapError, match='no such map'):
+        MapBuilder(tmp_path / 'none.db', config, append=True)
+    assert dump(path) == before

@@ -1,0 +1,152 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Score matrices: the ranking, and the recogniser on given scores, say what it says itself."""
+
+from dataclasses import replace
+
+from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.types import Reason
+from convseq_ros.evaluation.given_scores import match_given
+from convseq_ros.evaluation.ranking import rank_references
+from convseq_ros.evaluation.recognition import answer_again, pair_scores, recognize, with_known
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize('fixed_length', [0, 1, 5])
+@pytest.mark.parametrize('matching', ['regional', 'coherent'])
+def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_length, matching):
+    config = with_known(
+        quick, {'fixed_length': fixed_length, 'matching': matching, 'search': 'exhaustive'}
+    )
+    material = street.open()
+    query, reference = material.drives(config.encoding)
+    said = recognize(material, config)
+    rows, _ = pair_scores(material, config)
+    given = match_given(rows, query, reference.reference_map, config)
+    lengths = [match.sequence_length for match in said.matches]
+    assert [match.sequence_length for match in given] == lengths
+    scores = rank_references(rows, query, lengths, partial_windows=matching == 'coherent')
+    places = reference.reference_map.places
+    ranked = [best_candidates(np.arange(24), row, places, config.acceptance) for row in scores]
+    assert sum(length > 0 for length in lengths) > 15
+    for match, other, candidates in zip(said.matches, given, ranked, strict=True):
+        expected = [(item.reference_index, item.score) for item in match.candidates]
+        for found in (other.candidates, candidates):
+            assert [(item.reference_index, item.score) for item in found] == expected
+        assert (other.status, other.reason) == (match.status, match.reason)
+
+
+def without_pixels(match):
+    """Return a match without what only the image itself tells."""
+    return replace(match, shift_px=None)
+
+
+def without_stamps(match):
+    candidates = tuple(replace(item, reference_stamp_ns=0) for item in match.candidates)
+    return replace(without_pixels(match), candidates=candidates)
+
+
+@pytest.mark.parametrize('fixed_length', [0, 3])
+@pytest.mark.parametrize('matching', ['regional', 'coherent'])
+@pytest.mark.parametrize('search', ['exhaustive', 'shortlist'])
+def test_the_recogniser_says_the_same_again_of_images_that_are_described(
+    street, quick, fixed_length, matching, search
+):
+    config = with_known(
+        quick,
+        {
+            'fixed_length': fixed_length,
+            'matching': matching,
+            'search': search,
+            'shortlist_length': 6,
+            'image_size_px': 192,
+        },
+    )
+    material = street.open()
+    first = [without_pixels(one) for one in recognize(material, config).matches]
+    assert answer_again(material, config, 0, 24) == first
+
+
+def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
+    material = street.open()
+    for index in (*range(4), *range(20, 24)):
+        (street.folder / 'reference' / f'{index:03d}.png').unlink()
+    street.write(
+        'query: {path: query}\nreference: {path: reference}\ntruth: {kind: table, path: gt.csv}'
+    )
+    street.write('query,reference\n4,0\n', 'gt.csv')
+    part = [without_stamps(one) for one in recognize(street.open(), quick).matches]
+    again = [without_stamps(one) for one in answer_again(material, quick, 4, 20)]
+    assert again == part
+
+
+def test_a_forward_window_answers_for_its_first_frame(street, quick):
+    query, reference = street.open().drives(quick.encoding)
+    config = with_known(quick, {'fixed_length': 3})
+    rows = np.eye(24, dtype=np.float32)
+    found = match_given(rows, query, reference.reference_map, config, forward=True)
+    lengths = [one.sequence_length for one in found]
+    assert lengths == [3] * 22 + [0, 0]
+    assert [one.best.reference_index for one in found[:22]] == list(range(22))
+    assert found[22].reason is Reason.WARMING_UP
+    scores = rank_references(rows, query, lengths, forward=True)
+    assert scores[:22].argmax(axis=1).tolist() == list(range(22))
+    assert scores[:22].max(axis=1).tolist() == [one.best.score for one in found[:22]] == [1] * 22
+    assert not np.isfinite(scores[22:]).any()
+
+
+def test_forward_scores_are_means_over_the_frames_that_follow(street, quick):
+    query, _ = street.open().drives(quick.encoding)
+    rows = np.random.default_rng(1).random((24, 24), np.float32)
+    for forward, step in ((False, -1), (True, 1)):
+        lengths = [3 if 0 <= frame + 2 * step < 24 else 0 for frame in range(24)]
+        scores = rank_references(rows, query, lengths, forward)
+        for frame, reference in np.ndindex(24, 24):
+            expected = -np.inf
+            if lengths[frame] and 0 <= reference + 2 * step < 24:
+                along = [rows[frame + step * far, reference + step * far] for far in range(3)]
+                expected = np.mean(along)
+            assert scores[frame, reference] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_forward_answer_is_numbered_and_stamped_as_its_own_frame(street, quick):
+    query, reference = street.open().drives(quick.encoding)
+    reference_map = reference.reference_map
+    rows = np.random.default_rng(0).random((24, 24), np.float32)
+    found = match_given(rows, query, reference_map, quick, forward=True)
+    assert [one.query_index for one in found] == list(range(24))
+    assert [one.query_stamp_ns for one in found] == query.stamps_ns
+    candidates = [item for one in found for item in one.candidates]
+    assert len(candidates) > 24
+    for item in candidates:
+        stamp_ns = reference_map.places[item.reference_index].stamp_ns
+        assert item.reference_stamp_ns == stamp_ns
+
+
+def test_lengths_are_chosen_by_the_frames_of_the_window(street, quick):
+    query, reference = street.open().drives(quick.encoding)
+    rows, similarity = np.eye(24, dtype=np.float32), PaperSimilarity()
+    lengths = {}
+    for forward, step in ((False, -1), (True, 1)):
+        outward = [query.descriptors[index::step] for index in range(24)]
+        expected = [choose_length(frames, similarity, quick.sequence) or 0 for frames in outward]
+        found = match_given(rows, query, reference.reference_map, quick, forward)
+        lengths[forward] = [one.sequence_length for one in found]
+        assert lengths[forward] == expected
+    assert lengths[False] != lengths[True]
+
+
+def test_rows_without_any_score_are_passed_over(street, quick):
+    query, reference = street.open().drives(quick.encoding)
+    rows = np.eye(24, dtype=np.float32)
+    rows[5] = np.nan
+    scores = rank_references(rows, query, [3] * 24)
+    assert not np.isfinite(scores[5]).any()
+    assert scores[6].argmax() == 6
+    config = with_known(quick, {'fixed_length': 3})
+    found = match_given(rows, query, reference.reference_map, config)
+    assert found[5].reason is Reason.UNINFORMATIVE and not found[5].candidates
+    assert found[6].best.reference_index == 6

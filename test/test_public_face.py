@@ -1,0 +1,52 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The six names of the package: what the README shows works, and nothing heavy loads before."""
+
+import subprocess
+import sys
+
+import convseq_ros
+from convseq_ros import build_map, Config, Frame, Match, open_map, PlaceRecognizer
+from convseq_ros.config import EncodingConfig
+import numpy as np
+import pytest
+
+SECOND = 1_000_000_000
+SMALL = Config(encoding=EncodingConfig(image_size_px=128))
+
+
+def drive(seed: int) -> list[Frame]:
+    """Return frames of places that have nothing in common, with noise by a seed."""
+    places = np.random.default_rng(0).integers(0, 200, (30, 96, 128), np.uint8)
+    noise = np.random.default_rng(seed).integers(0, 30, places.shape, np.uint8)
+    return [Frame(index * SECOND, gray) for index, gray in enumerate(places + noise)]
+
+
+def test_a_map_is_built_and_its_places_are_recognised(tmp_path):
+    built = build_map(drive(1), tmp_path / 'map.db', SMALL)
+    recognizer = PlaceRecognizer(open_map(str(tmp_path / 'map.db')), SMALL)
+    matches = [recognizer.process(frame) for frame in drive(2)]
+    assert len(built) == 30 and all(isinstance(match, Match) for match in matches)
+    last = matches[-1].accepted
+    assert last is not None and last.reference_index == 29
+
+
+def test_a_map_without_a_file_stays_in_memory():
+    built = build_map(drive(1), config=SMALL)
+    assert [place.stamp_ns for place in built.places] == [frame.stamp_ns for frame in drive(1)]
+
+
+def test_the_six_names_are_all_that_is_public():
+    assert sorted(convseq_ros.__all__) == sorted(
+        ['Config', 'Frame', 'Match', 'PlaceRecognizer', 'build_map', 'open_map']
+    )
+    assert set(convseq_ros.__all__) <= set(dir(convseq_ros))
+    assert all(name in convseq_ros.__doc__ for name in convseq_ros.__all__)
+    with pytest.raises(AttributeError, match='no attribute'):
+        _ = convseq_ros.nothing_of_the_kind
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = 'import sys, convseq_ros; print({"numpy", "cv2", "numba"} & sys.modules.keys())'
+    result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert result.stdout.strip() == 'set()', result.stderr
