@@ -249,7 +249,7 @@
   });
   for (const plate of document.querySelectorAll('.plate')) {
     plate.addEventListener('click', (event) => {
-      const box = plate.querySelector('img').getBoundingClientRect();
+      const box = plate.querySelector('image').getBoundingClientRect();
       const share = Math.max(0, Math.min((event.clientY - box.top) / box.height, 0.9999));
       const query = Math.floor(share * Number(plate.dataset.queries));
       location.hash = `${plate.dataset.run}/${query}`;
