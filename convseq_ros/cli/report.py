@@ -28,10 +28,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help='the page (default: %(default)s)',
     )
     parser.add_argument(
-        '--figures',
-        type=Path,
-        metavar='FOLDER',
-        help='also write every chart as PNG, SVG and PDF',
+        '--figures', type=Path, metavar='FOLDER', help='also write every chart as PNG, SVG and PDF'
     )
     parser.add_argument(
         '--max-megabytes',

@@ -33,7 +33,7 @@ def show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
         np.ma.masked_invalid(small),
         cmap=shades.with_extremes(bad=UNSCORED),
         vmin=low,
-        vmax=high,
+        vmax=high if high > low else low + 1,
         extent=(-0.5, num_references - 0.5, num_queries - 0.5, -0.5),
         aspect='auto',
         interpolation='none',
