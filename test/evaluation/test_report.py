@@ -532,6 +532,31 @@ def test_arrow_keys_move_from_frame_to_frame(browser):
     assert browser.run(CAPTION) == 'Query 0'
 
 
+def test_first_pair_is_a_right_match_else_a_wrong_one(browser, copy, tmp_path):
+    table = copy / 'street' / 'convseq' / 'frames.csv'
+    for old, new, first in (
+        ('3,300000000,accepted,accepted,', '3,300000000,rejected,ambiguous,', 'Query 4'),
+        (',1,1,0,0.0100,', ',0,1,0,0.0100,', 'Query 4'),
+        ('accepted,accepted,', 'rejected,ambiguous,', 'Query 3'),
+    ):
+        assert old in table.read_text()
+        table.write_text(table.read_text().replace(old, new))
+        runs = [run for run in read_runs([copy]) if run.set == 'street']
+        write_report(runs, tmp_path / 'page.html')
+        for address in ('', '#street/convseq'):
+            browser.open((tmp_path / 'page.html').as_uri() + address)
+            assert browser.run(CAPTION) == first
+
+
+def test_method_in_the_table_leads_to_its_first_right_match(browser):
+    browser.run('document.querySelector("tbody a[href=\'#street/cohog\']").click()')
+    browser.wait('await new Promise((done) => setTimeout(done, 50));')
+    assert browser.run(CAPTION) == 'Query 3'
+    assert browser.run('return document.getElementById("run").selectedOptions[0].text') == (
+        'street / cohog'
+    )
+
+
 def test_address_leads_to_its_frame_and_follows_it(browser, page):
     browser.open(page.as_uri() + '#street/cohog/14/wrong')
     assert browser.run(CAPTION) == 'Query 14'

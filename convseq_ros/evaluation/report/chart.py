@@ -77,7 +77,7 @@ class Chart:
             facecolor='none',
             **settings,
         )
-        axes.set_title(y_label, loc='left', color=COLORS['soft'], size=12)
+        axes.set_title(y_label, loc='left', color=COLORS['soft'], size=12, pad=8)
         axes.set_xlabel(x_label, color=COLORS['soft'], size=12)
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0, width=0, pad=6, labelsize=11, labelcolor=COLORS['soft'])

@@ -7,24 +7,19 @@ from html import escape
 from importlib.resources import files
 import json
 from string import Template
-from typing import Any
 from urllib.parse import quote
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.accuracies import accuracy, interval
 from convseq_ros.evaluation.report.chart import NUM_COLORS, STYLE_SHEET
 from convseq_ros.evaluation.report.charts import method_numbers, run_charts, set_charts
+from convseq_ros.evaluation.report.facts import run_facts, set_facts, source
 from convseq_ros.evaluation.report.pairs import browser_data
-from convseq_ros.evaluation.report.summary_table import number, summary_table
+from convseq_ros.evaluation.report.summary_table import summary_table
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
 
 MOST_ROWS = 4000
-PROTOCOLS = {
-    'closed': 'every query has an answer in the map',
-    'open': 'half of the map is left out in turn, so "not in the map" is a right answer',
-    'online': 'one sequence against its own past',
-}
 CAPTIONS = {
     'curves': 'Precision-recall, exact: one point for every distinct score. Recall is over matched'
     ' queries that have an answer.',
@@ -62,13 +57,13 @@ def report_page(runs: Sequence[Run], most_bytes: int) -> str:
     )
     parts = {
         'title': 'Place recognition: ' + ', '.join(_sets(runs)),
-        'told': escape(_told(runs)),
+        'told': escape(run_facts(runs)),
         'links': ''.join(
             f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in _sets(runs)
         ),
         'table': summary_table(runs),
         'sections': sections,
-        'sources': ''.join(map(_source, runs)),
+        'sources': ''.join(map(source, runs)),
         'style': STYLE_SHEET,
         'script': _resource('script.js'),
     }
@@ -101,7 +96,7 @@ def _section(
     runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], colors: Mapping[str, int]
 ) -> str:
     name = runs[0].set
-    facts = _facts(runs[0])
+    facts = set_facts(runs[0])
     charts = ''.join(
         _figure(chart.svg(), CAPTIONS[what]) for what, chart in set_charts(runs, colors).items()
     )
@@ -157,74 +152,6 @@ def _charts_of_runs(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence
 
 def _figure(picture: str, caption: str) -> str:
     return f'<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def _facts(run: Run) -> dict[str, str]:
-    told = run.about_set()
-    protocol = str(run.summary.get('protocol', 'closed'))
-    facts = {
-        'title': str(told.get('title') or run.set),
-        'protocol': f'{protocol}: {PROTOCOLS.get(protocol, "")}'.rstrip(': '),
-    }
-    for key, words in (
-        ('queries', '{} queries'),
-        ('references', '{} references'),
-        ('tolerance', 'tolerance ±{}'),
-        ('radius_m', 'within {} m'),
-    ):
-        if number(told.get(key)):
-            facts[key] = words.format(told[key])
-    return facts
-
-
-def _source(run: Run) -> str:
-    told = {
-        key: run.summary.get(key)
-        for key in (
-            'argv',
-            'date',
-            'machine',
-            'versions',
-            'criterion',
-            'transferred',
-            'notes',
-            'configuration',
-            'k_distribution',
-        )
-    }
-    lines = ''.join(
-        f'<dt>{escape(key.replace("_", " "))}</dt><dd>{escape(_words(value))}</dd>'
-        for key, value in told.items()
-        if value
-    )
-    return (
-        f'<details><summary>{escape(run.set)} / {escape(run.method)}</summary>'
-        f'<dl>{lines}</dl></details>'
-    )
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, dict):
-        return ', '.join(f'{key} {_words(part)}' for key, part in value.items())
-    if isinstance(value, list):
-        return ' '.join(map(_words, value))
-    return str(value)
-
-
-def _told(runs: Sequence[Run]) -> str:
-    dates = sorted({str(run.summary['date']) for run in runs if run.summary.get('date')})
-    machine = next((run.summary['machine'] for run in runs if run.summary.get('machine')), None)
-    sets, methods = len(_sets(runs)), len({run.method for run in runs})
-    parts = [f'{sets} set{"s" * (sets != 1)}, {methods} method{"s" * (methods != 1)}']
-    if dates:
-        parts.append(
-            dates[0][:10]
-            if dates[0][:10] == dates[-1][:10]
-            else f'{dates[0][:10]} to {dates[-1][:10]}'
-        )
-    if machine:
-        parts.append(_words(machine))
-    return ' · '.join(parts)
 
 
 def _sets(runs: Sequence[Run]) -> list[str]:

@@ -42,6 +42,7 @@ def reliability_chart(runs: Sequence[Run], colors: Mapping[str, int]) -> Chart |
             color=color,
             linestyle=method_dash(colors[run.method]),
             linewidth=1.8,
+            clip_on=False,
         )
         chart.mark(line, run.method, run.method)
         for row in table:
