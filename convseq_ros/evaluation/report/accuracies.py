@@ -45,12 +45,14 @@ def accuracies_chart(runs: Sequence[Run], colors: Mapping[str, int]) -> Chart:
 
 
 def _bar(axes: Any, place: int, run: Run, color: int) -> list[Any]:
+    from matplotlib.colors import to_rgba
+
     again = color >= NUM_COLORS
     bars = axes.barh(
         place,
         max(accuracy(run), 0.003),
         height=0.6,
-        color=(method_color(color), 0.4 if again else 0.85),
+        color=to_rgba(method_color(color), 0.4 if again else 0.85),
         edgecolor=method_color(color) if again else 'none',
         linestyle='--',
     )

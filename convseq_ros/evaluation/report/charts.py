@@ -22,8 +22,8 @@ def set_charts(runs: Sequence[Run], colors: Mapping[str, int]) -> dict[str, Char
     """Return the charts of one set by their names; `colors` numbers the methods."""
     return _drawn(
         curves=curves_chart(runs, colors),
-        accuracy=accuracies_chart(runs, colors),
         reliability=reliability_chart(runs, colors),
+        accuracy=accuracies_chart(runs, colors),
     )
 
 
