@@ -55,7 +55,7 @@ setup(
     extras_require={
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'plot': ['matplotlib>=3.6'],
+        'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
         'fast': ['numba>=0.61'],  # LLVM before 15 does not vectorise the loops
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
