@@ -196,6 +196,13 @@ def test_parts_of_a_chart_tell_their_method_and_numbers(make):
     assert {'a<b', '0.700'} <= {one.replace('&lt;', '<') for one in words_in(charts['accuracy'])}
 
 
+def test_a_name_is_no_formula(make, tmp_path):
+    run = make(r'a $\no$ $formula$')
+    charts = set_charts([run], {run.method: 0})
+    assert run.method in words_in(charts['accuracy'].svg())
+    charts['curves'].save(tmp_path / 'a.png')
+
+
 def test_bars_and_curves_end_at_their_values(make):
     charts = of_set(make('a'))
     (bar,) = re.findall(r'd="([^"]*)"[^>]*fill: var\(--c0\)', charts['accuracy'])

@@ -23,6 +23,12 @@ def new_figure(width: float, height: float, face: str = 'white') -> Any:
     return figure
 
 
+def take_texts_literally(figure: Any) -> None:
+    """Draw a dollar sign in a name as one; matplotlib would take two for a formula."""
+    for text in figure.findobj(lambda artist: hasattr(artist, 'set_parse_math')):
+        text.set_parse_math(False)
+
+
 def save(figure: Any, *paths: Path, **options: Any) -> None:
     """
     Write a figure in the format that each name ends with: png, svg or pdf.
@@ -32,6 +38,7 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
     """
     from matplotlib import rc_context
 
+    take_texts_literally(figure)
     for path in paths:
         part = path.with_name(path.name + '.part')
         kind = path.suffix[1:]

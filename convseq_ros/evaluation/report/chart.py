@@ -9,7 +9,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from convseq_ros.evaluation.plots import new_figure, save
+from convseq_ros.evaluation.plots.figure import new_figure, save, take_texts_literally
 import numpy as np
 import numpy.typing as npt
 
@@ -108,6 +108,7 @@ class Chart:
         """Return the chart as SVG for the page: its colours and its type are those of the page."""
         from matplotlib import rc_context
 
+        take_texts_literally(self.figure)
         drawn = StringIO()
         for artist in self._beside:
             artist.set_visible(False)
