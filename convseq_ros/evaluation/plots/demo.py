@@ -117,7 +117,7 @@ def _show_matrix(
     axes.legend(
         loc='lower left',
         bbox_to_anchor=(0, 1.005),
-        ncols=3,
+        ncols=4,
         frameon=False,
         fontsize=12,
         labelcolor=_PALE,

@@ -13,6 +13,7 @@ EDGE = '#0f1720'
 VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
 MOST_CELLS = 320
 MOST_DOTS = 1500
+DENSE = 500  # from here on dots have no edge, which would hide their neighbours
 _NUM_SHADES = 64
 
 
@@ -82,7 +83,7 @@ def show_matches(
                 'o',
                 color=VERDICT_COLORS[verdict],
                 markeredgecolor=EDGE,
-                markeredgewidth=0.6,
+                markeredgewidth=0.6 * (len(matches) < DENSE),
                 markersize=size,
                 label=f'{len(chosen)} {verdict}',
             )

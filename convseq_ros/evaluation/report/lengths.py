@@ -44,7 +44,7 @@ def lengths_chart(run: Run, seen: Sequence[Seen]) -> Chart | None:
         if wrong:
             upper.plot(
                 thinned(wrong, _MOST_TICKS),
-                [-0.13] * min(len(wrong), _MOST_TICKS),
+                [-0.08] * min(len(wrong), _MOST_TICKS),
                 '|',
                 color=color,
                 markersize=9,
