@@ -54,7 +54,7 @@ setup(
     extras_require={
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'plot': ['matplotlib>=3.6'],
+        'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
         'fast': ['numba>=0.61'],  # LLVM before 15 does not vectorise the loops
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Turn results into one page: `convseq report RESULT... --output report.html`."""
+"""One page of results, by matplotlib: `convseq report RESULT... --output report.html`."""
 
 import argparse
 from pathlib import Path
@@ -8,7 +8,7 @@ import sys
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_report
-from convseq_ros.evaluation.report.figures import write_figures
+from convseq_ros.evaluation.report.charts import write_figures
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -28,10 +28,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help='the page (default: %(default)s)',
     )
     parser.add_argument(
-        '--figures',
-        type=Path,
-        metavar='FOLDER',
-        help='also write every chart as PNG and SVG; needs matplotlib',
+        '--figures', type=Path, metavar='FOLDER', help='also write every chart as PNG, SVG and PDF'
     )
     parser.add_argument(
         '--max-megabytes',
@@ -52,5 +49,5 @@ def run(chosen: argparse.Namespace) -> int:
     print(f'{chosen.output}: {len(runs)} runs, {size:.1f} MB', file=sys.stderr)
     if chosen.figures:
         write_figures(runs, chosen.figures)
-        print(f'{chosen.figures}: figures as PNG and SVG', file=sys.stderr)
+        print(f'{chosen.figures}: figures as PNG, SVG and PDF', file=sys.stderr)
     return 0

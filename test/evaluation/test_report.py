@@ -19,13 +19,13 @@ import xml.etree.ElementTree
 from convseq_ros.cli import main
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report import read_runs, write_report
-from convseq_ros.evaluation.report.charts import thinned, ticks
-from convseq_ros.evaluation.report.matrix import matrix_picture
 from convseq_ros.evaluation.report.verdict import nearest_right, seen
 from convseq_ros.results import COLUMNS
 import cv2
 import numpy as np
 import pytest
+
+pytest.importorskip('matplotlib')
 
 NUM_FRAMES = 24
 VERDICTS = {'right': 10, 'wrong': 5, 'rejected': 6, 'skipped': 3}
@@ -179,6 +179,10 @@ def embedded(page: Path) -> dict[str, Any]:
     return json.loads(found[1])
 
 
+def drawn(page: Path) -> list[str]:
+    return re.findall(r'<svg viewBox.*?</svg>', page.read_text(encoding='utf-8'), re.S)
+
+
 # What is on the page.
 
 
@@ -187,6 +191,7 @@ def test_page_names_every_set_and_method_with_its_numbers(page):
     interval = '0.700&ndash;0.950'
     for word in ('street', 'street-open', 'loop', 'convseq', 'cohog', '0.900', interval):
         assert f'>{word}' in text
+    assert '>3 sets, 2 methods ' in text
     assert text.count('<tr>') == 1 + 4
 
 
@@ -200,15 +205,28 @@ def test_page_needs_no_network_and_no_other_file(page):
 
 def test_every_chart_has_a_text_for_those_who_cannot_see_it(page):
     text = page.read_text(encoding='utf-8')
-    assert all('aria-label="' in tag for tag in re.findall(r'<svg [^>]*>', text))
+    assert all(
+        'role="img"' in tag and 'aria-label="' in tag for tag in re.findall(r'<svg [^>]*>', text)
+    )
     assert all('alt="' in tag for tag in re.findall(r'<img [^>]*>', text))
 
 
 def test_charts_are_well_formed(page):
-    charts = re.findall(r'<svg viewBox.*?</svg>', page.read_text(encoding='utf-8'), re.S)
+    charts = drawn(page)
     assert len(charts) >= 9
     for chart in charts:
         xml.etree.ElementTree.fromstring(chart)
+
+
+def test_page_is_the_same_each_time(results, page, tmp_path):
+    write_report(read_runs([results]), tmp_path / 'page.html')
+    assert (tmp_path / 'page.html').read_bytes() == page.read_bytes()
+
+
+def test_one_set_and_one_method_are_not_plural(results, tmp_path):
+    runs = [run for run in read_runs([results]) if run.set == 'loop']
+    write_report(runs, tmp_path / 'page.html')
+    assert '>1 set, 1 method ' in (tmp_path / 'page.html').read_text(encoding='utf-8')
 
 
 def test_names_and_titles_are_escaped(page):
@@ -275,23 +293,6 @@ def test_two_results_of_the_same_set_and_method_are_told_apart(results, copy):
 # Its parts.
 
 
-@pytest.mark.parametrize(
-    ('first', 'last', 'expected'),
-    [(0, 1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (110.5, -0.5, [0, 20, 40, 60, 80, 100]), (3, 3, [3])],
-)
-def test_ticks_are_round(first, last, expected):
-    assert ticks(first, last) == pytest.approx(expected)
-
-
-def test_ticks_of_counts_are_whole():
-    assert ticks(0, 2.2, whole=True) == [0, 1, 2]
-
-
-def test_thinning_keeps_both_ends():
-    kept = thinned(range(5000), 600)
-    assert (len(kept), kept[0], kept[-1]) == (600, 0, 4999)
-
-
 def test_truth_to_show_is_the_middle_of_the_run_nearest_to_the_match():
     right = np.isin(np.arange(20), [2, 3, 4, 10, 11, 12, 13, 14])
     assert nearest_right(right, 5) == 3
@@ -300,32 +301,10 @@ def test_truth_to_show_is_the_middle_of_the_run_nearest_to_the_match():
     assert nearest_right(np.zeros(20, bool), 5) is None
 
 
-def test_matrix_picture_is_bright_where_scores_are_high_and_clear_where_there_are_none():
-    scores = np.linspace(0, 1, 16, dtype=np.float32).reshape(4, 4)
-    scores[3, 0] = np.nan
-    image = cv2.imdecode(np.frombuffer(matrix_picture(scores), np.uint8), cv2.IMREAD_UNCHANGED)
-    assert image[3, 3, :3].sum() > image[1, 1, :3].sum() > image[0, 0, :3].sum()
-    assert image[3, 0, 3] == 0
-    assert image[0, 0, 3] == 255
-
-
-def test_large_matrix_is_reduced_and_keeps_its_thin_path():
-    scores = np.zeros((1000, 700), np.float32)
-    scores[500, 333] = 1
-    image = cv2.imdecode(np.frombuffer(matrix_picture(scores), np.uint8), cv2.IMREAD_UNCHANGED)
-    assert max(image.shape[:2]) <= 320
-    assert image[..., :3].max() > 200
-
-
-def test_matrix_of_nothing_is_a_picture_too():
-    assert matrix_picture(np.full((3, 3), np.nan, np.float32)).startswith(b'\x89PNG')
-
-
 # The command.
 
 
 def test_command_writes_page_and_figures(results, tmp_path, capsys):
-    pytest.importorskip('matplotlib')
     output, figures = tmp_path / 'report.html', tmp_path / 'figures'
     assert main(['report', str(results / 'street'), '--output', str(output)]) == 1
     assert 'convseq evaluate' in capsys.readouterr().err
@@ -339,7 +318,7 @@ def test_command_writes_page_and_figures(results, tmp_path, capsys):
         'street-convseq-lengths',
         'loop-convseq-matrix',
     ):
-        assert {f'{stem}.png', f'{stem}.svg'} <= names
+        assert {f'{stem}.png', f'{stem}.svg', f'{stem}.pdf'} <= names
     assert not [name for name in names if name.startswith('street-open-convseq')]
     assert capsys.readouterr().out == ''
 
@@ -388,12 +367,13 @@ def test_damaged_number_is_named_with_its_row(copy, tmp_path, capsys):
     assert 'row 4 is damaged' in capsys.readouterr().err
 
 
-def test_figures_need_matplotlib_and_say_so(results, tmp_path, monkeypatch, capsys):
+def test_page_needs_matplotlib_and_says_so(results, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
-    chosen = ['--output', str(tmp_path / 'page.html'), '--figures', str(tmp_path / 'figures')]
-    assert main(['report', str(results), *chosen]) == 1
-    assert capsys.readouterr().err.endswith('figures need matplotlib: pip install matplotlib\n')
-    assert (tmp_path / 'page.html').exists()
+    assert main(['report', str(results), '--output', str(tmp_path / 'page.html')]) == 1
+    told = capsys.readouterr().err
+    assert one_line(told)
+    assert told.endswith('figures need matplotlib: pip install matplotlib\n')
+    assert not list(tmp_path.iterdir())
 
 
 # In a browser.
@@ -545,6 +525,31 @@ def test_arrow_keys_move_from_frame_to_frame(browser):
     assert browser.run(CAPTION) == 'Query 0'
 
 
+def test_first_pair_is_a_right_match_else_a_wrong_one(browser, copy, tmp_path):
+    table = copy / 'street' / 'convseq' / 'frames.csv'
+    for old, new, first in (
+        ('3,300000000,accepted,accepted,', '3,300000000,rejected,ambiguous,', 'Query 4'),
+        (',1,1,0,0.0100,', ',0,1,0,0.0100,', 'Query 4'),
+        ('accepted,accepted,', 'rejected,ambiguous,', 'Query 3'),
+    ):
+        assert old in table.read_text()
+        table.write_text(table.read_text().replace(old, new))
+        runs = [run for run in read_runs([copy]) if run.set == 'street']
+        write_report(runs, tmp_path / 'page.html')
+        for address in ('', '#street/convseq'):
+            browser.open((tmp_path / 'page.html').as_uri() + address)
+            assert browser.run(CAPTION) == first
+
+
+def test_method_in_the_table_leads_to_its_first_right_match(browser):
+    browser.run('document.querySelector("tbody a[href=\'#street/cohog\']").click()')
+    browser.wait('await new Promise((done) => setTimeout(done, 50));')
+    assert browser.run(CAPTION) == 'Query 3'
+    assert browser.run('return document.getElementById("run").selectedOptions[0].text') == (
+        'street / cohog'
+    )
+
+
 def test_address_leads_to_its_frame_and_follows_it(browser, page):
     browser.open(page.as_uri() + '#street/cohog/14/wrong')
     assert browser.run(CAPTION) == 'Query 14'
@@ -570,7 +575,7 @@ def test_rejecting_a_place_that_is_not_in_the_map_is_called_right(browser, page)
 def test_click_in_a_matrix_shows_the_pictures_of_its_row(browser):
     browser.run("""
         const plate = document.querySelector('.plate[data-run="street/cohog"]');
-        const box = plate.querySelector('img').getBoundingClientRect();
+        const box = plate.querySelector('image').getBoundingClientRect();
         const clientY = box.top + box.height * 12.5 / 24;
         plate.dispatchEvent(new MouseEvent('click', {clientY, bubbles: true}));
     """)
@@ -610,11 +615,30 @@ def test_scheme_is_the_systems_until_the_button_chooses(browser, page):
     assert browser.run(brightness) > 600
 
 
+def test_charts_have_the_type_and_the_scheme_of_the_page(browser):
+    styles = 'const [page, text, line] = ["body", ".chart text", ".chart path[style*=stroke]"]'
+    styles += '.map((one) => getComputedStyle(document.querySelector(one)));'
+    fonts = browser.run(f'{styles} return [page.fontFamily, text.fontFamily]')
+    assert fonts[0] == fonts[1]
+    shades = []
+    for scheme in ('dark', 'light'):
+        browser.prefer(scheme)
+        colors = browser.run(f'{styles} return [page.color, text.fill, line.stroke]')
+        shades.append([sum(map(int, re.findall(r'\d+', color))) for color in colors])
+    page, text, line = np.subtract(*shades)
+    assert page > 300 and text > 100 and line < -300
+
+
 def test_method_in_the_legend_stands_out(browser):
     browser.run('document.querySelector(".legend li[data-series=cohog]").focus()')
     street = 'document.getElementById("set-street")'
     assert browser.run(f'return {street}.classList.contains("picking")')
-    assert browser.run('return document.querySelectorAll(".picked").length') == 3
+    shown = browser.wait("""
+        await new Promise((done) => setTimeout(done, 400));
+        const of = (item) => `${item.dataset.series} ${getComputedStyle(item).opacity}`;
+        return [...document.querySelectorAll('#set-street .charts figure')].map((figure) =>
+            [...new Set([...figure.querySelectorAll('[data-series]')].map(of))].sort());""")
+    assert shown == [['cohog 1', 'convseq 0.15']] * 2
 
 
 def test_page_is_no_wider_than_a_phone(browser):

@@ -9,7 +9,7 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report.curves import accuracy
+from convseq_ros.evaluation.report.accuracies import accuracy
 from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
 
@@ -53,7 +53,15 @@ def _check(run: Run) -> None:
 
 
 def write_report(runs: list[Run], output: Path, most_megabytes: float = MOST_MEGABYTES) -> None:
-    """Write the page of some runs; it is complete or absent."""
+    """
+    Write the page of some runs; it is complete or absent.
+
+    Raises
+    ------
+    ConvseqError
+        If matplotlib is not installed, a run is damaged or the page is too large.
+
+    """
     page = report_page(runs, round(most_megabytes * 1e6))
     part = output.with_name(output.name + '.part')
     part.write_text(page, encoding='utf-8')

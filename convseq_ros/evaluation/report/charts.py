@@ -1,114 +1,70 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Charts as inline SVG, coloured by the page's style sheet so that they follow its scheme."""
+"""All charts of some runs, for the page and as files for papers and slides."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from html import escape
-import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+import re
 
-NUM_COLORS = 10
-MOST_POINTS = 600
+from convseq_ros.evaluation.report.accuracies import accuracies_chart
+from convseq_ros.evaluation.report.chart import Chart
+from convseq_ros.evaluation.report.curves import curves_chart
+from convseq_ros.evaluation.report.lengths import lengths_chart
+from convseq_ros.evaluation.report.matrix import matrix_chart
+from convseq_ros.evaluation.report.reliability import reliability_chart
+from convseq_ros.evaluation.report.verdict import Seen, seen
+from convseq_ros.evaluation.run_folder import Run
 
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """
-    Where values land in a chart.
-
-    Parameters
-    ----------
-    left, top, width, height : float
-        The plotted area, in units of the view box.
-    x, y : pair of float
-        First and last value; y grows upwards unless its pair is given the other way round.
-
-    """
-
-    left: float
-    top: float
-    width: float
-    height: float
-    x: tuple[float, float]
-    y: tuple[float, float]
-
-    def at(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of a value."""
-        return (
-            self.left + self.width * (x - self.x[0]) / (self.x[1] - self.x[0] or 1),
-            self.top + self.height * (1 - (y - self.y[0]) / (self.y[1] - self.y[0] or 1)),
-        )
-
-    def points(self, xs: Iterable[float], ys: Iterable[float]) -> str:
-        """Return the `points` of a polyline."""
-        places = (self.at(x, y) for x, y in zip(xs, ys, strict=True))
-        return ' '.join(f'{x:.1f},{y:.1f}' for x, y in places)
+KINDS = ('png', 'svg', 'pdf')
 
 
-def svg(width: float, height: float, label: str, body: Iterable[str], style: str = '') -> str:
-    """Return an SVG picture with a text for those who cannot see it."""
-    return (
-        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" class="{style}"'
-        f' aria-label="{escape(label)}">{"".join(body)}</svg>'
+def set_charts(runs: Sequence[Run], colors: Mapping[str, int]) -> dict[str, Chart]:
+    """Return the charts of one set by their names; `colors` numbers the methods."""
+    return _drawn(
+        curves=curves_chart(runs, colors),
+        reliability=reliability_chart(runs, colors),
+        accuracy=accuracies_chart(runs, colors),
     )
 
 
-def text(x: float, y: float, words: str, style: str = '', anchor: str = 'start') -> str:
-    """Return words at a place."""
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" class="{style}" text-anchor="{anchor}">'
-        f'{escape(words)}</text>'
-    )
+def run_charts(run: Run, rows: Sequence[Seen]) -> dict[str, Chart]:
+    """Return the charts of one run by their names; `rows` tell what became of its queries."""
+    return _drawn(matrix=matrix_chart(run, rows), lengths=lengths_chart(run, rows))
 
 
-def line(plane: Plane, start: tuple[float, float], end: tuple[float, float], style: str) -> str:
-    """Return a straight line between two values."""
-    (x1, y1), (x2, y2) = plane.at(*start), plane.at(*end)
-    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" class="{style}"/>'
+def method_numbers(runs: Sequence[Run]) -> dict[str, int]:
+    """Return a number for each method, which gives its colour on all sets."""
+    methods = dict.fromkeys(run.method for run in runs)
+    return {method: number for number, method in enumerate(methods)}
 
 
-def axes(
-    plane: Plane, x_label: str, y_label: str, digits: tuple[int | None, int] = (1, 1)
-) -> list[str]:
-    """Return grid, ticks and labels; `digits` after the point on x (None: no ticks) and y."""
-    body = []
-    for value in ticks(*plane.x, whole=digits[0] == 0):
-        body.append(line(plane, (value, plane.y[0]), (value, plane.y[1]), 'grid'))
-        x, _ = plane.at(value, plane.y[0])
-        foot = plane.top + plane.height + 15
-        if digits[0] is not None:
-            body.append(text(x, foot, f'{value:.{digits[0]}f}', 'tick', 'middle'))
-    for value in ticks(*plane.y, whole=digits[1] == 0):
-        body.append(line(plane, (plane.x[0], value), (plane.x[1], value), 'grid'))
-        _, y = plane.at(plane.x[0], value)
-        body.append(text(plane.left - 7, y + 4, f'{value:.{digits[1]}f}', 'tick', 'end'))
-    middle, foot = plane.left + plane.width / 2, plane.top + plane.height + 33
-    if x_label:
-        body.append(text(middle, foot, x_label, 'axis', 'middle'))
-    if y_label:
-        body.append(text(plane.left, plane.top - 9, y_label, 'axis'))
-    return body
+def write_figures(runs: Sequence[Run], folder: Path) -> None:
+    """
+    Write the charts of every set and method, .png, .svg and .pdf.
+
+    They are called `<set>-curves`, `-accuracy`, `-reliability` where a method tells its
+    confidence, `<set>-<method>-matrix` and `-lengths`.
+
+    Raises
+    ------
+    ConvseqError
+        If matplotlib is not installed or a run is damaged.
+
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    colors = method_numbers(runs)
+    for name in dict.fromkeys(run.set for run in runs):
+        own = [run for run in runs if run.set == name]
+        _save(set_charts(own, colors), folder, name)
+        for run in own:
+            _save(run_charts(run, seen(run, run.truth())), folder, name, run.method)
 
 
-def ticks(first: float, last: float, whole: bool = False) -> list[float]:
-    """Return about five round values between two, whole ones if asked for."""
-    low, high = sorted((first, last))
-    rough = (high - low) / 5 or 1.0
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = min((1, 2, 5, 10), key=lambda factor: abs(factor * power - rough)) * power
-    step = max(step, 1.0) if whole else step
-    start, end = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [index * step for index in range(start, end + 1)]
+def _drawn(**charts: Chart | None) -> dict[str, Chart]:
+    return {name: chart for name, chart in charts.items() if chart}
 
 
-def thinned(values: Sequence[float], most: int = MOST_POINTS) -> list[float]:
-    """Return at most about `most` of the values, evenly spaced, with the first and the last."""
-    if len(values) <= most:
-        return list(values)
-    last = len(values) - 1
-    return [values[round(index * last / (most - 1))] for index in range(most)]
-
-
-def method_style(index: int) -> str:
-    """Return the classes of the n-th method; after ten the colours come again, dashed."""
-    return f'c{index % NUM_COLORS}' + (' dashed' if index >= NUM_COLORS else '')
+def _save(charts: Mapping[str, Chart], folder: Path, *names: str) -> None:
+    for what, chart in charts.items():
+        stem = '-'.join(re.sub(r'[^\w.-]+', '_', name) for name in (*names, what))
+        chart.save(*(folder / f'{stem}.{kind}' for kind in KINDS))

@@ -7,25 +7,37 @@ from html import escape
 from importlib.resources import files
 import json
 from string import Template
-from typing import Any
+from urllib.parse import quote
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report.charts import method_style
-from convseq_ros.evaluation.report.curves import accuracy, accuracy_chart, curves_chart
-from convseq_ros.evaluation.report.lengths import lengths_chart, varies
-from convseq_ros.evaluation.report.matrix import matrix_figure
+from convseq_ros.evaluation.report.accuracies import accuracy, interval
+from convseq_ros.evaluation.report.chart import NUM_COLORS, STYLE_SHEET
+from convseq_ros.evaluation.report.charts import method_numbers, run_charts, set_charts
+from convseq_ros.evaluation.report.facts import run_facts, set_facts, source
 from convseq_ros.evaluation.report.pairs import browser_data
-from convseq_ros.evaluation.report.reliability import reliability_chart
-from convseq_ros.evaluation.report.summary_table import number, summary_table
+from convseq_ros.evaluation.report.summary_table import summary_table
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
 
 MOST_ROWS = 4000
-PROTOCOLS = {
-    'closed': 'every query has an answer in the map',
-    'open': 'half of the map is left out in turn, so "not in the map" is a right answer',
-    'online': 'one sequence against its own past',
+CAPTIONS = {
+    'curves': 'Precision-recall, exact: one point for every distinct score. Recall is over matched'
+    ' queries that have an answer.',
+    'accuracy': 'Accuracy over matched queries that have an answer, with its 95 % interval'
+    ' (bootstrap over blocks of the sequence); the upright tick is over all that have one, matched'
+    ' or not.',
+    'reliability': 'How often a confidence is right (the right place, slips included); larger dots'
+    ' are more frames. Its two settings come from the sets of other places, where there are any.',
+    'lengths': '{method}: frames matched together (k) over the entropy of the newest image. Ticks'
+    ' between them: wrong best candidates, accepted (red) or rejected (amber).',
 }
+MATRICES = (
+    '<h3>Similarity matrices</h3><p class="caption">Scores of single image pairs, query down,'
+    ' reference across; brighter is more similar, gray was not scored. Between the white lines:'
+    ' truth. Dots: best candidate, <b class="right">accepted and right</b>,'
+    ' <b class="wrong">accepted and wrong</b>, <b class="rejected">rejected</b>.'
+    ' Click a row to see its pictures.</p>'
+)
 
 
 def report_page(runs: Sequence[Run], most_bytes: int) -> str:
@@ -38,22 +50,21 @@ def report_page(runs: Sequence[Run], most_bytes: int) -> str:
         If a run is damaged, or the page is too large without a single picture.
 
     """
-    methods = dict.fromkeys(run.method for run in runs)
-    colors = {method: index for index, method in enumerate(methods)}
+    colors = method_numbers(runs)
     rows = {(run.set, run.method): seen(run, run.truth()) for run in runs}
     sections = ''.join(
         _section([run for run in runs if run.set == name], rows, colors) for name in _sets(runs)
     )
     parts = {
         'title': 'Place recognition: ' + ', '.join(_sets(runs)),
-        'told': escape(_told(runs)),
+        'told': escape(run_facts(runs)),
         'links': ''.join(
             f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in _sets(runs)
         ),
         'table': summary_table(runs),
         'sections': sections,
-        'sources': ''.join(map(_source, runs)),
-        'style': _resource('style.css'),
+        'sources': ''.join(map(source, runs)),
+        'style': STYLE_SHEET,
         'script': _resource('script.js'),
     }
     most_rows = max(len(kept) for kept in rows.values())
@@ -85,28 +96,13 @@ def _section(
     runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], colors: Mapping[str, int]
 ) -> str:
     name = runs[0].set
-    facts = _facts(runs[0])
-    charts = _figure(
-        curves_chart(runs, colors),
-        'Precision-recall, exact: one point for every distinct'
-        ' score. Recall is over matched queries that have an answer.',
-    ) + _figure(
-        accuracy_chart(runs, colors),
-        'Accuracy over matched queries that have an'
-        ' answer, with its 95 % interval (bootstrap over blocks of the sequence); the'
-        ' upright tick is over all that have one, matched or not.',
+    facts = set_facts(runs[0])
+    charts = ''.join(
+        _figure(chart.svg(), CAPTIONS[what]) for what, chart in set_charts(runs, colors).items()
     )
-    reliability = reliability_chart(runs, colors)
-    if reliability:
-        charts += _figure(
-            reliability,
-            'How often a confidence is right (the right place, slips'
-            ' included); larger dots are more frames. Its two settings come from'
-            ' the sets of other places, where there are any.',
-        )
     legend = ''.join(
         f'<li tabindex="0" data-series="{escape(run.method)}">'
-        f'<i class="swatch {method_style(colors[run.method])}"></i>'
+        f'<i class="{_swatch(colors[run.method])}"></i>'
         f'{escape(run.method)}</li>'
         for run in runs
     )
@@ -116,13 +112,17 @@ def _section(
         f'<p>{escape(_winner(runs[0]))}</p>'
         f'<ul class="legend" aria-label="Methods">{legend}</ul>'
         f'<div class="charts">{charts}</div>'
-        f'{_matrices(runs, rows)}{_lengths(runs, rows)}</section>'
+        f'{_charts_of_runs(runs, rows)}</section>'
     )
 
 
+def _swatch(color: int) -> str:
+    return f'swatch c{color % NUM_COLORS}' + (' dashed' if color >= NUM_COLORS else '')
+
+
 def _winner(run: Run) -> str:
-    low, high = (number(run.summary.get(f'accuracy_matched_{end}')) for end in ('low', 'high'))
-    span = '' if low is None or high is None else f' (95 % interval {low:.1%} to {high:.1%})'
+    ends = interval(run)
+    span = f' (95 % interval {ends[0]:.1%} to {ends[1]:.1%})' if ends else ''
     return (
         f'Most accurate: {run.method}, {accuracy(run):.1%} of the'
         f' {run.summary.get("matched_known", "")} matched queries that have an answer{span}.'
@@ -131,111 +131,27 @@ def _winner(run: Run) -> str:
     )
 
 
-def _matrices(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]) -> str:
-    figures = []
+def _charts_of_runs(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]) -> str:
+    matrices, lengths = '', ''
     for run in runs:
-        scores = run.scores()
-        if scores is not None and scores.size:
-            figures.append(matrix_figure(run, scores, run.truth(), rows[run.set, run.method]))
-    if not figures:
-        return ''
-    return (
-        '<h3>Similarity matrices</h3><p class="caption">Scores of single image pairs, query down,'
-        ' reference across; brighter is more similar. Between the white lines: truth. Dots: best'
-        ' candidate, <b class="right">accepted and right</b>,'
-        ' <b class="wrong">accepted and wrong</b>,'
-        ' <b class="rejected">rejected</b>. Click a row to see its pictures.</p>'
-        f'<div class="matrices">{"".join(figures)}</div>'
-    )
-
-
-def _lengths(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]) -> str:
-    parts = []
-    for run in runs:
-        table = rows[run.set, run.method]
-        if varies(table):
-            parts.append(
-                _figure(
-                    lengths_chart(run, table),
-                    f'{run.method}: frames matched together (k) over the entropy of the newest '
-                    'image. Ticks between them: wrong best candidates, accepted (red) or '
-                    'rejected (amber).',
-                )
+        charts = run_charts(run, rows[run.set, run.method])
+        if 'matrix' in charts:
+            matrices += (
+                '<figure class="matrix"><div class="plate"'
+                f' data-run="{quote(run.set)}/{quote(run.method)}"'
+                f' data-queries="{len(rows[run.set, run.method])}">{charts["matrix"].svg()}</div>'
+                f'<figcaption>{escape(run.method)}</figcaption></figure>'
             )
-    if not parts:
-        return ''
-    return f'<h3>Sequence length beside entropy</h3>{"".join(parts)}'
+        if 'lengths' in charts:
+            caption = CAPTIONS['lengths'].format(method=run.method)
+            lengths += _figure(charts['lengths'].svg(), caption)
+    return (matrices and f'{MATRICES}<div class="matrices">{matrices}</div>') + (
+        lengths and f'<h3>Sequence length beside entropy</h3>{lengths}'
+    )
 
 
 def _figure(picture: str, caption: str) -> str:
     return f'<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def _facts(run: Run) -> dict[str, str]:
-    told = run.about_set()
-    protocol = str(run.summary.get('protocol', 'closed'))
-    facts = {
-        'title': str(told.get('title') or run.set),
-        'protocol': f'{protocol}: {PROTOCOLS.get(protocol, "")}'.rstrip(': '),
-    }
-    for key, words in (
-        ('queries', '{} queries'),
-        ('references', '{} references'),
-        ('tolerance', 'tolerance ±{}'),
-        ('radius_m', 'within {} m'),
-    ):
-        if number(told.get(key)):
-            facts[key] = words.format(told[key])
-    return facts
-
-
-def _source(run: Run) -> str:
-    told = {
-        key: run.summary.get(key)
-        for key in (
-            'argv',
-            'date',
-            'machine',
-            'versions',
-            'criterion',
-            'transferred',
-            'notes',
-            'configuration',
-            'k_distribution',
-        )
-    }
-    lines = ''.join(
-        f'<dt>{escape(key.replace("_", " "))}</dt><dd>{escape(_words(value))}</dd>'
-        for key, value in told.items()
-        if value
-    )
-    return (
-        f'<details><summary>{escape(run.set)} / {escape(run.method)}</summary>'
-        f'<dl>{lines}</dl></details>'
-    )
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, dict):
-        return ', '.join(f'{key} {_words(part)}' for key, part in value.items())
-    if isinstance(value, list):
-        return ' '.join(map(_words, value))
-    return str(value)
-
-
-def _told(runs: Sequence[Run]) -> str:
-    dates = sorted({str(run.summary['date']) for run in runs if run.summary.get('date')})
-    machine = next((run.summary['machine'] for run in runs if run.summary.get('machine')), None)
-    parts = [f'{len(_sets(runs))} sets, {len({run.method for run in runs})} methods']
-    if dates:
-        parts.append(
-            dates[0][:10]
-            if dates[0][:10] == dates[-1][:10]
-            else f'{dates[0][:10]} to {dates[-1][:10]}'
-        )
-    if machine:
-        parts.append(_words(machine))
-    return ' · '.join(parts)
 
 
 def _sets(runs: Sequence[Run]) -> list[str]:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the browser of matched pairs shows: one row for every frame, and the pictures once."""
 
+import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from convseq_ros.evaluation.report.matrix import data_uri
 from convseq_ros.evaluation.report.verdict import Seen
 from convseq_ros.evaluation.run_folder import Run
 
@@ -43,7 +43,8 @@ class Pictures:
         whole = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
         if not whole:
             return None
-        return self._places.setdefault(data_uri(content, 'jpeg'), len(self._places))
+        uri = f'data:image/jpeg;base64,{base64.b64encode(content).decode()}'
+        return self._places.setdefault(uri, len(self._places))
 
 
 def browser_data(

@@ -201,6 +201,12 @@
     return run.rows.reduce((best, row) => (close(row) < close(best) ? row : best), run.rows[0]);
   }
 
+  // A right match tells most at first sight, then a wrong one, then one that was rejected.
+
+  function telling(run) {
+    return kinds.map((kind) => run.rows.find((row) => row.verdict === kind)).find(Boolean);
+  }
+
   function follow() {
     const [set, method, query, kind] = location.hash.slice(1).split('/').map((part) => {
       try {
@@ -210,8 +216,8 @@
       }
     });
     const run = runs.find((one) => one.set === set && one.method === method);
-    if (!run || query === undefined) return false;
-    choose(run, kinds.includes(kind) ? kind : 'all', rowOf(run, query), false);
+    if (!run) return false;
+    choose(run, kinds.includes(kind) ? kind : 'all', query === undefined ? telling(run) : rowOf(run, query), false);
     return true;
   }
 
@@ -249,7 +255,7 @@
   });
   for (const plate of document.querySelectorAll('.plate')) {
     plate.addEventListener('click', (event) => {
-      const box = plate.querySelector('img').getBoundingClientRect();
+      const box = plate.querySelector('image').getBoundingClientRect();
       const share = Math.max(0, Math.min((event.clientY - box.top) / box.height, 0.9999));
       const query = Math.floor(share * Number(plate.dataset.queries));
       location.hash = `${plate.dataset.run}/${query}`;
@@ -258,6 +264,6 @@
   window.addEventListener('hashchange', goThere);
 
   setScheme(storedScheme());
-  choose(runs[0], 'all', runs[0].rows.find((row) => row.verdict !== 'skipped'), false);
+  choose(runs[0], 'all', telling(runs[0]), false);
   goThere();
 }

@@ -96,7 +96,7 @@ def _best(column: Column, runs: Iterable[Run]) -> float | None:
 def _row(run: Run, columns: Iterable[Column], best: dict[tuple[str, str], float | None]) -> str:
     protocol = str(run.summary.get('protocol', ''))
     cells = [_cell(run.summary, column, best[run.set, column.key]) for column in columns]
-    link = f'#{quote(run.set)}/{quote(run.method)}/0'
+    link = f'#{quote(run.set)}/{quote(run.method)}'
     return (
         f'<tr><td>{escape(run.set)} <span class="badge">{escape(protocol)}</span></td>'
         f'<th scope="row"><a href="{escape(link)}">{escape(run.method)}</a></th>'
