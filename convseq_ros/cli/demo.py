@@ -89,12 +89,12 @@ def run(chosen: argparse.Namespace) -> int:
     beside = side_topics(drives.query)
     source = open_annotated(drives.query, '', *beside)
     recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
-    offline, scores = [], np.zeros((len(source), len(recognizer.reference_map)), np.float32)
+    offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
     for match, duration_ms in replay(source, recognizer):
         written = row(match, duration_ms)
         offline.append({name: _text(value) for name, value in written.items()})
         if recognizer.buffer.row is not None:
-            scores[match.query_index] = np.nan_to_num(recognizer.buffer.row)
+            scores[match.query_index] = recognizer.buffer.row
 
     median_ms = statistics.median(float(each['duration_ms']) for each in offline)
     rate = min(4.0, 60.0 / median_ms)
