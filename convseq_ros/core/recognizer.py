@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
-from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
@@ -102,7 +101,7 @@ class PlaceRecognizer:
             match = self._last = self._recognize(answer, frame, verdict)
             self.mapping.add(frame, verdict.descriptor)
         if frame.gray is None and descriptor is None:
-            return replace(match, reason=Reason.UNREADABLE)
+            return answer(Status.SKIPPED, Reason.UNREADABLE)
         return measured(match, frame, self.reference_map.cell_shape[1])
 
     def _recognize(self, answer: Answer, frame: Frame, verdict: Verdict) -> Match:

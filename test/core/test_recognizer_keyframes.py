@@ -7,6 +7,7 @@ from dataclasses import replace
 from convseq_ros.config import (
     Config,
     EncodingConfig,
+    EVERY_FRAME,
     KeyframeConfig,
     MatchingConfig,
     MotionConfig,
@@ -171,3 +172,18 @@ def test_a_map_of_other_keyframes_is_used_as_it_is_but_not_added_to(tmp_path, im
     assert len(Session(path, ONLINE).recognizer.reference_map) == 4
     with pytest.raises(MapError, match=r'keyframe_interval_s 0.3, asked for 0.0; set keyframe_'):
         Session(path, replace(ONLINE, keyframes=KeyframeConfig()))
+
+
+@pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
+def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
+    recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)
+    known = show(recognizer, image, range(30, 60))
+    assert known[-1].candidates
+    lost = [
+        recognizer.process(Frame((30 + index) * STEP_NS, None, problem='cut'))
+        for index in range(8)
+    ]
+    assert {(match.status, match.reason) for match in lost} == {
+        (Status.SKIPPED, Reason.UNREADABLE)
+    }
+    assert not any(match.candidates or match.confidence for match in lost)
