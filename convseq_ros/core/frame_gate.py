@@ -68,6 +68,7 @@ class FrameGate:
         self._standstill = Standstill(config.motion, by_image, similarity)
         self._keyframes = Keyframes(keyframes, Overlap(threshold, kernel))
         counts = by_image and config.matching.velocity_search
+        self._similarity = similarity
         self._blank = blank_descriptor(config.encoding)
         self._drops = FrameDropDetector() if counts else NoFrameDrops()
 
@@ -78,8 +79,9 @@ class FrameGate:
         self._drops.reset()
 
     def warm_up(self, drawn: Descriptor) -> None:
-        """Compile or load what frames need, with any image; before the first frame."""
+        """Compile or load what frames need, with an informative image; before the first frame."""
         self._keyframes.warm_up(drawn)
+        self._similarity(drawn, drawn)
 
     def update(
         self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor]

@@ -76,7 +76,7 @@ class Session:
     def warm_up(self) -> None:
         """Compile what is compiled at its first use, which may take seconds."""
         encoding = self.recognizer.config.encoding
-        drawn = np.arange(64 * 64, dtype=np.uint16).astype(np.uint8).reshape(64, 64)
+        drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
         self.recognizer.gate.warm_up(describe(drawn, encoding))
         self.recognizer.matcher.warm_up()
 

@@ -177,12 +177,10 @@ def test_a_map_of_other_keyframes_is_used_as_it_is_but_not_added_to(tmp_path, im
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
 def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
     recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)
-    known = show(recognizer, image, range(30, 60))
+    known = show(recognizer, image, range(30, 61))
     assert known[-1].candidates
-    lost = [
-        recognizer.process(Frame((30 + index) * STEP_NS, None, problem='cut'))
-        for index in range(8)
-    ]
+    stamps_ns = [(31 + index) * STEP_NS for index in range(8)]
+    lost = [recognizer.process(Frame(stamp_ns, None, problem='cut')) for stamp_ns in stamps_ns]
     assert {(match.status, match.reason) for match in lost} == {
         (Status.SKIPPED, Reason.UNREADABLE)
     }
