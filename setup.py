@@ -66,8 +66,8 @@ setup(
             'onnx',
             'onnxruntime',
             'pytest>=7.4',
-            'pytest-rerunfailures',
             'pytest-timeout>=2.2',
+            'pytest-xdist>=3.4',
             'scikit-learn',
         ],
         'dev': [

@@ -73,7 +73,6 @@ class Listener:
         self._node.destroy_node()
 
 
-@pytest.mark.flaky(reruns=1)
 def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
     record(tmp_path / 'drive', two_blocks(40.0, 30.0))
     truth = {

@@ -145,8 +145,7 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
         held.clear()
         with monkeypatch.context() as patch:
             patch.setattr(target, slowly(save_map if kind is Trigger else Session))
-            service = client.node.create_client(kind, f'/vpr_node/{name}')
-            client.wait_for(service.service_is_ready)
+            service = client.service(kind, f'/vpr_node/{name}')
             future, before = service.call_async(request), sent
             stream(lambda before=before: sent > before + 10)
             assert not future.done()

