@@ -47,6 +47,13 @@ class NodeConfig(Checked):
         low=0.0,
         high=3600.0,
     )
+    odom_wait_s: float = parameter(
+        0.05,
+        'A frame waits up to this long for the odometry of its moment, if odometry comes at all.',
+        unit='s',
+        low=0.0,
+        high=10.0,
+    )
     map_frame: str = parameter('map', 'Frame in which the poses of the map are given.')
     position_sigma_m: float = parameter(
         0.5,

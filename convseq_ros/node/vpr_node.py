@@ -72,7 +72,7 @@ class VprNode(Node):
         self._enabled = True
         self._ready = False
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self)
+        self._surroundings = Surroundings(self, config.odom_wait_s)
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,

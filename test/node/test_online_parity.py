@@ -146,6 +146,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
         'map_path': tmp_path / 'live.db',
         'result_file': live,
         'queue_size': 1000,
+        'odom_wait_s': 2.0,
     }
     node = start(
         'vpr_node',
