@@ -34,6 +34,7 @@ from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
 _MAPS_TIMEOUT_S = 2.0
+_LOOK_UP_S = 0.2
 
 
 class VprNode(Node):
@@ -224,8 +225,11 @@ def main(args: list[str] | None = None) -> int:
 def _run() -> None:
     executor = SingleThreadedExecutor()
     node = VprNode()
+    executor.add_node(node)
     try:
-        rclpy.spin(node, executor)
+        # A signal just before the executor waits does not wake it: it looks up now and then.
+        while ok():
+            executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
 

@@ -218,7 +218,8 @@ def vpr() -> Iterator[Callable[..., Any]]:
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
             with contextlib.suppress(ExternalShutdownException):
-                executor.spin()
+                while context.ok():
+                    executor.spin_once(timeout_sec=0.2)
             node.destroy_node()
             executor.shutdown()
 
