@@ -60,7 +60,6 @@ setup(
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
-            'gtsam>=4.3',
             'hypothesis>=6.98',
             'numba>=0.61',
             'onnx',

@@ -9,6 +9,7 @@ import shutil
 import sys
 import tempfile
 
+import hypothesis
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -29,6 +30,9 @@ def isolate_ros() -> None:
 
 
 isolate_ros()
+# How long an example takes says more of the machine than of us.
+hypothesis.settings.register_profile('patient', deadline=None)
+hypothesis.settings.load_profile('patient')
 
 
 @pytest.fixture(scope='session')

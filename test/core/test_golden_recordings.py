@@ -102,6 +102,8 @@ def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:
         golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)]
     references = [regions(one.cells) for one in drive(folder / 'day_right', from_bgr)]
-    queries = drive(folder / 'day_left', from_bgr)
+    # Every other query; all 200 agree but for two.
+    paths = sorted((folder / 'day_left').glob('*.jpg'))[::2]
+    queries = [describe(from_bgr(path)) for path in paths]
     found = [int(pair_scores(query, references).argmax()) for query in queries]
-    assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 198
+    assert sum(a == b for a, b in zip(found, golden[::2], strict=True)) >= 99
