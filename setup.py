@@ -25,7 +25,7 @@ setup(
     package_data={
         NAME: [
             'py.typed',
-            'core/matching/projection.*',
+            'core/encoding/projection.*',
             'data_sets/*.yaml',
             'data_sets/studies/*.yaml',
         ],

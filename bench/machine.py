@@ -5,7 +5,7 @@
 import os
 from typing import Any
 
-from convseq_ros.core.matching.kernels.instructions import float_tile, int8_tile
+from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
 from convseq_ros.evaluation.provenance import provenance
 import numpy as np
 

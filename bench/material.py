@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.map_writer import MapWriter
-from convseq_ros.core.reference_map import pack_cells, Place
-from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.map_writer import MapWriter
+from convseq_ros.core.map.reference_map import pack_cells, Place
+from convseq_ros.core.map.thumbnail import thumbnail
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from convseq_ros.core.compiled import emitted
-from convseq_ros.core.matching.kernels.instructions import int8_tile, Tile
+from convseq_ros.core.similarity.kernels.instructions import int8_tile, Tile
 import numpy as np
 
 _SIDE = 1024

@@ -4,7 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.core.entropy import MAX_BITS
+from convseq_ros.core.encoding.entropy import MAX_BITS
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np

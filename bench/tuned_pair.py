@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coherent pair scores as fast as NumPy and OpenCV can: what compiled kernels must beat."""
 
-from convseq_ros.core.matching.coherent import CoherentQuery, SIGMA_CELLS
+from convseq_ros.core.similarity.coherent import CoherentQuery, SIGMA_CELLS
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError
 import numpy as np

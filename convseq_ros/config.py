@@ -17,23 +17,19 @@ from convseq_ros.parameter import Checked, Parameter, parameter, parameters, ref
 Group = TypeVar('Group')
 
 
+# A table of parameters reads better in few lines.
+# fmt: off
 @dataclass(frozen=True, slots=True)
 class EncodingConfig(Checked):
     """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
 
     image_size_px: int = parameter(
-        512,
-        'Side of the square that every image is resized to; W1 = H1 in the paper.',
-        unit='px',
-        low=64,
-        high=2048,
+        512, 'Side of the square that every image is resized to; W1 = H1 in the paper.',
+        unit='px', low=64, high=2048,
     )
     saliency_threshold: float = parameter(
-        0.5,
-        'Regions whose mean entropy is at least this share of 8 bits are salient; '
-        'ET in the paper.',
-        low=0.0,
-        high=1.0,
+        0.5, 'Regions whose mean entropy is at least this share of 8 bits are salient; '
+        'ET in the paper.', low=0.0, high=1.0,
     )
 
     def __post_init__(self) -> None:
@@ -49,42 +45,32 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are."""
 
     matching: str = parameter(
-        'coherent',
-        'coherent asks where salient regions went, regional (the paper) how similar '
-        'their best counterparts are.',
-        choices=('coherent', 'regional'),
+        'coherent', 'coherent asks where salient regions went, regional (the paper) how similar '
+        'their best counterparts are.', choices=('coherent', 'regional'),
     )
     search: str = parameter(
-        'shortlist',
-        'exhaustive scores every reference (the paper), shortlist the likely ones.',
+        'shortlist', 'exhaustive scores every reference (the paper), shortlist the likely ones.',
         choices=('exhaustive', 'shortlist'),
     )
     remove_layout: bool = parameter(
         True, 'Compare evened cells less what is usual, and whole images; coherent matching only.'
     )
     shortlist_length: int = parameter(
-        50,
-        'References at which the likely sequences may end.',
-        unit='references',
-        low=3,
-        high=1000,
+        50, 'References at which the likely sequences may end.',
+        unit='references', low=3, high=1000,
     )
     speed_search: bool = parameter(
-        True,
-        'Follow a drive at half to twice the speed of the map, and over frames that went '
+        True, 'Follow a drive at half to twice the speed of the map, and over frames that went '
         'missing by their stamps; with coherent matching only.',
     )
     kernel: str = parameter(
-        'auto',
-        'What computes pair scores: int8 and float32 are compiled (numba), numpy is not; '
+        'auto', 'What computes pair scores: int8 and float32 are compiled (numba), numpy is not; '
         'auto takes the fastest that the machine has.',
         choices=('auto', 'int8', 'float32', 'numpy'),
     )
     threads: int = parameter(
-        0,
-        'Threads that score pairs; 0 takes as many cores as the process may use, at most 2.',
-        low=0,
-        high=256,
+        0, 'Threads that score pairs; 0 takes as many cores as the process may use, at most 2.',
+        low=0, high=256,
     )
 
 
@@ -93,37 +79,27 @@ class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
     fixed_length: int = parameter(
-        0,
-        'Match this many frames always; 0 chooses the length for every frame.',
-        unit='frames',
-        low=0,
-        high=100,
-        dynamic=True,
+        0, 'Match this many frames always; 0 chooses the length for every frame.',
+        unit='frames', low=0, high=100, dynamic=True,
     )
     overlap_threshold: float = parameter(
-        0.9,
-        'The sequence grows while frames are at least this similar to its newest; '
-        'IT in the paper.',
-        low=0.0,
-        high=1.0,
-        dynamic=True,
+        0.9, 'The sequence grows while frames are at least this similar to its newest; '
+        'IT in the paper.', low=0.0, high=1.0, dynamic=True,
     )
     entropy_threshold: float = parameter(
-        0.5,
-        'The sequence grows while its mean image entropy is at most this; ET in the paper.',
-        low=0.0,
-        high=1.0,
-        dynamic=True,
+        0.5, 'The sequence grows while its mean image entropy is at most this; ET in the paper.',
+        low=0.0, high=1.0, dynamic=True,
     )
-    min_length: int = parameter(2, 'Shortest chosen sequence.', unit='frames', low=1, high=100)
+    min_length: int = parameter(
+        2, 'Shortest chosen sequence.', unit='frames', low=1, high=100,
+    )
     max_overlap_length: int = parameter(
-        15,
-        'Similarity alone grows the sequence no further than this.',
-        unit='frames',
-        low=1,
-        high=100,
+        15, 'Similarity alone grows the sequence no further than this.',
+        unit='frames', low=1, high=100,
     )
-    max_length: int = parameter(25, 'Longest chosen sequence.', unit='frames', low=1, high=100)
+    max_length: int = parameter(
+        25, 'Longest chosen sequence.', unit='frames', low=1, high=100,
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -144,48 +120,30 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto',
-        'track sums up the last frames, margin looks at the newest sequence alone; auto: '
+        'auto', 'track sums up the last frames, margin looks at the newest sequence alone; auto: '
         'track with coherent matching, margin with regional.',
         choices=('auto', 'margin', 'track'),
     )
     min_evidence: float = parameter(
-        1.7,
-        'By the track rule, the last 30 frames must on average stand out by this many times '
-        'the scatter of other places.',
-        low=0.0,
-        high=1000.0,
-        dynamic=True,
+        1.7, 'By the track rule, the last 30 frames must on average stand out by this many times '
+        'the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
     )
     min_margin: float = parameter(
-        0.003,
-        'By the margin rule, a match must score this much more than its best rival.',
-        low=0.0,
-        high=1.0,
-        dynamic=True,
+        0.003, 'By the margin rule, a match must score this much more than its best rival.',
+        low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(
-        10,
-        'References further than this from the best one are its rivals.',
-        unit='references',
-        low=0,
-        high=10000,
-        dynamic=True,
+        10, 'References further than this from the best one are its rivals.',
+        unit='references', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = parameter(
-        5,
-        'Candidates listed with every result, no two nearer than rival_distance.',
-        low=1,
-        high=100,
+        5, 'Candidates listed with every result, no two nearer than rival_distance.',
+        low=1, high=100,
     )
     closure_interval_s: float = parameter(
-        0.0,
-        'Least time between two accepted matches; what would be one in between is in '
+        0.0, 'Least time between two accepted matches; what would be one in between is in '
         'cool_down. 0 accepts every frame that is sure.',
-        unit='s',
-        low=0.0,
-        high=3600.0,
-        dynamic=True,
+        unit='s', low=0.0, high=3600.0, dynamic=True,
     )
 
 
@@ -194,19 +152,14 @@ class MotionConfig(Checked):
     """When a robot stands still: such frames say nothing new and are passed over."""
 
     stationary_overlap: float = parameter(
-        0.985,
-        'A frame more similar than this to the last that moved shows a robot that stands '
+        0.985, 'A frame more similar than this to the last that moved shows a robot that stands '
         'still; 1 asks no image. With coherent matching only, and without odometry.',
-        low=0.0,
-        high=1.0,
+        low=0.0, high=1.0,
     )
     stationary_m: float = parameter(
-        0.05,
-        'By odometry, a robot that is less far than this from the last frame that moved, '
+        0.05, 'By odometry, a robot that is less far than this from the last frame that moved, '
         'and turned by less than a twentieth of a turn, stands still; 0 asks no odometry.',
-        unit='m',
-        low=0.0,
-        high=100.0,
+        unit='m', low=0.0, high=100.0,
     )
 
 
@@ -215,24 +168,16 @@ class OnlineConfig(Checked):
     """Whether the map grows from the robot's own past, and how much of that is too fresh."""
 
     mode: str = parameter(
-        'preloaded',
-        'preloaded recognises the places of a map, online also adds to it what the camera sees.',
-        choices=('preloaded', 'online'),
+        'preloaded', 'preloaded recognises the places of a map, online also adds to it what the '
+        'camera sees.', choices=('preloaded', 'online'),
     )
     exclusion_s: float = parameter(
-        30.0,
-        'In online mode, places of this session younger than this are recent and not matched.',
-        unit='s',
-        low=0.0,
-        high=86400.0,
+        30.0, 'In online mode, places of this session younger than this are recent and not '
+        'matched.', unit='s', low=0.0, high=86400.0,
     )
     exclusion_m: float = parameter(
-        0.0,
-        'In online mode with odometry, places of this session that were passed less than '
-        'this distance ago are recent and not matched.',
-        unit='m',
-        low=0.0,
-        high=100000.0,
+        0.0, 'In online mode with odometry, places of this session that were passed less than '
+        'this distance ago are recent and not matched.', unit='m', low=0.0, high=100000.0,
     )
 
 
@@ -245,33 +190,20 @@ class KeyframeConfig(Checked):
     """
 
     keyframe_interval_s: float = parameter(
-        0.0,
-        'Least time between two keyframes, of which a camera may be a tenth early.',
-        unit='s',
-        low=0.0,
-        high=3600.0,
+        0.0, 'Least time between two keyframes, of which a camera may be a tenth early.',
+        unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
-        0.0,
-        'With odometry, least way between two keyframes, unless the robot turns by a '
-        'twentieth of a turn.',
-        unit='m',
-        low=0.0,
-        high=1000.0,
+        0.0, 'With odometry, least way between two keyframes, unless the robot turns by a '
+        'twentieth of a turn.', unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
-        0.75,
-        'A frame of which a larger share than this moved together since the last keyframe '
-        'is passed over; 1 takes every frame, as the paper does.',
-        low=0.0,
-        high=1.0,
+        0.75, 'A frame of which a larger share than this moved together since the last keyframe '
+        'is passed over; 1 takes every frame, as the paper does.', low=0.0, high=1.0,
     )
     thumbnail_width_px: int = parameter(
-        128,
-        'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
-        unit='px',
-        low=0,
-        high=640,
+        128, 'Width of the small pictures kept in the map for people to look at; 0 keeps none.',
+        unit='px', low=0, high=640,
     )
 
     @property
@@ -284,6 +216,7 @@ class KeyframeConfig(Checked):
         }
 
 
+# fmt: on
 EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
 

@@ -21,10 +21,10 @@ import sys
 
 from acceptance_drives import drawn, FORK_M, Pair, PAIRS, ROUND_M
 from convseq_ros.config import make_config
-from convseq_ros.core import acceptance
-from convseq_ros.core.descriptor import describe
+from convseq_ros.core.decision import acceptance
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Frame, Reason
 from convseq_ros.evaluation.calibration import adjusted, fitted, reliability
 from convseq_ros.evaluation.protocols import kept_halves

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Make convseq_ros/core/matching/projection.npy anew from the frames of one indoor drive.
+Make convseq_ros/core/encoding/projection.npy anew from the frames of one indoor drive.
 
 Usage: python scripts/make_projection.py FOLDER [OUTPUT], with FOLDER the 84 pictures of RTAB-Map's
 loop-closure sequence (introlab/rtabmap, BSD-3-Clause). See projection.md beside the output.
@@ -10,8 +10,8 @@ loop-closure sequence (introlab/rtabmap, BSD-3-Clause). See projection.md beside
 from pathlib import Path
 import sys
 
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching import coherent
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.similarity import coherent
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt

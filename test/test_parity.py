@@ -13,10 +13,10 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.map_file import open_map, save_map
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.map_file import open_map, save_map
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.results import read_results, ResultWriter
 from convseq_ros.sources import open_source
 import cv2

@@ -5,7 +5,7 @@
 from itertools import cycle
 
 from convseq_ros.core.compiled import available
-from convseq_ros.core.descriptor import describe
+from convseq_ros.core.encoding.descriptor import describe
 
 from bench.finding import at_least, at_most, Finding
 from bench.released import encode

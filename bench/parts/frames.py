@@ -9,7 +9,7 @@ import time
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 import numpy as np

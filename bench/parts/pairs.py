@@ -6,10 +6,11 @@ from collections.abc import Callable
 from functools import partial
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.entropy import MAX_BITS
-from convseq_ros.core.map_file import open_map
-from convseq_ros.core.matching import coherent, Matcher, regional
-from convseq_ros.core.reference_map import pack_cells, unpack_cells
+from convseq_ros.core.encoding.entropy import MAX_BITS
+from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.reference_map import pack_cells, unpack_cells
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity import coherent, regional
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt

@@ -5,8 +5,9 @@
 from functools import partial
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.map_file import open_map
-from convseq_ros.core.matching import Matcher, regional
+from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity import regional
 import numpy as np
 
 from bench.finding import at_least, Finding

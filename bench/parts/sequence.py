@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sequence stage: sums of pair scores along diagonals."""
 
-from convseq_ros.core.sequence import sequence_scores
+from convseq_ros.core.sequence.diagonals import sequence_scores
 import numpy as np
 
 from bench.finding import at_most, Finding

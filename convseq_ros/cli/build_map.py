@@ -13,11 +13,11 @@ import time
 from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.progress import progress
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_group
-from convseq_ros.core.descriptor import describe as describe_image
+from convseq_ros.core.encoding.descriptor import describe as describe_image
 from convseq_ros.core.keyframes import KeyframeSelector
-from convseq_ros.core.map_writer import MapWriter
-from convseq_ros.core.reference_map import pack_cells, Place
-from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.map.map_writer import MapWriter
+from convseq_ros.core.map.reference_map import pack_cells, Place
+from convseq_ros.core.map.thumbnail import thumbnail
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters

@@ -16,7 +16,7 @@ from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.cli.replay import replay
 from convseq_ros.cli.side_topics import side_topics
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.plots import demo_picture

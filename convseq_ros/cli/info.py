@@ -9,9 +9,9 @@ import json
 import math
 from pathlib import Path
 
-from convseq_ros.core.map_file import describe_file, open_map
-from convseq_ros.core.map_format import FORMAT_VERSION
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.map.map_file import describe_file, open_map
+from convseq_ros.core.map.map_format import FORMAT_VERSION
+from convseq_ros.core.map.reference_map import ReferenceMap
 
 
 def describe(parser: argparse.ArgumentParser) -> None:

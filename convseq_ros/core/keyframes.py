@@ -3,7 +3,7 @@
 """Which frames of a drive become references, and which are matched with them."""
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.matching.overlap import Overlap
+from convseq_ros.core.overlap import Overlap
 from convseq_ros.core.standstill import near
 from convseq_ros.core.types import Descriptor, Pose
 

@@ -7,20 +7,20 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
-from convseq_ros.core.acceptance import Acceptance
-from convseq_ros.core.candidates import best_candidates
-from convseq_ros.core.descriptor import describe, nothing_seen
-from convseq_ros.core.growth import Growth
+from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
 from convseq_ros.core.keyframes import KeyframeSelector
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.regional import similarity
-from convseq_ros.core.pace import Pace
-from convseq_ros.core.query_buffer import QueryBuffer, Seen
-from convseq_ros.core.reference_map import ReferenceMap
-from convseq_ros.core.retrieval import Shortlist
-from convseq_ros.core.sequence import choose_length, diagonal, Row
+from convseq_ros.core.map.growth import Growth
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.sequence.diagonals import choose_length, diagonal, Row
+from convseq_ros.core.sequence.pace import Pace
+from convseq_ros.core.sequence.query_buffer import QueryBuffer, Seen
+from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.sequence.velocity import SlopeSearch
 from convseq_ros.core.shift import measured
-from convseq_ros.core.slope import SlopeSearch
+from convseq_ros.core.similarity.regional import similarity
 from convseq_ros.core.standstill import Standstill
 from convseq_ros.core.types import Candidate, Descriptor, Frame, Match, Pose, Reason, Status
 import numpy as np

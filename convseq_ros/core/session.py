@@ -6,11 +6,11 @@ from pathlib import Path
 import time
 
 from convseq_ros.config import Config
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.map_file import open_map
-from convseq_ros.core.map_keeper import MapKeeper
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.map_keeper import MapKeeper
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
 import numpy as np
 
 

@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.config import MotionConfig
-from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.similarity.regional import similarity
 from convseq_ros.core.types import Descriptor, Pose
 
 _TURN_RAD = math.tau / 20

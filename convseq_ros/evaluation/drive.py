@@ -10,9 +10,9 @@ import time
 from typing import Any
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.descriptor import describe, nothing_seen
-from convseq_ros.core.matching.regional import similarity
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.similarity.regional import similarity
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest

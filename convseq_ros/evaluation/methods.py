@@ -14,7 +14,7 @@ from convseq_ros.baselines.onnx_model import IMAGENET_MEAN, IMAGENET_STD, OnnxMo
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
-from convseq_ros.core.sequence import BACKWARD, FORWARD
+from convseq_ros.core.sequence.diagonals import BACKWARD, FORWARD
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.cache import content_digest
 from convseq_ros.evaluation.drive import Images

@@ -10,7 +10,7 @@ in the map" is right. Online: a drive against its own past.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.sequence import BACKWARD
+from convseq_ros.core.sequence.diagonals import BACKWARD
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.material import Material

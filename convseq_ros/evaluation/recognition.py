@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, SequenceConfig
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Match, Reason, Status
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.rerun import part_of, rerun

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from convseq_ros.config import Config
-from convseq_ros.core.descriptor import nothing_seen
+from convseq_ros.core.encoding.descriptor import nothing_seen
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Match, Reason
 from convseq_ros.evaluation.drive import Drive
 

@@ -12,10 +12,10 @@ from dataclasses import asdict
 from functools import partial
 
 from convseq_ros.config import Config, SequenceConfig
-from convseq_ros.core.acceptance import decide
-from convseq_ros.core.candidates import best_candidates
-from convseq_ros.core.reference_map import Place
-from convseq_ros.core.sequence import BACKWARD, choose_length, Row, sequence_scores
+from convseq_ros.core.decision.acceptance import decide
+from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.map.reference_map import Place
+from convseq_ros.core.sequence.diagonals import BACKWARD, choose_length, Row, sequence_scores
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.drive import Drive

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import sys
 
 from builtin_interfaces.msg import Time
-from convseq_ros.core.pose_estimate import PoseEstimate
+from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion

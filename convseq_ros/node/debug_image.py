@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture on `~/debug_image`: the query beside its best reference."""
 
-from convseq_ros.core.thumbnail import picture
+from convseq_ros.core.map.thumbnail import picture
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np

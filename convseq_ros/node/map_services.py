@@ -13,7 +13,7 @@ import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
-from convseq_ros.core.map_file import save_map
+from convseq_ros.core.map.map_file import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition

@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 import math
 
-from convseq_ros.core.pose_estimate import PoseEstimate
-from convseq_ros.core.reference_map import Place, ReferenceMap
+from convseq_ros.core.map.reference_map import Place, ReferenceMap
+from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Match, Pose
 from convseq_ros.node.conversions import match_header, point_message, pose_only_message
 from geometry_msgs.msg import Vector3

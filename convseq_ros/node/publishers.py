@@ -4,9 +4,9 @@
 
 from collections.abc import Callable
 
-from convseq_ros.core.pose_estimate import estimate_pose, PoseEstimate
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match
 from convseq_ros.node.conversions import (
     candidates_message,

@@ -5,7 +5,7 @@
 import math
 import time
 
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path

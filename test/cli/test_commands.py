@@ -12,7 +12,7 @@ import sys
 import time
 
 from convseq_ros.cli import COMMANDS, main
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.results import read_results
 import cv2
 import numpy as np

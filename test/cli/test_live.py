@@ -11,7 +11,7 @@ from convseq_ros.cli.build_map import build
 from convseq_ros.cli.live import recognise_live
 from convseq_ros.cli.replay import replay
 from convseq_ros.config import make_config
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.results import row
 from convseq_ros.simulation.drive import draw, Drive

@@ -5,7 +5,7 @@
 import json
 
 from convseq_ros.cli import main
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.core.types import Pose
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording

@@ -6,7 +6,7 @@ import json
 import os
 
 from convseq_ros.cli import main
-from convseq_ros.core.map_file import open_map
+from convseq_ros.core.map.map_file import open_map
 from convseq_ros.results import read_results
 from convseq_ros.sources import open_source
 import cv2

@@ -11,15 +11,15 @@ from convseq_ros.config import (
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.core.acceptance import Acceptance, confidence, decide
-from convseq_ros.core.candidates import best_candidates
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.matching.regional import similarity
+from convseq_ros.core.decision.acceptance import Acceptance, confidence, decide
+from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.decision.track_evidence import WINDOW
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.sequence import choose_length, sequence_scores
-from convseq_ros.core.track_evidence import WINDOW
+from convseq_ros.core.sequence.diagonals import choose_length, sequence_scores
+from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.similarity.regional import similarity
 from convseq_ros.core.types import Candidate, Frame, Reason, Status
 import cv2
 import numpy as np

@@ -6,10 +6,11 @@ import importlib.util
 from pathlib import Path
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.entropy import MAX_BITS
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.coherent import (
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.entropy import MAX_BITS
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.coherent import (
     agreeing_regions,
     coherent_score,
     joined_regions,
@@ -17,7 +18,6 @@ from convseq_ros.core.matching.coherent import (
     projection,
     see,
 )
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np

@@ -3,13 +3,13 @@
 """Coherent matching of a drive: the usual counts for nothing, the whole image up to half."""
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.matching.coherent_pair import COHERENT, shown
-from convseq_ros.core.matching.evening import evened
-from convseq_ros.core.matching.layout import Layout, unusual
-from convseq_ros.core.matching.whole_image import likeness, moved, whole
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.background import Layout, unusual
+from convseq_ros.core.similarity.cell_normalization import evened
+from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
+from convseq_ros.core.similarity.coherent_pair import COHERENT, shown
+from convseq_ros.core.similarity.global_similarity import likeness, moved, whole
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest

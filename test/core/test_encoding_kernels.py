@@ -3,10 +3,11 @@
 """Encoding against its definition in float64, compiled and not."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core import compiled, entropy, hog
-from convseq_ros.core.descriptor import describe, salient_regions
-from convseq_ros.core.entropy import cell_entropies, entropy_map
-from convseq_ros.core.hog import cell_histograms
+from convseq_ros.core import compiled
+from convseq_ros.core.encoding import entropy, hog
+from convseq_ros.core.encoding.descriptor import describe, salient_regions
+from convseq_ros.core.encoding.entropy import cell_entropies, entropy_map
+from convseq_ros.core.encoding.hog import cell_histograms
 import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -3,7 +3,7 @@
 """Cells in which noise and the strength of edges count for less."""
 
 from convseq_ros.core.compiled import available
-from convseq_ros.core.matching.evening import evened
+from convseq_ros.core.similarity.cell_normalization import evened
 import numpy as np
 import pytest
 
@@ -57,7 +57,7 @@ def test_cells_without_direction_show_nothing(cells):
 @pytest.mark.skipif(not available(), reason='numba is not installed, or compiles nothing')
 @pytest.mark.parametrize('side', [1, 2, 7, 32])
 def test_compiled_evening_is_the_definition(side):
-    from convseq_ros.core.matching.kernels.evening import evened as compiled
+    from convseq_ros.core.similarity.kernels.evening import evened as compiled
 
     for cells in (drawn()[:side, :side], np.zeros((side, side, 8), np.float32)):
         assert compiled(cells) == pytest.approx(evened(cells), abs=1e-6)

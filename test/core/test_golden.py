@@ -6,12 +6,12 @@ from pathlib import Path
 import sys
 
 from convseq_ros.config import AcceptanceConfig, Config, MatchingConfig, SequenceConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.entropy import entropy_map
-from convseq_ros.core.matching.regional import pair_scores, regions, similarity
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.entropy import entropy_map
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.sequence import choose_length
+from convseq_ros.core.sequence.diagonals import choose_length
+from convseq_ros.core.similarity.regional import pair_scores, regions, similarity
 from convseq_ros.core.types import Frame
 import numpy as np
 import pytest

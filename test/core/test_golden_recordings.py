@@ -5,9 +5,9 @@
 import csv
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching.regional import pair_scores, regions, similarity
-from convseq_ros.core.sequence import choose_length, FORWARD, sequence_scores
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.sequence.diagonals import choose_length, FORWARD, sequence_scores
+from convseq_ros.core.similarity.regional import pair_scores, regions, similarity
 import cv2
 import numpy as np
 import pytest

@@ -3,9 +3,9 @@
 """A map that grows from the robot's own past."""
 
 from convseq_ros.config import Config, EncodingConfig, OnlineConfig
-from convseq_ros.core.descriptor import describe, nothing_seen
-from convseq_ros.core.growth import Growth
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
+from convseq_ros.core.map.growth import Growth
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import numpy as np
 import pytest

@@ -8,14 +8,14 @@ import subprocess
 import sys
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core import retrieval
 from convseq_ros.core.compiled import available, compiled
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.choice import chosen_kernels
-from convseq_ros.core.matching.coherent import coherent_score, CoherentQuery, projected_regions
-from convseq_ros.core.matching.kernels.instructions import features, float_tile, int8_tile
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.sequence import shortlist as retrieval
+from convseq_ros.core.similarity.choice import chosen_kernels
+from convseq_ros.core.similarity.coherent import coherent_score, CoherentQuery, projected_regions
+from convseq_ros.core.similarity.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -134,7 +134,7 @@ def test_a_reference_half_of_which_is_flat_is_scored(pair):
 @pytest.mark.parametrize('side', [3, 4, 5, 14, 15, 31, 32, 128])
 def test_compiled_regions_are_those_of_the_definition(side):
     needs('float32')
-    from convseq_ros.core.matching.kernels.projection import projected
+    from convseq_ros.core.similarity.kernels.projection import projected
 
     cells = np.random.default_rng(side).random((side, side + 1, 8), np.float32)[:, 1:] ** 3
     cells[side // 2 :, : side // 2] = 0
@@ -150,8 +150,8 @@ def test_compiled_regions_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_without_the_usual_are_those_of_the_definition(side):
     needs('float32')
-    from convseq_ros.core.matching.coherent_pair import shown as definition
-    from convseq_ros.core.matching.kernels.projection import shown
+    from convseq_ros.core.similarity.coherent_pair import shown as definition
+    from convseq_ros.core.similarity.kernels.projection import shown
 
     cells, usual = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
     (regions, image), (expected, whole) = shown(cells, usual), definition(cells, usual)
@@ -163,8 +163,8 @@ def test_compiled_regions_without_the_usual_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 7, 32])
 def test_compiled_bytes_are_the_regions_quantised(side):
     needs('int8')
-    from convseq_ros.core.matching.kernels.panel import quantised, reference_words
-    from convseq_ros.core.matching.kernels.projection import BYTES, packed_bytes, projected
+    from convseq_ros.core.similarity.kernels.panel import quantised, reference_words
+    from convseq_ros.core.similarity.kernels.projection import BYTES, packed_bytes, projected
 
     cells = drawn(side, side).cells
     for scale in (160, 1000):
@@ -175,8 +175,8 @@ def test_compiled_bytes_are_the_regions_quantised(side):
 
 def test_of_equal_counterparts_the_first_is_taken():
     needs('float32')
-    from convseq_ros.core.matching.kernels.coherent import _compare_floats, _float_query, FLOATS
-    from convseq_ros.core.matching.kernels.panel import reference_words
+    from convseq_ros.core.similarity.kernels.coherent import _compare_floats, _float_query, FLOATS
+    from convseq_ros.core.similarity.kernels.panel import reference_words
 
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -235,10 +235,10 @@ MACHINES = {
 SCORE_ONE = """
 import numpy as np
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core import retrieval
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.regional import similarity
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.sequence import shortlist as retrieval
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.regional import similarity
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Descriptor
 
 cells = np.random.default_rng(0).random((32, 32, 8), np.float32)

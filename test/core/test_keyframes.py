@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
 from convseq_ros.core.keyframes import KeyframeSelector
 from convseq_ros.core.types import Pose
 import numpy as np

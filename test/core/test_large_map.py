@@ -7,11 +7,11 @@ import os
 import subprocess
 import sys
 
-from convseq_ros.core.map_file import open_map
-from convseq_ros.core.map_writer import MapWriter
-from convseq_ros.core.pooled import pooled
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.encoding.global_descriptor import pooled
+from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.map_writer import MapWriter
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.thumbnail import thumbnail
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
@@ -58,10 +58,10 @@ MEASURE = """
 import gc, json, os, sys
 from pathlib import Path
 import numpy as np
-from convseq_ros.core.map_file import open_map
-from convseq_ros.core.map_format import decode_cells, encode_cells
-from convseq_ros.core.reference_map import Place, ReferenceMap
-from convseq_ros.core.retrieval import Shortlist
+from convseq_ros.core.map.map_file import open_map
+from convseq_ros.core.map.map_format import decode_cells, encode_cells
+from convseq_ros.core.map.reference_map import Place, ReferenceMap
+from convseq_ros.core.sequence.shortlist import Shortlist
 from convseq_ros.core.types import Descriptor
 
 def resident():

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a drive usually shows, and that it counts for nothing."""
 
-from convseq_ros.core.matching.coherent import projected_regions
-from convseq_ros.core.matching.coherent_pair import shown
-from convseq_ros.core.matching.evening import evened
-from convseq_ros.core.matching.layout import Layout, unusual
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.similarity.background import Layout, unusual
+from convseq_ros.core.similarity.cell_normalization import evened
+from convseq_ros.core.similarity.coherent import projected_regions
+from convseq_ros.core.similarity.coherent_pair import shown
 import numpy as np
 import pytest
 

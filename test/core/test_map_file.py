@@ -11,13 +11,13 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core import map_format
-from convseq_ros.core import reference_map as reference_map_module
 from convseq_ros.core.compiled import available
-from convseq_ros.core.map_file import describe_file, open_map, save_map
-from convseq_ros.core.map_format import decode_cells, encode_cells, FORMAT_VERSION
-from convseq_ros.core.map_writer import MapWriter
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.map import map_format
+from convseq_ros.core.map import reference_map as reference_map_module
+from convseq_ros.core.map.map_file import describe_file, open_map, save_map
+from convseq_ros.core.map.map_format import decode_cells, encode_cells, FORMAT_VERSION
+from convseq_ros.core.map.map_writer import MapWriter
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap, unpack_cells
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 import numpy as np

@@ -8,9 +8,9 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.map_file import open_map, save_map
-from convseq_ros.core.map_keeper import MapKeeper
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.map_file import open_map, save_map
+from convseq_ros.core.map.map_keeper import MapKeeper
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.errors import MapError
 import numpy as np
 import pytest

@@ -6,9 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 import weakref
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.matching import choice, Matcher
-from convseq_ros.core.matching.kernels.instructions import float_tile, int8_tile
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity import choice
+from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -242,7 +243,7 @@ def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
 def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
     if not int8_tile():
         pytest.skip('needs numba, and a processor with 8-bit products')
-    from convseq_ros.core.matching.kernels import coherent
+    from convseq_ros.core.similarity.kernels import coherent
 
     kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
     shown = drawn(0)

@@ -3,10 +3,10 @@
 """How much of an image moved together since another."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.descriptor import describe, nothing_seen
-from convseq_ros.core.matching.coherent import coherent_score, projected_regions, see
-from convseq_ros.core.matching.evening import evened
-from convseq_ros.core.matching.overlap import Overlap
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
+from convseq_ros.core.overlap import Overlap
+from convseq_ros.core.similarity.cell_normalization import evened
+from convseq_ros.core.similarity.coherent import coherent_score, projected_regions, see
 import cv2
 import numpy as np
 import pytest

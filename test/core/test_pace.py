@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames that a steady stream lacks."""
 
-from convseq_ros.core.pace import Pace
+from convseq_ros.core.sequence.pace import Pace
 import numpy as np
 import pytest
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an image looks like at first sight."""
 
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching.coherent import projected_regions
-from convseq_ros.core.pooled import pooled, pooled_length
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.global_descriptor import pooled, pooled_length
+from convseq_ros.core.similarity.coherent import projected_regions
 import cv2
 import numpy as np
 import pytest

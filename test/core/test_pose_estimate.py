@@ -4,8 +4,8 @@
 
 import math
 
-from convseq_ros.core.pose_estimate import estimate_pose, turned
-from convseq_ros.core.reference_map import Place
+from convseq_ros.core.map.reference_map import Place
+from convseq_ros.core.pose import estimate_pose, turned
 from convseq_ros.core.types import Pose
 from hypothesis import given, strategies
 import numpy as np

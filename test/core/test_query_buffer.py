@@ -3,8 +3,8 @@
 """The buffer of query frames: what is scored, and what is settled exactly."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.descriptor import nothing_seen
-from convseq_ros.core.query_buffer import QueryBuffer, Seen
+from convseq_ros.core.encoding.descriptor import nothing_seen
+from convseq_ros.core.sequence.query_buffer import QueryBuffer, Seen
 import numpy as np
 import pytest
 

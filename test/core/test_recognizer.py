@@ -5,9 +5,9 @@
 from dataclasses import replace
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
-from convseq_ros.core.descriptor import describe
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.types import Frame, Reason, Status
 import numpy as np
 import pytest

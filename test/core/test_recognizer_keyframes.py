@@ -14,9 +14,9 @@ from convseq_ros.config import (
     SequenceConfig,
 )
 from convseq_ros.core import recognizer as recognizer_module
-from convseq_ros.core.descriptor import describe
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Pose, Reason, Status
 from convseq_ros.errors import MapError

@@ -5,8 +5,14 @@
 from threading import Thread
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.pooled import pooled
-from convseq_ros.core.reference_map import pack_cells, Picture, Place, ReferenceMap, unpack_cells
+from convseq_ros.core.encoding.global_descriptor import pooled
+from convseq_ros.core.map.reference_map import (
+    pack_cells,
+    Picture,
+    Place,
+    ReferenceMap,
+    unpack_cells,
+)
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest

@@ -3,9 +3,9 @@
 """The paper's pair score."""
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.matching.regional import pair_scores, regions, similarity
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.regional import pair_scores, regions, similarity
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest

@@ -3,13 +3,13 @@
 """The shortlist."""
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
-from convseq_ros.core import retrieval
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.pooled import pooled
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.global_descriptor import pooled
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.retrieval import Shortlist
-from convseq_ros.core.sequence import sequence_scores
+from convseq_ros.core.sequence import shortlist as retrieval
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.shortlist import Shortlist
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
 import cv2

@@ -3,7 +3,7 @@
 """Sequence length and sequence scores."""
 
 from convseq_ros.config import SequenceConfig
-from convseq_ros.core.sequence import BACKWARD, choose_length, FORWARD, sequence_scores
+from convseq_ros.core.sequence.diagonals import BACKWARD, choose_length, FORWARD, sequence_scores
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
 from hypothesis import strategies as st

@@ -5,9 +5,9 @@
 import math
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.matching import Matcher
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.shift import relative_yaw, shift_px
 from convseq_ros.core.types import Camera
 from convseq_ros.sources.camera_info import fitted

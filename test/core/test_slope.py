@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives at another speed than the map's."""
 
-from convseq_ros.core import slope as slope_module
-from convseq_ros.core.sequence import diagonal, sequence_scores
-from convseq_ros.core.slope import SLOPES, SlopeSearch
+from convseq_ros.core.sequence import velocity as slope_module
+from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
+from convseq_ros.core.sequence.velocity import SLOPES, SlopeSearch
 import numpy as np
 import pytest
 

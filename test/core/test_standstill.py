@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.config import EncodingConfig, MotionConfig
-from convseq_ros.core.descriptor import describe, nothing_seen
+from convseq_ros.core.encoding.descriptor import describe, nothing_seen
 from convseq_ros.core.standstill import Standstill
 from convseq_ros.core.types import Pose
 import numpy as np

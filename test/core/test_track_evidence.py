@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evidence that the last frames together give for a place."""
 
-from convseq_ros.core.track_evidence import MEMORY, TrackEvidence, WINDOW
+from convseq_ros.core.decision.track_evidence import MEMORY, TrackEvidence, WINDOW
 from hypothesis import given, strategies
 import numpy as np
 import pytest

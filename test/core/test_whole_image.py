@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How alike whole images are."""
 
-from convseq_ros.core.matching.whole_image import likeness, moved, whole
+from convseq_ros.core.similarity.global_similarity import likeness, moved, whole
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

@@ -5,7 +5,7 @@
 import csv
 import json
 
-from convseq_ros.core.map_file import save_map
+from convseq_ros.core.map.map_file import save_map
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.cache import Cache

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run of five frames, worked out by hand."""
 
-from convseq_ros.core.sequence import BACKWARD, FORWARD
+from convseq_ros.core.sequence.diagonals import BACKWARD, FORWARD
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.evaluation.protocols import in_reach
 from convseq_ros.evaluation.scorecard import decisions, figures, Verdicts

@@ -4,7 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.core.sequence import BACKWARD, FORWARD
+from convseq_ros.core.sequence.diagonals import BACKWARD, FORWARD
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.recognition import answer_again, pair_scores, recognize, with_known

@@ -13,10 +13,10 @@ import time
 from typing import Any
 import warnings
 
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.map_file import save_map
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
-from convseq_ros.core.thumbnail import thumbnail
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.map_file import save_map
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.map.thumbnail import thumbnail
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np

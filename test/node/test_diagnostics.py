@@ -7,8 +7,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from convseq_ros.config import KeyframeConfig
-from convseq_ros.core.map_file import save_map
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.map.map_file import save_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.node import diagnostics as module
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry

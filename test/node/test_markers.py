@@ -8,9 +8,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.descriptor import describe
-from convseq_ros.core.pose_estimate import PoseEstimate
-from convseq_ros.core.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.reference_map import pack_cells, Place, ReferenceMap
+from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node import reference_path
 from convseq_ros.node.conversions import stamp_to_ns

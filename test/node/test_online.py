@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map_file import open_map, save_map
-from convseq_ros.core.map_keeper import MapKeeper
+from convseq_ros.core.map.map_file import open_map, save_map
+from convseq_ros.core.map.map_keeper import MapKeeper
 from convseq_ros.core.session import Session
 from convseq_ros.errors import MapError
 from convseq_ros.node.conversions import candidates_from_message

@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map_file import save_map
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.map.map_file import save_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Reason
 from convseq_ros.results import read_results
 from diagnostic_msgs.msg import DiagnosticArray

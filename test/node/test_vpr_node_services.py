@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map_file import open_map, save_map
-from convseq_ros.core.reference_map import ReferenceMap
+from convseq_ros.core.map.map_file import open_map, save_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.session import Session
 from convseq_ros.node import map_services
 from nav_msgs.srv import LoadMap

@@ -1,0 +1,150 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How a map is laid out in its SQLite file, format 3.
+
+`places` is read when a map is opened; `pictures` holds what is read when it is needed. The cells
+are float16, divided by 64, in planes of one byte a cell: the lower bytes of the 8 bins, then the
+upper ones of the first 7. No number is negative, so the upper byte of the eighth bin fits into
+their top bits, the lowest bit into that of the first. A row of either table has its CRC-32.
+"""
+
+import json
+from pathlib import Path
+import sqlite3
+from typing import Any
+import zlib
+
+from convseq_ros import __version__
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
+from convseq_ros.core.compiled import available
+from convseq_ros.core.encoding.hog import BINS
+from convseq_ros.errors import ConfigError, MapError
+import numpy as np
+import numpy.typing as npt
+
+FORMAT_VERSION = 3
+APPLICATION_ID = 0x43565351
+SCHEMA = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {FORMAT_VERSION};
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE places (
+    reference_index INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, source TEXT NOT NULL,
+    x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL,
+    pooled BLOB NOT NULL, crc32 INTEGER NOT NULL
+);
+CREATE TABLE pictures (
+    reference_index INTEGER PRIMARY KEY,
+    cells BLOB NOT NULL, thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL
+);
+"""
+
+_TOP = np.uint8(128)
+_TOP_BITS = np.arange(BINS - 1, 0, -1, dtype=np.uint8)[:, None]
+
+
+def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
+    """Return the settings that the stored cells depend on."""
+    return {'image_size_px': encoding.image_size_px}
+
+
+def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
+    """Return packed cells (S, S, 8) as they are stored; ValueError if one is negative."""
+    halves = packed.reshape(-1, BINS).view(np.uint16).T
+    upper = (halves >> 8).astype(np.uint8)
+    if (upper & _TOP).any():
+        raise ValueError('cells are sums of strengths, which are not negative')
+    upper[:-1] |= upper[-1] << _TOP_BITS & _TOP
+    return halves.astype(np.uint8).tobytes() + upper[:-1].tobytes()
+
+
+def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray[np.float16]:
+    """Return stored cells, packed; ValueError if they are not of that shape."""
+    planes = np.frombuffer(stored, np.uint8).reshape(2 * BINS - 1, -1)
+    halves = np.empty((planes.shape[1], BINS), np.uint16)
+    if available():
+        from convseq_ros.core.map.cell_kernels import join_bytes
+
+        join_bytes(planes, halves)
+    else:
+        upper = planes[BINS:]
+        halves[:, :-1] = (upper & ~_TOP).T
+        halves[:, -1] = np.packbits(upper >= _TOP, axis=0, bitorder='little')[0]
+        halves <<= 8
+        halves |= planes[:BINS].T
+    return halves.view(np.float16).reshape(cell_shape)
+
+
+def place_crc(plain: tuple[Any, ...], pooled: bytes) -> int:
+    """Return the checksum of a row of `places`: all numbers and the source, and a blob."""
+    return zlib.crc32(pooled, zlib.crc32(repr(plain).encode()))
+
+
+def picture_crc(index: int, cells: bytes, thumbnail: bytes) -> int:
+    """Return the checksum of a row of `pictures`."""
+    return zlib.crc32(thumbnail, zlib.crc32(cells, zlib.crc32(b'%d' % index)))
+
+
+def about(encoding: EncodingConfig, keyframes: KeyframeConfig) -> dict[str, str]:
+    """Return what a new map says about itself, as it is stored."""
+    return {
+        'encoding': json.dumps(cell_settings(encoding)),
+        'keyframes': json.dumps(keyframes.spacing),
+        'tool': __version__,
+    }
+
+
+def checked_settings(
+    path: Path,
+    database: sqlite3.Connection,
+    encoding: EncodingConfig | None,
+    keyframes: KeyframeConfig | None,
+) -> tuple[EncodingConfig, KeyframeConfig]:
+    """
+    Return how the images of a map were encoded, and how far apart they are.
+
+    Parameters
+    ----------
+    path : Path
+        Its name, for messages.
+    database : sqlite3.Connection
+        The map.
+    encoding : EncodingConfig, optional
+        How query images will be encoded; without it the map's own settings are taken.
+    keyframes : KeyframeConfig, optional
+        How far apart those will be that are added to it; without it the map's own settings are
+        taken. Every frame, in maps that do not say.
+
+    Raises
+    ------
+    MapError
+        If the file is foreign, of another format or made with other settings.
+
+    """
+    if database.execute('PRAGMA application_id').fetchone()[0] != APPLICATION_ID:
+        raise MapError(f'{path}: not a convseq map but another SQLite file')
+    version = database.execute('PRAGMA user_version').fetchone()[0]
+    if version != FORMAT_VERSION:
+        raise MapError(
+            f'{path}: map format {version}, this program reads {FORMAT_VERSION}; '
+            f'{"update convseq_ros" if version > FORMAT_VERSION else "build the map again"}'
+        )
+    said = dict(database.execute('SELECT name, value FROM about'))
+    try:
+        settings = json.loads(said['encoding'])
+        made_with = EncodingConfig(**settings)
+        apart = EVERY_FRAME
+        if 'keyframes' in said:
+            apart = KeyframeConfig(**json.loads(said['keyframes']))
+    except (KeyError, TypeError, ValueError, ConfigError) as error:
+        raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
+    asked = cell_settings(encoding or made_with) | (keyframes or apart).spacing
+    settings |= apart.spacing
+    for name, wanted in asked.items():
+        if settings.get(name) != wanted:
+            raise MapError(
+                f'{path}: made with {name} {settings.get(name)}, asked for {wanted}; '
+                f'set {name} to {settings.get(name)} or build the map again'
+            )
+    return encoding or made_with, keyframes or apart
