@@ -274,14 +274,8 @@ def _show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
 
     finite = scores[np.isfinite(scores)]
     low, high = np.percentile(finite, (1, 99.8)) if finite.size else (0.0, 1.0)
-    axes.imshow(
-        scores,
-        cmap=LinearSegmentedColormap.from_list('night', NIGHT),
-        vmin=low,
-        vmax=high,
-        aspect='auto',
-        interpolation='nearest',
-    )
+    night = LinearSegmentedColormap.from_list('night', NIGHT)
+    axes.imshow(scores, cmap=night, vmin=low, vmax=high, aspect='auto', interpolation='nearest')
 
 
 def _show_path(
