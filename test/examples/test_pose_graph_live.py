@@ -73,7 +73,7 @@ class Listener:
 
 
 def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
-    record(tmp_path / 'drive', two_blocks(40.0, 30.0))
+    record(tmp_path / 'drive', two_blocks(30.0, 24.0))
     truth = {
         stamp_ns: pose.position[:2]
         for stamp_ns, pose in read_poses(tmp_path / 'drive', '/ground_truth')
