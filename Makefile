@@ -42,6 +42,7 @@ bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
 
 test: lint types contract test-newest test-noble
+	@echo 'passed: $^'
 
 lint: .venv/test.stamp
 	.venv/bin/ruff check .
