@@ -12,7 +12,7 @@ INSTALL := bin/python -m pip install -qq --no-input
 # setuptools would install what an earlier build left behind.
 CLEAN_BUILD := rm -rf build/lib build/bdist.* *.egg-info
 # Two processes share the tests; one that is done takes over tests from the other.
-PYTEST := bin/pytest --quiet --timeout=120 --numprocesses=2 --dist=worksteal
+PYTEST := bin/pytest --quiet --timeout=240 --numprocesses=2 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV, scikit-image and numba may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once.
 NUMERICAL := test/core test/baselines test/sources test/evaluation/test_metrics.py \

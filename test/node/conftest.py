@@ -69,7 +69,7 @@ def held(monkeypatch) -> Iterator[threading.Event]:
     quick, event = PlaceRecognizer.process, threading.Event()
 
     def process(recognizer: PlaceRecognizer, frame: Any) -> Any:
-        assert event.wait(20)
+        assert event.wait(60)
         return quick(recognizer, frame)
 
     monkeypatch.setattr(PlaceRecognizer, 'process', process)
@@ -115,7 +115,7 @@ class Client:
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)
 
-    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 20) -> Any:
+    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 60) -> Any:
         """Spin until the condition holds, and return what it returned."""
         deadline_s = time.monotonic() + timeout_s
         while not (value := condition()):

@@ -163,7 +163,7 @@ def test_odometry_and_camera_info_are_played_between_the_images(
 
 def test_a_topic_that_is_not_there_lists_what_is(start, recording):
     process = start('player', recording, '--odom', '/wheels')
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert 'no Odometry messages' in errors and '/camera' in errors
 
@@ -209,14 +209,14 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
     client.wait_for(lambda: len(heard) >= 12, 'a second round')
     client.wait_for(lambda: START_NS <= stamps_of(diagnostics)[-1] < START_NS + 10 * SECOND)
     player.send_signal(signal.SIGINT)
-    assert player.wait(10) == 0
+    assert player.wait(60) == 0
     indices = [message.data for message in heard]
     assert indices[:12] == [-1, 3, 4, 5, 6, 7, 8, 9, -1, 3, 4, 5]
 
 
 def test_nobody_listening_is_one_line_and_exit_1(start, recording):
     process = start('player', recording, '--wait-subscribers', 0.1)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert errors.splitlines() == [
         'convseq play: /image: nobody subscribes after 0.1 s; '
@@ -226,7 +226,7 @@ def test_nobody_listening_is_one_line_and_exit_1(start, recording):
 
 def test_it_plays_to_nobody_if_told_so(start, recording):
     process = start('player', recording, '--wait-subscribers', 0, '--rate', 100, '--best-effort')
-    assert process.communicate(timeout=20) == ('', '')
+    assert process.communicate(timeout=60) == ('', '')
     assert process.returncode == 0
 
 
@@ -240,7 +240,7 @@ def test_it_plays_to_nobody_if_told_so(start, recording):
 )
 def test_what_cannot_be_played_is_one_line_and_exit_1(start, recording, args, reason):
     process = start('player', *args)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert errors.startswith('convseq play: ')
     assert reason in errors
@@ -250,6 +250,6 @@ def test_what_cannot_be_played_is_one_line_and_exit_1(start, recording, args, re
 @pytest.mark.parametrize('option', [('--rate', '0'), ('--start', '-1'), ('--rate', 'fast')])
 def test_a_wrong_option_is_refused(start, recording, option):
     process = start('player', recording, *option)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert option[0] in errors

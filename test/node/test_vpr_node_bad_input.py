@@ -79,7 +79,7 @@ def test_corrupt_frames_are_counted_and_good_ones_answered(
     assert (values['reason_uninformative'], values['failed']) == ('2', '0')
     assert (values['map_path'], values['map_size']) == (str(map_path), '25')
     process.send_signal(signal.SIGTERM)
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
     reasons = [row['reason'] for row in read_results(result_file)]
     assert reasons == ['accepted'] + ['unreadable'] * 9 + ['uninformative'] * 2 + ['accepted'] * 2
     _, errors = process.communicate()

@@ -85,7 +85,7 @@ def test_another_map_takes_over_while_frames_come_and_none_is_lost(
 
     def open_slowly(*args):
         opening.set()
-        assert frames_came.wait(20)
+        assert frames_came.wait(60)
         return Session(*args)
 
     vpr(map_path=map_path, fixed_length=1)
