@@ -60,14 +60,13 @@ setup(
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
-            'gtsam>=4.3',
             'hypothesis>=6.98',
             'numba>=0.61',
             'onnx',
             'onnxruntime',
             'pytest>=7.4',
-            'pytest-rerunfailures',
             'pytest-timeout>=2.2',
+            'pytest-xdist>=3.4',
             'scikit-image>=0.22',
             'scikit-learn',
         ],

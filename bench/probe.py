@@ -9,6 +9,7 @@ from pathlib import Path
 import threading
 import time
 
+from convseq_ros.cli.processes import own_domain
 from convseq_ros.errors import ConvseqError
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
@@ -134,7 +135,7 @@ class Probe:
 
 def isolate(folder: Path) -> None:
     """Keep probe and node, which inherits it, among themselves; before rclpy is initialised."""
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ['ROS_DOMAIN_ID'] = str(own_domain())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['ROS_LOG_DIR'] = str(folder / 'log')
     os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(_PROFILE))

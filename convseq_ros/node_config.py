@@ -40,6 +40,10 @@ class NodeConfig(Checked):
         'too fast for the CPU costs frames, not time; 0 drops none.',
         unit='s', low=0.0, high=3600.0,
     )
+    odom_wait_s: float = parameter(
+        0.05, 'A frame waits at most this long for odometry of its moment, if there is odometry.',
+        unit='s', low=0.0, high=10.0,
+    )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.')
     position_sigma_m: float = parameter(
         0.5, 'Standard deviation of the positions in the map; ~/pose adds what the spacing of '

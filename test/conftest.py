@@ -9,11 +9,10 @@ import shutil
 import sys
 import tempfile
 
+import hypothesis
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-HIGHEST_DOMAIN = 101
-OVER_DDS = 'test_demo', 'test_live', 'test_parity'
 
 
 def isolate_ros() -> None:
@@ -22,12 +21,18 @@ def isolate_ros() -> None:
     atexit.register(shutil.rmtree, logs, ignore_errors=True)
     os.environ['ROS_LOG_DIR'] = logs
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % HIGHEST_DOMAIN)
     os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    from convseq_ros.cli.processes import own_domain
+
+    # Each worker of pytest-xdist is a process, and so has a domain that no other one has.
+    os.environ['ROS_DOMAIN_ID'] = str(own_domain())
 
 
 isolate_ros()
+# How long an example takes says more of the machine than of us.
+hypothesis.settings.register_profile('patient', deadline=None)
+hypothesis.settings.load_profile('patient')
 
 
 @pytest.fixture(scope='session')
@@ -37,10 +42,3 @@ def shared_data() -> Path:
     if not data.is_dir():
         pytest.skip('needs the data sets in ../shared/data')
     return data
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Try again what two processes say over DDS: on a busy machine discovery may come late."""
-    for item in items:
-        if item.path.parent.name == 'node' or item.path.stem in OVER_DDS:
-            item.add_marker(pytest.mark.flaky(reruns=2))

@@ -133,7 +133,7 @@ def answers_of_the_node(recording, map_path, path):
             with pytest.raises(subprocess.TimeoutExpired):
                 node.wait(0.05)
         node.send_signal(signal.SIGINT)
-        assert node.wait(10) == 0
+        assert node.wait(60) == 0
     finally:
         node.kill()
         node.communicate()

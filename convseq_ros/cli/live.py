@@ -61,6 +61,7 @@ def recognise_live(
         'result_file': str(table.absolute()),
         'queue_size': 1000,
         'max_wait_s': 0.0,
+        'odom_wait_s': 2.0,
     }
     settings = [f'{name}:={value}' for name, value in parameters.items()]
     node = [

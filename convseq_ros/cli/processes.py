@@ -4,18 +4,48 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 import os
 from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 import time
 
+from convseq_ros.errors import ConvseqError
 from convseq_ros.results import read_results
 
 _HIGHEST_DOMAIN = 101
 _POLL_S = 0.1
 _VARIABLE, _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'fastdds_large_images.xml'
+
+
+@cache
+def own_domain() -> int:
+    """
+    Claim a ROS domain for as long as this process lives.
+
+    Whoever asks for one in the same way, on the same network, gets another one.
+
+    Raises
+    ------
+    ConvseqError
+        If all of them are claimed.
+
+    """
+    for number in range(_HIGHEST_DOMAIN):
+        domain = 1 + (os.getpid() + number) % _HIGHEST_DOMAIN
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            # No file, but a name that belongs to the network and is free again with the process.
+            claim.bind(f'\0convseq_ros_domain_{domain}')
+        except OSError:
+            claim.close()
+            continue
+        claim.detach()
+        return domain
+    raise ConvseqError(f'all ROS domains from 1 to {_HIGHEST_DOMAIN} are in use by convseq_ros')
 
 
 def for_large_images() -> dict[str, str]:
@@ -37,7 +67,7 @@ def environment(folder: Path) -> dict[str, str]:
     return {
         **os.environ,
         **for_large_images(),
-        'ROS_DOMAIN_ID': str(os.getpid() % (_HIGHEST_DOMAIN + 1)),
+        'ROS_DOMAIN_ID': str(own_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(folder / 'log'),
     }

@@ -14,7 +14,6 @@ from rclpy.node import Node
 
 _DEPTH = 200
 _KEPT = 20_000
-_PATIENCE_S = 0.05
 _UNHEARD_FRAMES = 20
 _VAIN_WAITS = 3
 _LOST_FRAMES = 20
@@ -26,7 +25,7 @@ class Odometry:
     Listens to `odom` and tells the pose at the stamp of an image.
 
     An image often comes before the odometry of its moment. It waits for it, in the worker's
-    thread, but for 50 ms at most, and only while odometry comes at all: a pose between two of the
+    thread, but for a moment only, and only while odometry comes at all: a pose between two of the
     odometry is what an offline run finds, one that is extrapolated is a guess. After three images
     that waited in vain, none waits before odometry comes again.
 
@@ -34,9 +33,13 @@ class Odometry:
     ----------
     node : Node
         Whose relative topic `odom` it is.
+    wait_s : float
+        How long an image may wait, seconds.
 
     Attributes
     ----------
+    wait_s : float
+        As above.
     frame_id : str
         The frame in which the odometry is given; empty before it is heard.
     missing : int
@@ -44,7 +47,8 @@ class Odometry:
 
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, wait_s: float) -> None:
+        self.wait_s = wait_s
         self.frame_id = ''
         self.missing = 0
         self._node = node
@@ -58,7 +62,7 @@ class Odometry:
         """Return the pose at a time; None if odometry does not tell."""
         with self._changed:
             if self._worth_waiting() and not self._changed.wait_for(
-                lambda: self._has_reached(stamp_ns), _PATIENCE_S
+                lambda: self._has_reached(stamp_ns), self.wait_s
             ):
                 self._waited_in_vain += 1
             pose = self._track.at(stamp_ns)

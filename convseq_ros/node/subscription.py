@@ -96,7 +96,8 @@ class FollowingSubscription:
             )
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
-        if self._is_following and not info.current_count and info.current_count_change < 0:
+        # One that came and went between two looks makes no change, but it counts in the total.
+        if self._is_following and info.total_count and not info.current_count:
             self._node.destroy_subscription(self._subscription)
             self._subscribe(ReliabilityPolicy.RELIABLE)
 

@@ -16,6 +16,8 @@ class Surroundings:
     ----------
     node : Node
         Whose relative topics they are.
+    odom_wait_s : float
+        How long an image may wait for odometry, seconds.
 
     Attributes
     ----------
@@ -24,12 +26,12 @@ class Surroundings:
 
     """
 
-    def __init__(self, node: Node) -> None:
-        self.odometry = Odometry(node)
+    def __init__(self, node: Node, odom_wait_s: float) -> None:
+        self.odometry = Odometry(node, odom_wait_s)
         self.camera = CameraDescription(node)
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
-        """Return where an image was taken; waits for odometry, 50 ms at most."""
+        """Return where an image was taken; may wait for odometry."""
         return self.odometry.pose_at(stamp_ns)
 
     def camera_for(self, height: int, width: int) -> Camera | None:

@@ -34,6 +34,7 @@ from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
 _MAPS_TIMEOUT_S = 2.0
+_LOOK_UP_S = 0.2
 
 
 class VprNode(Node):
@@ -72,7 +73,7 @@ class VprNode(Node):
         self._enabled = True
         self._ready = False
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self)
+        self._surroundings = Surroundings(self, config.odom_wait_s)
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,
@@ -224,8 +225,11 @@ def main(args: list[str] | None = None) -> int:
 def _run() -> None:
     executor = SingleThreadedExecutor()
     node = VprNode()
+    executor.add_node(node)
     try:
-        rclpy.spin(node, executor)
+        # A signal just before the executor waits does not wake it: it looks up now and then.
+        while ok():
+            executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
 

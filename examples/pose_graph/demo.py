@@ -36,6 +36,7 @@ _SAME_PLACE_M, _SAME_PLACE_DEG = 5.0, 30.0
 _VPR = {
     'mode': 'online', 'exclusion_s': 30.0, 'closure_interval_s': 2.0,
     'matching': 'coherent', 'search': 'shortlist', 'queue_size': 1000, 'max_wait_s': 0.0,
+    'odom_wait_s': 2.0,
 }  # fmt: skip
 
 

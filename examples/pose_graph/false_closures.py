@@ -46,7 +46,9 @@ def main() -> int:
     rclpy.init()
     node = FalseClosures(pairs)
     try:
-        rclpy.spin(node)
+        # A signal just before the executor waits does not wake it: it looks up now and then.
+        while rclpy.ok():
+            rclpy.spin_once(node, timeout_sec=0.2)
     except ExternalShutdownException:
         pass
     finally:

@@ -29,7 +29,8 @@ with contextlib.suppress(ImportError), warnings.catch_warnings():
     warnings.simplefilter('ignore')
     import rosidl_generator_py  # noqa: F401
 
-# Fast DDS makes itself known in its first half second, then every 3 s; here it shall be sooner.
+# Fast DDS makes itself known in its first half second, then every 3 s, and asks every 3 s what has
+# not arrived; here it shall be sooner.
 # Within a process it would hand messages over directly, and lose those that come too early.
 DISCOVERY = """
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -39,6 +40,9 @@ DISCOVERY = """
       <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
     </discovery_config></builtin></rtps>
   </participant>
+  <data_writer profile_name="quick_repair" is_default_profile="true">
+    <times><heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod></times>
+  </data_writer>
 </profiles>
 """
 NUM_PLACES = 25
@@ -60,17 +64,19 @@ def quick_discovery(tmp_path_factory) -> Iterator[None]:
 
 
 @pytest.fixture
-def slow(monkeypatch) -> None:
-    """Let every frame take a tenth of a second."""
+def held(monkeypatch) -> Iterator[threading.Event]:
+    """Let every frame wait for this event."""
     from convseq_ros.core.recognizer import PlaceRecognizer
 
-    quick = PlaceRecognizer.process
+    quick, event = PlaceRecognizer.process, threading.Event()
 
     def process(recognizer: PlaceRecognizer, frame: Any) -> Any:
-        time.sleep(0.1)
+        assert event.wait(60)
         return quick(recognizer, frame)
 
     monkeypatch.setattr(PlaceRecognizer, 'process', process)
+    yield event
+    event.set()
 
 
 @pytest.fixture(scope='session')
@@ -111,7 +117,7 @@ class Client:
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)
 
-    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 20) -> Any:
+    def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 60) -> Any:
         """Spin until the condition holds, and return what it returned."""
         deadline_s = time.monotonic() + timeout_s
         while not (value := condition()):
@@ -119,24 +125,59 @@ class Client:
             self.executor.spin_once(timeout_sec=0.02)
         return value
 
+    def wait_until_known_to(self, name: str) -> None:
+        """
+        Wait until a node knows all that this one has made; to know it does not mean to be known.
+
+        It learns of them in the order in which they were made: who answers the last knows all.
+        """
+        from rcl_interfaces.srv import ListParameters
+
+        service = self.node.create_client(ListParameters, f'{name}/list_parameters')
+        self.wait_for(service.service_is_ready, service.srv_name)
+        asked: list[Any] = []
+        begun_s = time.monotonic()
+
+        def answered() -> bool:
+            # The answer is lost if the node does not know the client yet: ask every 0.3 s.
+            if time.monotonic() >= begun_s + 0.3 * len(asked):
+                asked.append(service.call_async(ListParameters.Request()))
+            return any(future.done() for future in asked)
+
+        self.wait_for(answered, f'{service.srv_name} to answer')
+        self.node.destroy_client(service)
+
     def listen(self, kind: type, topic: str, qos: Any = 1000) -> list[Any]:
-        """Return a list to which messages are appended; there is a publisher already."""
+        """Return a list to which messages are appended; its publisher is there."""
         messages: list[Any] = []
         subscription = self.node.create_subscription(kind, topic, messages.append, qos)
         self.wait_for(subscription.get_publisher_count, f'a publisher of {topic}')
         return messages
 
     def camera(self, kind: type, topic: str = '/image', qos: Any = 1000) -> Any:
-        """Return a publisher that has a subscriber already."""
+        """Return a publisher; its subscriber knows of it, and of whoever listens by now."""
         publisher = self.node.create_publisher(kind, topic, qos)
         self.wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
+
+        def names() -> list[str]:
+            ends = self.node.get_subscriptions_info_by_topic(topic)
+            found = [f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends]
+            return [] if any('UNKNOWN' in name for name in found) else found
+
+        for name in self.wait_for(names, f'the name of a subscriber of {topic}'):
+            self.wait_until_known_to(name)
         return publisher
+
+    def service(self, kind: type, name: str) -> Any:
+        """Return a client whose calls are answered."""
+        service = self.node.create_client(kind, name)
+        self.wait_for(service.service_is_ready, name)
+        self.wait_until_known_to(name.rpartition('/')[0])
+        return service
 
     def call(self, kind: type, name: str, **fields: Any) -> Any:
         """Return the answer of a service."""
-        service = self.node.create_client(kind, name)
-        self.wait_for(service.service_is_ready, name)
-        future = service.call_async(kind.Request(**fields))
+        future = self.service(kind, name).call_async(kind.Request(**fields))
         self.wait_for(future.done, name)
         return future.result()
 
@@ -179,7 +220,8 @@ def vpr() -> Iterator[Callable[..., Any]]:
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
             with contextlib.suppress(ExternalShutdownException):
-                executor.spin()
+                while context.ok():
+                    executor.spin_once(timeout_sec=0.2)
             node.destroy_node()
             executor.shutdown()
 

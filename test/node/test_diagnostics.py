@@ -123,7 +123,7 @@ def test_a_compressed_topic_given_by_name_needs_the_transport_only(
     status_with(client, 'CompressedImage; set image_transport to compressed')
 
 
-def test_dropped_frames_are_a_warning(client, vpr, map_path, street, image, slow):
+def test_dropped_frames_are_a_warning(client, vpr, map_path, street, image, held):
     vpr(map_path=map_path, queue_size=1, **PERIOD)
     heard = client.listen(DiagnosticArray, '/diagnostics')
     camera = client.camera(Image)

@@ -146,6 +146,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
         'map_path': tmp_path / 'live.db',
         'result_file': live,
         'queue_size': 1000,
+        'odom_wait_s': 2.0,
     }
     node = start(
         'vpr_node',
@@ -172,7 +173,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     part = live.with_name('live.csv.part')
     client.wait_for(lambda: len(part.read_text().splitlines()) > len(PLACES), 'all rows')
     node.send_signal(signal.SIGINT)
-    assert node.wait(10) == 0
+    assert node.wait(60) == 0
 
     expected = rows_of(offline)
     assert rows_of(live) == expected

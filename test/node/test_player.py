@@ -65,12 +65,13 @@ def stamps_of(messages):
 def hear(client, start, kind, topic, *args):
     """Return what a subscriber gets of a whole run of the player."""
     messages = []
-    client.node.create_subscription(kind, topic, messages.append, 1000)
+    subscription = client.node.create_subscription(kind, topic, messages.append, 1000)
     process = start('player', *args)
     client.wait_for(lambda: process.poll() is not None, 'the end of the player')
-    for _ in range(5):
-        client.executor.spin_once(timeout_sec=0.05)
     assert process.returncode == 0, process.communicate()
+    # All of it has arrived, or the player had not ended; it need not have been looked at yet.
+    while taken := subscription.handle.take_message(kind, False):
+        messages.append(taken[0])
     return messages
 
 
@@ -162,7 +163,7 @@ def test_odometry_and_camera_info_are_played_between_the_images(
 
 def test_a_topic_that_is_not_there_lists_what_is(start, recording):
     process = start('player', recording, '--odom', '/wheels')
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert 'no Odometry messages' in errors and '/camera' in errors
 
@@ -179,13 +180,15 @@ def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
     )
     before_s = time.monotonic()
     messages = hear(client, start, Image, '/image', recording, '--rate', 1.5)
-    assert time.monotonic() - before_s > 1.8
+    took_s = time.monotonic() - before_s
+    # At 1.5 times their speed, 2.7 s take 1.8 s, or longer on a busy machine, but never less.
+    assert took_s > 1.8
     assert len(messages) == 10
     assert START_NS <= clock[0]
     assert clock == sorted(clock)
-    # 1.8 s of playing at 100 Hz; half of it will do on a busy machine.
-    assert len(clock) > 90
-    assert clock[-1] - START_NS == pytest.approx(2.7 * SECOND, abs=0.3 * SECOND)
+    assert 2.7 * SECOND <= clock[-1] - START_NS < 1.5 * took_s * SECOND
+    # Time goes on between images as well; on an idle machine at 100 Hz.
+    assert len(clock) > 3 * len(messages)
 
 
 def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, recording, map_path):
@@ -201,18 +204,19 @@ def test_a_node_on_the_time_of_the_recording_survives_a_loop(client, start, reco
     )
     heard = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
+    client.wait_until_known_to('/vpr_node')
     player = start('player', recording, '--rate', 1.5, '--start', 0.6, '--loop')
     client.wait_for(lambda: len(heard) >= 12, 'a second round')
     client.wait_for(lambda: START_NS <= stamps_of(diagnostics)[-1] < START_NS + 10 * SECOND)
     player.send_signal(signal.SIGINT)
-    assert player.wait(10) == 0
+    assert player.wait(60) == 0
     indices = [message.data for message in heard]
     assert indices[:12] == [-1, 3, 4, 5, 6, 7, 8, 9, -1, 3, 4, 5]
 
 
 def test_nobody_listening_is_one_line_and_exit_1(start, recording):
     process = start('player', recording, '--wait-subscribers', 0.1)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert errors.splitlines() == [
         'convseq play: /image: nobody subscribes after 0.1 s; '
@@ -222,7 +226,7 @@ def test_nobody_listening_is_one_line_and_exit_1(start, recording):
 
 def test_it_plays_to_nobody_if_told_so(start, recording):
     process = start('player', recording, '--wait-subscribers', 0, '--rate', 100, '--best-effort')
-    assert process.communicate(timeout=20) == ('', '')
+    assert process.communicate(timeout=60) == ('', '')
     assert process.returncode == 0
 
 
@@ -236,7 +240,7 @@ def test_it_plays_to_nobody_if_told_so(start, recording):
 )
 def test_what_cannot_be_played_is_one_line_and_exit_1(start, recording, args, reason):
     process = start('player', *args)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert errors.startswith('convseq play: ')
     assert reason in errors
@@ -246,6 +250,6 @@ def test_what_cannot_be_played_is_one_line_and_exit_1(start, recording, args, re
 @pytest.mark.parametrize('option', [('--rate', '0'), ('--start', '-1'), ('--rate', 'fast')])
 def test_a_wrong_option_is_refused(start, recording, option):
     process = start('player', recording, *option)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert option[0] in errors

@@ -79,7 +79,7 @@ def test_corrupt_frames_are_counted_and_good_ones_answered(
     assert (values['reason_uninformative'], values['failed']) == ('2', '0')
     assert (values['map_path'], values['map_size']) == (str(map_path), '25')
     process.send_signal(signal.SIGTERM)
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
     reasons = [row['reason'] for row in read_results(result_file)]
     assert reasons == ['accepted'] + ['unreadable'] * 9 + ['uninformative'] * 2 + ['accepted'] * 2
     _, errors = process.communicate()
@@ -113,30 +113,35 @@ def test_images_without_a_stamp_get_the_time_of_the_node(client, vpr, street, im
     assert before_ns < stamps[0] < stamps[1] < after_ns
 
 
+def send(client, node, street, image, count):
+    """Send frames one by one, each after the last one has arrived: none is lost on the way."""
+    camera = client.camera(Image)
+    for index in range(count):
+        camera.publish(image(street[index % 25], (index + 1) * SECOND))
+        client.wait_for(lambda number=index: node._statistics.received > number)
+        if not index:
+            client.wait_for(lambda: not node._worker.waiting, 'the worker to take it')
+
+
 def test_frames_that_do_not_fit_the_queue_are_dropped_and_counted(
-    client, vpr, street, image, map_path, slow
+    client, vpr, street, image, map_path, held
 ):
     node = vpr(map_path=map_path, queue_size=1)
     heard = client.listen(Int32, '/vpr_node/match_index')
-    camera = client.camera(Image)
-    for index in range(30):
-        camera.publish(image(street[index % 25], (index + 1) * SECOND))
-        client.wait_for(lambda number=index: node._statistics.received > number)
-    client.wait_for(lambda: len(heard) + node._worker.dropped == 30)
-    assert node._worker.dropped > 0
+    send(client, node, street, image, 10)
+    held.set()
+    client.wait_for(lambda: len(heard) == 2, 'the first and the last')
+    assert node._worker.dropped == 8
 
 
 def test_a_camera_too_fast_for_the_machine_costs_frames_but_no_time(
-    client, vpr, street, image, map_path, slow
+    client, vpr, street, image, map_path, held
 ):
-    node = vpr(map_path=map_path, queue_size=1000, max_wait_s=0.3)
+    node = vpr(map_path=map_path, queue_size=1000, max_wait_s=0.001)
     heard = client.listen(Int32, '/vpr_node/match_index')
-    camera = client.camera(Image)
-    for index in range(60):
-        camera.publish(image(street[index % 25], (index + 1) * SECOND))
-        client.wait_for(lambda number=index: node._statistics.received > number)
-        time.sleep(0.02)
-    client.wait_for(lambda: len(heard) + node._worker.dropped == 60)
-    assert node._worker.dropped > 10
-    # Its turn was due within 0.3 s, and then it took 0.1 s; the last one may wait for longer.
-    assert node._statistics.latency_ms < 1000
+    send(client, node, street, image, 10)
+    due_s = time.monotonic() + 0.001
+    client.wait_for(lambda: time.monotonic() > due_s)
+    held.set()
+    client.wait_for(lambda: len(heard) == 2, 'the first and the last')
+    assert node._worker.dropped == 8

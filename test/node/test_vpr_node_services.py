@@ -4,7 +4,6 @@
 
 import os
 import threading
-import time
 
 import pytest
 
@@ -88,15 +87,14 @@ def test_another_map_takes_over_while_frames_come_and_none_is_lost(
 
     def open_slowly(*args):
         opening.set()
-        assert frames_came.wait(20)
+        assert frames_came.wait(60)
         return Session(*args)
 
     vpr(map_path=map_path, fixed_length=1)
     monkeypatch.setattr(map_services, 'Session', open_slowly)
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)
-    service = client.node.create_client(LoadMap, '/vpr_node/load_map')
-    client.wait_for(service.service_is_ready)
+    service = client.service(LoadMap, '/vpr_node/load_map')
     future = service.call_async(LoadMap.Request(map_url=str(tmp_path / 'reverse.db')))
     client.wait_for(opening.is_set, 'the opening to begin')
     for index in range(5):
@@ -210,13 +208,13 @@ def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, drive
     assert [message.data for message in lengths] == [1, 2, 2]
 
 
-def test_services_answer_at_once_while_frames_are_processed(client, vpr, street, image, map_path):
+def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, map_path, held):
     node = vpr(map_path=map_path, queue_size=1000)
     camera = client.camera(Image)
-    for index in range(100):
-        camera.publish(image(street[index % 25], (index + 1) * SECOND))
-    client.wait_for(lambda: node._statistics.processed > 2)
-    before_s = time.monotonic()
-    client.call(Trigger, '/vpr_node/reset')
-    assert node._worker.waiting > 10
-    assert time.monotonic() - before_s < 0.5
+    for index in range(20):
+        camera.publish(image(street[index], (index + 1) * SECOND))
+    client.wait_for(lambda: node._worker.waiting == 19)
+    assert client.call(Trigger, '/vpr_node/reset').success
+    assert node._worker.waiting == 19
+    held.set()
+    client.wait_for(lambda: node._statistics.processed == 20)

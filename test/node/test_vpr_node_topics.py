@@ -96,7 +96,7 @@ def test_a_second_drive_is_recognised_on_all_topics(client, vpr_node, street, im
     assert covariance[1, 1] == covariance[2, 2] == 3.0**2
 
     process.send_signal(signal.SIGINT)
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
     table = read_results(result_file)
     assert [int(row['query_stamp_ns']) for row in table] == [
         LATER_NS + index * SECOND for index in range(NUM_FRAMES)
@@ -160,6 +160,7 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     camera.publish(image(street[3], LATER_NS))
     client.wait_for(lambda: indices)
     pictures = client.listen(Image, '/vpr_node/debug_image')
+    client.wait_until_known_to('/vpr_node')
     camera.publish(image(street[4], LATER_NS + SECOND))
     client.wait_for(lambda: pictures)
     assert len(pictures) == 1

@@ -4,8 +4,8 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
@@ -61,27 +61,46 @@ def test_the_oldest_items_are_dropped_and_counted(gate):
     assert worker.stop(LIMIT_S)
 
 
-def test_what_waits_for_too_long_gives_way_to_what_follows_evenly():
-    """Three items come while one is handled; what is handled is never much older than asked."""
-    made, waits = [], []
+@pytest.fixture
+def clock(monkeypatch):
+    """Return a clock for the worker that the test sets, in milliseconds."""
+    now = SimpleNamespace(ms=0.0)
+    watch = SimpleNamespace(monotonic_ns=lambda: round(now.ms * 1e6))
+    monkeypatch.setattr('convseq_ros.node.worker.time', watch)
+    return now
+
+
+def test_what_waits_for_too_long_gives_way_to_what_follows_evenly(clock):
+    """Three items come while one is handled; what is handled waited as long as is allowed."""
+    made_ms, handled = [], []
+
+    def come():
+        made_ms.append(clock.ms)
+        worker.put(len(made_ms) - 1)
 
     def handle(item):
-        waits.append(time.monotonic() - made[item])
-        time.sleep(0.03)
+        handled.append((item, clock.ms - made_ms[item]))
+        for _ in range(3):
+            clock.ms += 10
+            if len(made_ms) < 150:
+                come()
 
     worker = Worker(handle, 1000, max_wait_s=0.2)
+    come()
     worker.start()
-    for item in range(150):
-        made.append(time.monotonic())
-        worker.put(item)
-        time.sleep(0.01)
-    settled(lambda: not worker.waiting)
+    settled(lambda: len(handled) + worker.dropped == 150)
     assert worker.stop(LIMIT_S)
-    assert worker.dropped == 150 - len(waits) > 30
-    assert np.median(waits[len(waits) // 2 :]) < 0.25
+    assert worker.dropped > 75
+    # The first wait longer and longer; then two of three give way; the last has none behind it.
+    assert handled == [
+        *((item, 20 * item) for item in range(11)),
+        *((item, 200) for item in range(13, 149, 3)),
+        (149, 220),
+    ]
+    assert worker.dropped == 150 - len(handled)
 
 
-def test_the_newest_item_is_handled_however_long_it_waited(gate):
+def test_the_newest_item_is_handled_however_long_it_waited(gate, clock):
     handled = []
 
     def handle(item):
@@ -94,7 +113,7 @@ def test_the_newest_item_is_handled_however_long_it_waited(gate):
     settled(lambda: handled == [0])
     worker.put(1)
     worker.put(2)
-    time.sleep(0.05)
+    clock.ms = 50
     gate.set()
     settled(lambda: len(handled) == 2)
     assert handled == [0, 2] and worker.dropped == 1
