@@ -93,6 +93,10 @@ class Matcher:
         if self._exact is not self._fast:
             self._exact_features = self._cache(self._exact, _KEPT_TO_RESCORE)
 
+    def reset(self) -> None:
+        """Forget the drive, of which the background is known."""
+        self._background.reset()
+
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return what is compared of a query, each once, or None if it shows nothing."""
         self._follow_map()

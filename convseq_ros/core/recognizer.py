@@ -152,5 +152,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
-        for stage in (self._order, self.gate, self.buffer, self._search, self._acceptance):
+        for stage in (self._order, self.gate, self.matcher, self.buffer, self._search):
             stage.reset()
+        self._acceptance.reset()

@@ -38,6 +38,9 @@ class GivenScores(Matcher):
         self.kernel, self.exact, self.frame = 'given', True, 0
         self._rows = rows
 
+    def reset(self) -> None:
+        """Forget nothing: rows are numbered."""
+
     def extract(self, _descriptor: Descriptor) -> Features | None:
         """Return the row of the frame."""
         row = self._rows[self.frame]

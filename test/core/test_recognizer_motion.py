@@ -188,3 +188,18 @@ def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
     assert match.relative_yaw_rad == pytest.approx(-0.2, abs=0.01)
     unknown = PlaceRecognizer(reference_map, config).process(Frame(0, moved))
     assert unknown.shift_px == (0.0, 20.0) and unknown.relative_yaw_rad is None
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+@pytest.mark.parametrize('matching', ['coherent', 'regional'])
+def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, matching, search):
+    config = replace(OWN, matching=MatchingConfig(matching=matching, search=search))
+    used, fresh = (PlaceRecognizer(reference_map, config) for _ in range(2))
+    drive(used, range(40, 60), seed=7)
+    used.reset()
+    again = drive(used, range(5, 35), start_ns=100 * STEP_NS)
+    first = drive(fresh, range(5, 35), start_ns=100 * STEP_NS)
+    assert [replace(match, query_index=0) for match in again] == [
+        replace(match, query_index=0) for match in first
+    ]
+    assert any(match.accepted for match in first)

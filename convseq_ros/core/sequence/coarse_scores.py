@@ -60,10 +60,14 @@ class CoarseScores:
         self._counted = 0
         self._mean, self._variance = np.zeros(numbers, np.float32), np.ones(numbers, np.float32)
         self._nearness = GrowingArray(np.zeros(0, np.float32))
-        self._own_total, self._own_squares = np.zeros(numbers), np.zeros(numbers)
-        self._frames = 0
+        self.reset()
         # Compiles it, so that the first frame is not late.
         products(reference_map.global_descriptors[:0], self._mean)
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._own_total, self._own_squares = np.zeros((2, *self._total.shape))
+        self._frames = 0
 
     def update(self, descriptor: Descriptor, usable: int | None = None) -> Row:
         """

@@ -61,6 +61,12 @@ class ShortlistSearch(ExhaustiveSearch):
             config.matching.shortlist_length, config.acceptance.rival_distance
         )
 
+    def reset(self) -> None:
+        """Forget the frames so far."""
+        super().reset()
+        self._coarse.reset()
+        self._shortlist.reset()
+
     def update(self, descriptor: Descriptor, usable: int) -> Row | None:
         """Take in a frame; return its coarse scores."""
         return self._coarse.update(descriptor, usable)

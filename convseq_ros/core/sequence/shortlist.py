@@ -35,6 +35,10 @@ class Shortlist:
 
     def __init__(self, length: int, rival_distance: int) -> None:
         self._length, self._rival_distance = length, rival_distance
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was listed."""
         self._newest: Row | None = None
         self._listed = self._verified = np.zeros(0, np.int64)
 

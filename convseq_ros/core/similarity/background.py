@@ -41,6 +41,9 @@ class NoBackground:
 
     of_map: Regions | None = None
 
+    def reset(self) -> None:
+        """Forget the drive."""
+
     def normalize(self, cells: Cells) -> Cells:
         """Return the cells."""
         return cells
@@ -71,6 +74,10 @@ class Background(NoBackground):
     ) -> None:
         self._map, self._normalize, self._regions = reference_map, normalize, regions
         self._averaged = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
         self._last: Regions | None = None
         self._sum = np.zeros(1, np.float32)
         self._frames = 0
