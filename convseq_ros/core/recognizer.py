@@ -120,9 +120,11 @@ class PlaceRecognizer:
         described = [one.descriptor for one in buffer.outward]
         length = choose_length(described, self._similarity, config.sequence)
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
-        ends, velocity = search.propose(buffer, length, acceptance.window, usable)
+        rivals = config.acceptance.rival_distance
+        ends, velocity = search.propose(buffer, length, acceptance.window, usable, rivals)
         pairs = buffer.pairs_scored
-        acceptance.update(buffer.frame, [one.row for one in buffer.outward], ends, velocity)
+        rows = [one.row for one in buffer.outward]
+        acceptance.update(buffer.frame, rows, ends, rivals, velocity)
         if length is None:
             return skipped(Reason.WARMING_UP, pairs_scored=pairs)
         # III-G: sums along diagonals; the best sequences are the candidates.

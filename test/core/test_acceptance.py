@@ -78,7 +78,7 @@ def accepting(matching, rule='auto'):
 
 
 def judged(acceptance, frame, rows, found, config, stamp_ns=0):
-    acceptance.update(frame, rows, np.arange(len(rows[0])))
+    acceptance.update(frame, rows, np.arange(len(rows[0])), 10)
     return acceptance.judge(frame, stamp_ns, found, config)
 
 
@@ -168,7 +168,7 @@ def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
     acceptance = accepting('coherent')
     for frame in range(14):
         rows = [scores[frame - back] for back in range(frame + 1)]
-        acceptance.update(frame, rows, np.arange(PLACES))
+        acceptance.update(frame, rows, np.arange(PLACES), 10)
     rows = [scores[14 - back] for back in range(15)]
     best = Candidate(19, 0, 0.3)
     assert judged(acceptance, 14, rows, (best,), BY_TRACK)[0] is Reason.ACCEPTED
@@ -283,7 +283,7 @@ def accepted_of(scores, lengths, truth):
             for each in (scores[frame - back][: len(row)] for back in range(min(frame, 24) + 1))
         ]
         ends = np.arange(len(row))
-        acceptance.update(frame, rows, ends)
+        acceptance.update(frame, rows, ends, 10)
         if not length:
             continue
         places = [Place(index) for index in range(len(row))]
@@ -339,3 +339,27 @@ def test_revisits_of_a_loop_are_accepted_online(shared_data):
         truth[now - 1].append(past - 1)
     right, wrong, _ = accepted_of(scores, lengths, truth)
     assert wrong == 0 and right >= 35
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_rivals_lie_as_far_apart_as_is_asked_from_the_next_frame_on(image, search):
+    """A value set before the first frame is that of a start; candidates obey at once."""
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(PLACES):
+        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+    config = Config(
+        encoding=SMALL,
+        matching=MatchingConfig(search=search, shortlist_length=12),
+        sequence=SequenceConfig(fixed_length=4),
+    )
+    far = replace(config, acceptance=AcceptanceConfig(rival_distance=25))
+    started, changed, near = (PlaceRecognizer(made, one) for one in (far, config, config))
+    changed.config = far
+    frames = [Frame(index * 10**8, image(index + 10, 1)) for index in range(30)]
+    said = [[one.process(frame) for frame in frames] for one in (started, changed, near)]
+    assert said[0] == said[1]
+    assert [one.confidence for one in said[0]] != [one.confidence for one in said[2]]
+    changed.config = config
+    candidates = changed.process(Frame(30 * 10**8, image(40, 1))).candidates
+    places = sorted(one.reference_index for one in candidates)
+    assert len(places) > 1 and min(np.diff(places)) > 10

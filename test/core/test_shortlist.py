@@ -67,7 +67,7 @@ def test_rivals_are_on_the_shortlist(reference_map, run):
 def test_ends_lie_where_the_window_fits_and_are_ascending(reference_map, described):
     coarse = CoarseScores(reference_map)
     rows = [coarse.update(described(place)) for place in (5, 6, 7)]
-    ends = Shortlist(12, 10).update(rows[::-1])
+    ends = Shortlist(12).update(rows[::-1], 10)
     assert 7 in ends and ends.min() >= 2 and (np.diff(ends) > 0).all() and len(ends) <= 12
 
 
@@ -76,13 +76,13 @@ def test_a_short_map_is_listed_whole(described):
     for place in range(4):
         small.add(Place(place), pack_cells(described(place).cells))
     rows = [CoarseScores(small).update(described(2))]
-    assert Shortlist(12, 10).update(rows).tolist() == [0, 1, 2, 3]
+    assert Shortlist(12).update(rows, 10).tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_ends_are_the_best_and_then_the_best_elsewhere(seed):
     scores = np.random.default_rng(seed).random(300).astype(np.float32)
-    ends = Shortlist(12, 10).update([scores])
+    ends = Shortlist(12).update([scores], 10)
     best = set(np.argsort(-scores)[:9].tolist())
     assert best <= set(ends.tolist()) and len(ends) == 12
     elsewhere = sorted(set(ends.tolist()) - best, key=lambda index: -scores[index])
@@ -165,30 +165,30 @@ def drawn_rows(count, frames=12):
 
 def test_listed_diagonals_are_kept_rather_than_others_that_are_hardly_better():
     rows = drawn_rows(400)
-    shortlist, new = Shortlist(20, 5), []
-    listed = shortlist.update(rows[4::-1])
+    shortlist, new = Shortlist(20), []
+    listed = shortlist.update(rows[4::-1], 5)
     for frame in range(5, 12):
         window = rows[frame : frame - 5 : -1]
-        before, listed = set((listed + 1).tolist()), shortlist.update(window)
+        before, listed = set((listed + 1).tolist()), shortlist.update(window, 5)
         new.append(len(set(listed.tolist()) - before))
-        fresh = Shortlist(20, 5).update(window)
+        fresh = Shortlist(20).update(window, 5)
         assert sequence_scores(window).argmax() in listed and len(fresh) == 20
     assert max(new) <= 4
 
 
 def test_sequences_that_were_verified_stay_listed():
     rows = drawn_rows(400)
-    shortlist, forgetful = Shortlist(20, 5), Shortlist(20, 5)
-    listed = shortlist.update(rows[4::-1])
-    assert (forgetful.update(rows[4::-1]) == listed).all()
+    shortlist, forgetful = Shortlist(20), Shortlist(20)
+    listed = shortlist.update(rows[4::-1], 5)
+    assert (forgetful.update(rows[4::-1], 5) == listed).all()
     scores = np.zeros(len(listed))
     worst = np.argsort(sequence_scores(rows[4::-1])[listed])[:4]
     scores[worst] = 1.0
     shortlist.verify(listed, scores)
     window = [rows[8], None, *rows[6:3:-1]]
     later = {index + 4 for index in listed[worst].tolist() if index < 396}
-    assert later <= set(shortlist.update(window).tolist())
-    assert not later <= set(forgetful.update(window).tolist())
+    assert later <= set(shortlist.update(window, 5).tolist())
+    assert not later <= set(forgetful.update(window, 5).tolist())
     assert not len(shortlist._verified)
 
 
@@ -205,27 +205,27 @@ def test_the_recogniser_tells_how_listed_sequences_scored(reference_map, run, mo
 
 def test_a_frame_that_never_came_does_not_end_the_diagonals():
     rows = drawn_rows(400)
-    shortlist = Shortlist(20, 5)
-    listed = shortlist.update(rows[4::-1])
-    later = shortlist.update([rows[6], None, *rows[4::-1]])
+    shortlist = Shortlist(20)
+    listed = shortlist.update(rows[4::-1], 5)
+    later = shortlist.update([rows[6], None, *rows[4::-1]], 5)
     assert len(set(later.tolist()) - set((listed + 2).tolist())) <= 4
 
 
 def test_the_top_of_another_number_of_ends_is_not_remembered():
     rows = drawn_rows(400)
-    one, other = (Shortlist(20, 5) for _ in range(2))
+    one, other = (Shortlist(20) for _ in range(2))
     for frame in range(5, 9):
         window = rows[frame : frame - 5 : -1]
-        assert len(one.top(window, 2.0, 12)) == 12
-        assert (one.update(window) == other.update(window)).all()
+        assert len(one.top(window, 5, 2.0, 12)) == 12
+        assert (one.update(window, 5) == other.update(window, 5)).all()
 
 
 def test_where_no_sequence_finds_room_nothing_is_listed():
     rows = list(drawn_rows(PLACES, 8))
-    shortlist = Shortlist(20, 5)
-    assert len(shortlist.update(rows[:2]))
+    shortlist = Shortlist(20)
+    assert len(shortlist.update(rows[:2], 5))
     lost = [np.full(PLACES, np.nan, np.float32), *rows]
-    assert len(shortlist.update(lost)) == 0
+    assert len(shortlist.update(lost, 5)) == 0
 
 
 @pytest.mark.parametrize('count', [1, 30, 64 * 33, 64 * 34, 64 * 40 + 7, 9000])

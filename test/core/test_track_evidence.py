@@ -29,6 +29,7 @@ def update(evidence, frame, rows, velocity=1.0, ends=None):
         frame,
         rows,
         np.arange(PLACES if rows[0] is None else len(rows[0])) if ends is None else ends,
+        10,
         velocity,
     )
 

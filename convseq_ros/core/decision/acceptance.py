@@ -39,7 +39,9 @@ class MarginRule:
     def reset(self) -> None:
         """Forget the drive."""
 
-    def update(self, _frame: int, _rows: Rows, _ends: Indices, _velocity: float) -> None:
+    def update(
+        self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float
+    ) -> None:
         """Take in a frame; the margin needs no memory."""
 
     def decide(
@@ -62,9 +64,11 @@ class TrackRule(MarginRule):
         self._track = TrackEvidence()
         self._newest: FrameEvidence | None = None
 
-    def update(self, frame: int, rows: Rows, ends: Indices, velocity: float) -> None:
+    def update(
+        self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float
+    ) -> None:
         """Take in a frame; as `TrackEvidence.update`."""
-        self._newest = self._track.update(frame, rows, ends, velocity)
+        self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
 
     def decide(
         self, frame: int, candidates: Sequence[Candidate], config: AcceptanceConfig, v: float
@@ -111,9 +115,11 @@ class Acceptance:
         self._accepted_ns = None
         self._rule.reset()
 
-    def update(self, frame: int, rows: Rows, ends: Indices, velocity: float = 1.0) -> None:
+    def update(
+        self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
+    ) -> None:
         """Take in a frame; as `TrackEvidence.update`."""
-        self._rule.update(frame, rows, ends, velocity)
+        self._rule.update(frame, rows, ends, rival_distance, velocity)
 
     def judge(
         self,

@@ -27,10 +27,9 @@ class TrackConstants:
     Of the evidence.
 
     Chosen on the drawn drives of scripts/fit_acceptance.py and on real images made dark, neither
-    of which is reported, but for the first four, which say what a place is.
+    of which is reported, but for the first three, which say what a place is.
     """
 
-    neighbourhood: int = 10  # references from the best within which a place is no other place
     own_peak: int = 5  # references from the best that its own peak covers
     same_track: int = 2  # references by which two frames of one diagonal may differ
     border: int = 2  # last references of the map, beyond which a peak may lie
@@ -61,7 +60,7 @@ class FrameEvidence:
     frame: int  # its number
     reference: int  # where the best diagonal ends
     margin: float
-    rivals: int  # diagonals further than 10 references from the best
+    rivals: int  # diagonals further than the rivals' distance from the best
 
     @property
     def enough_rivals(self) -> bool:
@@ -91,6 +90,7 @@ class TrackEvidence:
         self._frames: deque[FrameEvidence] = deque()
         self._ends: Indices = np.zeros(0, np.int64)
         self._now: Values = np.zeros(0)
+        self._rival_distance = 0
 
     @property
     def scatter(self) -> float | None:
@@ -102,13 +102,13 @@ class TrackEvidence:
         return float(np.sqrt(variance / windows)) + TRACK.least_scatter
 
     def update(
-        self, frame: int, rows: Rows, ends: Indices, velocity: float = 1.0
+        self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
     ) -> FrameEvidence | None:
         """
         Take in a frame, by its number, and return what it says, if it says anything.
 
         Rows are as for `sequence_scores`, 8 as soon as there are so many; frames that are passed
-        over leave a gap in the numbers.
+        over leave a gap in the numbers. References within the rivals' distance are one place.
         """
         newest = rows[0]
         if newest is None:
@@ -116,6 +116,7 @@ class TrackEvidence:
         while self._frames and self._frames[0].frame <= frame - TRACK.memory:
             self._frames.popleft()
         self._make_room(len(newest))
+        self._rival_distance = rival_distance
         window = self._above(rows[: TRACK.window], ends, velocity)
         self._ends, self._now = ends, window[0]
         scores = _means(window)
@@ -125,7 +126,7 @@ class TrackEvidence:
             return None
         top = known[scores[known].argmax()]
         best = int(ends[top])
-        elsewhere = _beyond(scores, ends, best, TRACK.neighbourhood)
+        elsewhere = _beyond(scores, ends, best, rival_distance)
         margin = 0.0
         if len(elsewhere) >= TRACK.fewest_rivals:
             if len(window) == TRACK.window:
@@ -140,7 +141,7 @@ class TrackEvidence:
         along = self._along(frame, best, velocity)
         lately = [one for one in along if one.frame > frame - TRACK.window]
         is_tracked = 2 * len(lately) >= TRACK.window
-        away = abs(ends - best) > TRACK.neighbourhood
+        away = abs(ends - best) > rival_distance
         self._learn(newest, ends[away] if is_tracked else ends)
         return said
 
@@ -178,7 +179,7 @@ class TrackEvidence:
 
     def _newest_alone(self, reference: int) -> float:
         """Return by how many standard deviations the newest frame speaks for a reference."""
-        elsewhere = _beyond(self._now, self._ends, reference, TRACK.neighbourhood)
+        elsewhere = _beyond(self._now, self._ends, reference, self._rival_distance)
         near = self._now[abs(self._ends - reference) <= TRACK.same_track]
         if len(elsewhere) < TRACK.fewest_rivals or not np.isfinite(near).any():
             return np.inf

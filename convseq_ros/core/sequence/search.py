@@ -31,13 +31,14 @@ class ExhaustiveSearch:
         return None
 
     def propose(
-        self, buffer: QueryBuffer, length: int | None, _window: int, usable: int
+        self, buffer: QueryBuffer, length: int | None, _window: int, usable: int, _rivals: int
     ) -> tuple[Indices, float]:
         """
         Score pairs of the newest frames; return sequence end indices (n,), and the velocity.
 
         `length` is that of the sequence, None if it is not yet known; the decision asks for scores
-        of `window` frames; `usable` references, from the first, may be matched.
+        of `window` frames; `usable` references, from the first, may be matched; rivals lie
+        further than `rivals` references from each other.
         """
         ends = np.arange(usable)
         buffer.score(1, ends)
@@ -57,9 +58,7 @@ class ShortlistSearch(ExhaustiveSearch):
     ) -> None:
         super().__init__(velocity)
         self._coarse = CoarseScores(reference_map)
-        self._shortlist = Shortlist(
-            config.matching.shortlist_length, config.acceptance.rival_distance
-        )
+        self._shortlist = Shortlist(config.matching.shortlist_length)
 
     def reset(self) -> None:
         """Forget the frames so far."""
@@ -72,7 +71,7 @@ class ShortlistSearch(ExhaustiveSearch):
         return self._coarse.update(descriptor, usable)
 
     def propose(
-        self, buffer: QueryBuffer, length: int | None, window: int, _usable: int
+        self, buffer: QueryBuffer, length: int | None, window: int, _usable: int, rivals: int
     ) -> tuple[Indices, float]:
         """Score pairs of the newest frames; as `ExhaustiveSearch.propose`."""
         if length is None:
@@ -80,12 +79,12 @@ class ShortlistSearch(ExhaustiveSearch):
         coarse = [one.coarse for one in buffer.outward[:length]]
 
         def closer(velocity: float) -> npt.NDArray[np.float64]:
-            ends = self._shortlist.top(coarse, velocity, _CLOSER)
+            ends = self._shortlist.top(coarse, rivals, velocity, _CLOSER)
             buffer.score(length, ends, velocity)
             return buffer.approximate_scores(length, ends, velocity)
 
         velocity = self._velocity.update(coarse, closer)
-        ends = self._shortlist.update(coarse, velocity)
+        ends = self._shortlist.update(coarse, rivals, velocity)
         buffer.score_promising(max(length, window), ends, velocity)
         return ends, velocity
 

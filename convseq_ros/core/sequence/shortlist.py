@@ -33,8 +33,8 @@ class Shortlist:
     among them.
     """
 
-    def __init__(self, length: int, rival_distance: int) -> None:
-        self._length, self._rival_distance = length, rival_distance
+    def __init__(self, length: int) -> None:
+        self._length = length
         self.reset()
 
     def reset(self) -> None:
@@ -42,7 +42,7 @@ class Shortlist:
         self._newest: Row | None = None
         self._listed = self._verified = np.zeros(0, np.int64)
 
-    def update(self, rows: Rows, velocity: float = 1.0) -> Indices:
+    def update(self, rows: Rows, rival_distance: int, velocity: float = 1.0) -> Indices:
         """
         Return the ends, ascending, of the diagonals that are listed now, by rows of coarse scores.
 
@@ -57,7 +57,7 @@ class Shortlist:
         if len(before) and finite.any():
             scores[before] += SHORTLIST.hysteresis * scores[finite].std()
             scores[verified] += np.ptp(scores[finite])
-        listed = self._best(scores, self._length)
+        listed = _best(scores, self._length, rival_distance)
         if len(before):
             new = [index for index in listed if index not in before]
             late = set(new[self._length // SHORTLIST.admission :])
@@ -65,10 +65,10 @@ class Shortlist:
         self._newest, self._listed = rows[0], np.array(sorted(listed), np.int64)
         return self._listed
 
-    def top(self, rows: Rows, velocity: float, length: int) -> Indices:
+    def top(self, rows: Rows, rival_distance: int, velocity: float, length: int) -> Indices:
         """Return the best so many sequence end indices, ascending, whatever was listed before."""
         scores = sequence_scores(rows, velocity, dtype=np.float32, partial=True)
-        return np.array(sorted(self._best(scores, length)), np.int64)
+        return np.array(sorted(_best(scores, length, rival_distance)), np.int64)
 
     def verify(self, ends: Indices, scores: Scores) -> None:
         """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
@@ -82,25 +82,26 @@ class Shortlist:
                 return ends[ends < count - step] + step
         return np.zeros(0, np.int64)
 
-    def _best(self, scores: npt.NDArray[np.float32], length: int) -> list[int]:
-        """Return the best, and for the last quarter the best elsewhere; uses scores up."""
-        most = length - length // SHORTLIST.elsewhere
-        best = _top(scores, most)
-        best = best[np.argsort(-scores[best], kind='stable')][:most]
-        listed = best[np.isfinite(scores[best])].tolist()
-        for index in listed:
-            self._pass_over(scores, index)
-        for _ in range(length // SHORTLIST.elsewhere):
-            index = int(scores.argmax())
-            if not np.isfinite(scores[index]):
-                break
-            listed.append(index)
-            self._pass_over(scores, index)
-        return listed
 
-    def _pass_over(self, scores: Scores, index: int) -> None:
-        near = max(0, index - self._rival_distance)
-        scores[near : index + self._rival_distance + 1] = -np.inf
+def _best(scores: npt.NDArray[np.float32], length: int, rival_distance: int) -> list[int]:
+    """Return the best, and for the last quarter the best elsewhere; uses scores up."""
+    most = length - length // SHORTLIST.elsewhere
+    best = _top(scores, most)
+    best = best[np.argsort(-scores[best], kind='stable')][:most]
+    listed = best[np.isfinite(scores[best])].tolist()
+
+    def pass_over(index: int) -> None:
+        scores[max(0, index - rival_distance) : index + rival_distance + 1] = -np.inf
+
+    for index in listed:
+        pass_over(index)
+    for _ in range(length // SHORTLIST.elsewhere):
+        index = int(scores.argmax())
+        if not np.isfinite(scores[index]):
+            break
+        listed.append(index)
+        pass_over(index)
+    return listed
 
 
 def _top(scores: Scores, most: int) -> Indices:
