@@ -5,6 +5,7 @@
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 
+from convseq_ros.cli import main
 from convseq_ros.cli.config import all_parameters, markdown, yaml
 from convseq_ros.config import (
     AcceptanceConfig,
@@ -17,8 +18,10 @@ from convseq_ros.config import (
     SequenceConfig,
 )
 from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation.method_name import parse_method
+from convseq_ros.evaluation.methods import make_method
 from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import parameters
+from convseq_ros.parameter import parameters, RENAMED
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -106,3 +109,19 @@ def test_the_shipped_parameter_file_is_what_the_code_says():
 
 def test_the_readme_lists_every_parameter_as_the_code_does():
     assert markdown(all_parameters()) in (REPOSITORY / 'README.md').read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize(('old', 'new'), RENAMED.items())
+def test_a_name_that_a_parameter_had_before_is_refused_with_the_new_one(old, new):
+    assert new in {item.name for item in core_parameters()}
+    with pytest.raises(ConfigError, match=f'{old}. is now called .{new}'):
+        make_config({old: True})
+    with pytest.raises(ConfigError, match=f'{old}. is now called .{new}'):
+        make_method(parse_method(f'convseq+{old}=true'), make_config({}))
+
+
+@pytest.mark.parametrize('written', [['--remove-layout', 'false'], ['--remove-layout=false']])
+def test_an_option_of_an_old_name_is_refused_with_the_new_one(written, capsys):
+    assert main(['replay', 'drive', '--map', 'map.db', *written]) == 1
+    told = capsys.readouterr().err
+    assert told.count('\n') == 1 and "'remove_layout' is now called 'subtract_background'" in told

@@ -47,6 +47,8 @@ def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
     session = Session(chosen.map, chosen_config(chosen))
     matches, durations = [], []
+    for line in session.ignored:
+        print(f'warning: {line}', file=sys.stderr)
     try:
         source = open_annotated(chosen.recording, chosen.topic, chosen.odom, chosen.camera_info)
         if session.keyframes_m and not chosen.odom:

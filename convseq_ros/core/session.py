@@ -5,7 +5,7 @@
 from pathlib import Path
 import time
 
-from convseq_ros.config import Config
+from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
@@ -46,6 +46,18 @@ class Session:
         if path is not None and self.is_growing:
             self._autosave = Autosave(path, reference_map)
         self.recognizer = PlaceRecognizer(reference_map, config)
+
+    @property
+    def ignored(self) -> list[str]:
+        """What was asked for and does not count, a line each: the map says how far apart."""
+        asked, usual = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
+        own = self.recognizer.reference_map.keyframes.spacing
+        return [
+            f'{name} {asked[name]} is ignored: {self.path} was made with {own[name]}; build the '
+            'map again to change it'
+            for name in own
+            if asked[name] not in (own[name], usual[name])
+        ]
 
     @property
     def is_persisted(self) -> bool:

@@ -116,6 +116,8 @@ class MapServices:
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
         session = Session(path, self._config())
+        for line in session.ignored:
+            self._logger.warning(line)
         session.warm_up()
         return session
 

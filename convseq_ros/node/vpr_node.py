@@ -69,6 +69,8 @@ class VprNode(Node):
         except (ConvseqError, OSError):
             super().destroy_node()
             raise
+        for line in session.ignored:
+            logger.warning(line)
         self._node_config = config
         self._enabled = True
         self._ready = False

@@ -97,6 +97,9 @@ def test_a_map_of_keyframes_is_replayed_at_keyframes_and_appended_to_alike(
     assert {row['reason'] for row in rows[1::2]} == {'between_keyframes'}
     assert [row['best_index'] for row in rows[4::2]] == [*map(str, range(2, COUNT // 2))]
     capsys.readouterr()
+    assert main([*arguments, '--keyframe-interval-s', '0.4']) == 0
+    assert 'keyframe_interval_s 0.4 is ignored' in capsys.readouterr().err
+    assert read_results(output)[1]['reason'] == 'between_keyframes'
     assert main([*build, '--append']) == 1
     assert 'set keyframe_interval_s to 0.2' in capsys.readouterr().err
     assert main([*build, '--append', '--keyframe-interval-s', '0.2']) == 0

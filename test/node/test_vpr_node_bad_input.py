@@ -145,3 +145,11 @@ def test_a_camera_too_fast_for_the_machine_costs_frames_but_no_time(
     held.set()
     client.wait_for(lambda: len(heard) == 2, 'the first and the last')
     assert node._worker.dropped == 8
+
+
+def test_keyframes_that_the_map_does_not_have_are_ignored_and_it_says_so(start, map_path):
+    process = start(
+        'vpr_node', '--ros-args', '-p', f'map_path:={map_path}', '-p', 'keyframe_interval_s:=0.7'
+    )
+    told = [process.stderr.readline() for _ in range(2)]
+    assert sum('keyframe_interval_s 0.7 is ignored' in line for line in told) == 1
