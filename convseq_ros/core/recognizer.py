@@ -6,21 +6,18 @@ from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.acceptance import Acceptance
-from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.decision.candidates import best_candidates, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.map.online import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
-from convseq_ros.core.sequence.diagonals import diagonal
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.search import make_search
 from convseq_ros.core.shift import measured
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
-
-Answer = partial[Match]
 
 
 class PlaceRecognizer:
@@ -63,18 +60,16 @@ class PlaceRecognizer:
         Parameters
         ----------
         frame : Frame
-            Frames come in order of their stamps. One that is up to a second older than its
-            predecessor is skipped; one that is older still is taken as a jump of the clock (a
-            recording that starts again), empties the query buffer and starts another session.
+            Frames come in order. One whose stamp is up to a second late is skipped; one later
+            still means that the clock jumped back: the buffer is emptied, a session begins.
         descriptor : Descriptor, optional
             What it shows, if it is described already.
 
         Notes
         -----
-        With the following departures from the paper, the last three with coherent matching only:
-        (1) in online mode the frame is added to the map afterwards; (2) frames between keyframes
-        are told the same again; (3) a robot that stands still is, too; (4) dropped frames hold
-        their places in the sequence; (5) another velocity than the map's is followed.
+        Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
+        frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
+        dropped frames hold their places; (5) another velocity than the map's is followed.
 
         """
         answer = partial(Match, self._frames, frame.stamp_ns)
@@ -104,7 +99,7 @@ class PlaceRecognizer:
             return answer(Status.SKIPPED, Reason.UNREADABLE)
         return measured(match, frame, self.reference_map.cell_shape[1])
 
-    def _recognize(self, answer: Answer, frame: Frame, verdict: Verdict) -> Match:
+    def _recognize(self, answer: partial[Match], frame: Frame, verdict: Verdict) -> Match:
         skipped, config = partial(answer, Status.SKIPPED), self.config
         buffer, search, acceptance = self.buffer, self._search, self._acceptance
         # III-A: the newest frame joins the rolling buffer; dropped ones hold their places.
@@ -122,28 +117,24 @@ class PlaceRecognizer:
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals = config.acceptance.rival_distance
         ends, velocity = search.propose(buffer, length, acceptance.window, usable, rivals)
-        pairs = buffer.pairs_scored
         rows = [one.row for one in buffer.outward]
         acceptance.update(buffer.frame, rows, ends, rivals, velocity)
         if length is None:
-            return skipped(Reason.WARMING_UP, pairs_scored=pairs)
+            return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
         scores = buffer.best_scores(length, ends, velocity)
         search.verify(ends, scores)
         candidates = best_candidates(ends, scores, self.reference_map.places, config.acceptance)
         if not candidates:
-            short = usable <= diagonal(length, velocity)[-1]
-            reason = Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP
-            return skipped(reason, (), length, pairs)
+            return skipped(why_none(usable, length, velocity), (), length, buffer.pairs_scored)
         # Ours: is the best one a match? The paper always says yes.
-        reason, sure = acceptance.judge(
-            buffer.frame, frame.stamp_ns, candidates, config.acceptance, velocity
-        )
+        asked = buffer.frame, frame.stamp_ns, candidates, config.acceptance, velocity
+        reason, sure = acceptance.judge(*asked)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         candidates = self.matcher.with_shift(buffer.newest.features, candidates)
-        return answer(status, reason, candidates, length, pairs, sure)
+        return answer(status, reason, candidates, length, buffer.pairs_scored, sure)
 
-    def _again(self, answer: Answer, reason: Reason) -> Match:
+    def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
         last = self._last
         if reason is Reason.UNINFORMATIVE or last is None or not last.candidates:

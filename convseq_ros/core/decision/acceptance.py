@@ -36,13 +36,11 @@ class MarginRule:
 
     window = 1  # frames whose scores are wanted
 
-    def reset(self) -> None:
-        """Forget the drive."""
+    def reset(self) -> None: ...
 
     def update(
         self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float
-    ) -> None:
-        """Take in a frame; the margin needs no memory."""
+    ) -> None: ...
 
     def decide(
         self, _frame: int, candidates: Sequence[Candidate], config: AcceptanceConfig, _v: float

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from convseq_ros.config import AcceptanceConfig
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.types import Candidate
+from convseq_ros.core.sequence.diagonals import diagonal
+from convseq_ros.core.types import Candidate, Reason
 import numpy as np
 import numpy.typing as npt
 
@@ -30,3 +31,9 @@ def best_candidates(
         found.append(Candidate(index, places[index].stamp_ns, float(scores[top])))
         remaining[abs(ends - index) <= config.rival_distance] = -np.inf
     return tuple(found)
+
+
+def why_none(usable: int, length: int, velocity: float) -> Reason:
+    """Return why no sequence of so many frames has a score, with so many usable references."""
+    short = usable <= diagonal(length, velocity)[-1]
+    return Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP

@@ -14,11 +14,9 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, pairs_along, Row, Rows
+from convseq_ros.core.decision.usual_scores import UsualScores
+from convseq_ros.core.sequence.diagonals import Indices, Rows, Values
 import numpy as np
-import numpy.typing as npt
-
-Values = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +35,6 @@ class TrackConstants:
     memory: int = 30  # frames over which margins are summed
     fewest_rivals: int = 8  # other places, without which a margin says nothing
     chance: float = 6.0  # scatters by which the best of one rival's neighbours leads by chance
-    prior_frames: int = 5  # that the mean of all counts for in what a reference usually scores
     prior_windows: int = 2  # that the usual scatter counts for
     usual_scatter: float = 0.006  # of sequence scores of other places
     least_scatter: float = 0.001  # added to it, as sets of few places scatter too little
@@ -82,9 +79,7 @@ class TrackEvidence:
     """
 
     def __init__(self) -> None:
-        self._sums: Values = np.zeros(0)
-        self._counts: Values = np.zeros(0)
-        self._total, self._pairs = 0.0, 0
+        self._usual = UsualScores()
         self._variance, self._windows = 0.0, 0
         self._start: int | None = None
         self._frames: deque[FrameEvidence] = deque()
@@ -115,14 +110,13 @@ class TrackEvidence:
             raise ValueError('the newest frame must be informative')
         while self._frames and self._frames[0].frame <= frame - TRACK.memory:
             self._frames.popleft()
-        self._make_room(len(newest))
         self._rival_distance = rival_distance
-        window = self._above(rows[: TRACK.window], ends, velocity)
+        window = self._usual.above(rows[: TRACK.window], ends, velocity)
         self._ends, self._now = ends, window[0]
         scores = _means(window)
         known = np.flatnonzero(np.isfinite(scores + self._now))
         if not len(known):
-            self._learn(newest, ends)
+            self._usual.learn(newest, ends)
             return None
         top = known[scores[known].argmax()]
         best = int(ends[top])
@@ -142,7 +136,7 @@ class TrackEvidence:
         lately = [one for one in along if one.frame > frame - TRACK.window]
         is_tracked = 2 * len(lately) >= TRACK.window
         away = abs(ends - best) > rival_distance
-        self._learn(newest, ends[away] if is_tracked else ends)
+        self._usual.learn(newest, ends[away] if is_tracked else ends)
         return said
 
     def evidence(self, frame: int, reference: int, velocity: float = 1.0) -> float | None:
@@ -161,7 +155,7 @@ class TrackEvidence:
             self._start = frame
         if self.scatter is None:
             return None
-        if velocity < 1.0 and reference >= len(self._sums) - TRACK.border:
+        if velocity < 1.0 and reference >= len(self._usual) - TRACK.border:
             return 0.0
         started = frame if self._start is None else self._start
         margins = [one.margin for one in self._along(frame, reference, velocity)]
@@ -185,33 +179,6 @@ class TrackEvidence:
             return np.inf
         above = float(np.nanmax(near) - elsewhere.mean())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
-
-    def _make_room(self, count: int) -> None:
-        more = max(0, count - len(self._sums))
-        if more:
-            self._sums = np.append(self._sums, np.zeros(more))
-            self._counts = np.append(self._counts, np.zeros(more))
-
-    def _above(self, rows: Rows, ends: Indices, velocity: float) -> Values:
-        """Return pair scores (k, n) above what their references usually score, and their mean."""
-        steps = diagonal(len(rows), velocity)
-        prior = TRACK.prior_frames * self._total / max(self._pairs, 1)
-        pairs = pairs_along(rows, ends, steps)
-        for values, step in zip(pairs, steps, strict=True):
-            known = np.flatnonzero(np.isfinite(values))
-            met = ends[known] - step
-            above = values[known] - (self._sums[met] + prior) / (
-                self._counts[met] + TRACK.prior_frames
-            )
-            values[known] = above - above.mean() if len(above) else above
-        return pairs
-
-    def _learn(self, row: Row, ends: Indices) -> None:
-        known = ends[np.isfinite(row[ends])]
-        self._sums[known] += row[known]
-        self._counts[known] += 1
-        self._total += float(row[known].sum(dtype=np.float64))
-        self._pairs += len(known)
 
 
 def _means(window: Values) -> Values:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Row = npt.NDArray[np.float32]
-Rows = Sequence[Row | None]
+Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
+Rows = Sequence[Row | None]  # newest first; None for an uninformative frame
 Indices = npt.NDArray[np.int64]
 Values = npt.NDArray[Any]
 
@@ -19,9 +19,7 @@ def diagonal(length: int, velocity: float = 1.0) -> list[int]:
     return [int(offset * velocity + 0.5) for offset in range(length)]
 
 
-def pairs_along(
-    rows: Rows, ends: Indices, steps: Sequence[int], dtype: type[np.floating] = np.float64
-) -> Values:
+def pairs_along(rows: Rows, ends: Indices, steps: Sequence[int], dtype: Any = None) -> Values:
     """Return the pair scores (k, n) on diagonals, k steps each, by their ends; NaN for none."""
     met = ends - np.array(steps, np.int64)[:, None]
     pairs = np.full(met.shape, np.nan, dtype)
@@ -38,8 +36,7 @@ def window_sums(rows: Rows, steps: Sequence[int], room: Values) -> Values:
 
     The result is a view into `room`, of R numbers at least; NaN where a pair has no score.
     """
-    longest, reach = rows[0], steps[-1]
-    count = 0 if longest is None else len(longest)
+    count, reach = 0 if rows[0] is None else len(rows[0]), steps[-1]
     total = room[: max(0, count - reach)]
     total[:] = 0
     for step, row in zip(steps, rows, strict=True):
@@ -63,8 +60,7 @@ def sequence_scores(
     Parameters
     ----------
     rows : sequence of k ndarrays of float32, shape (R,), or None
-        Pair scores, newest frame first, NaN where there is none; None for an uninformative frame,
-        which the newest is not. Older rows may be shorter, where the map has grown since.
+        Pair scores. The newest frame has some; older rows are shorter where the map has grown.
     velocity : float
         References that pass while one frame does; 1, one to one, in the paper.
     ends : ndarray of int64, shape (n,), optional
@@ -73,8 +69,7 @@ def sequence_scores(
         What is summed up in; float32 is faster where scores are only compared.
     partial : bool
         Whether a window may leave the map, or lack scores, for up to half of its pairs, which then
-        count as the mean of their row's known scores; so a place is found sooner after the map is
-        entered.
+        count as the mean of their row's known scores: a place is found sooner after the start.
 
     Returns
     -------
@@ -84,17 +79,15 @@ def sequence_scores(
         half of the window's pairs have one.
 
     """
-    newest = rows[0]
-    if newest is None:
+    if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')
-    steps, count = diagonal(len(rows), velocity), len(newest)
+    steps, count = diagonal(len(rows), velocity), len(rows[0])
     if ends is not None and len(ends) < count:
         return _scores_at(ends, rows, steps, dtype, partial)
-    informative = sum(row is not None for row in rows)
+    informative, reach = sum(row is not None for row in rows), steps[-1]
     scores = np.full(count, -np.inf, dtype)
     if 2 * informative < len(rows):
         return scores
-    reach = steps[-1]
     if reach >= count:
         return _scores_at(np.arange(count), rows, steps, dtype, partial)
     total = window_sums(rows, steps, np.empty(count, dtype))

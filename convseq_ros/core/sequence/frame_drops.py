@@ -23,15 +23,12 @@ FRAME_DROPS = FrameDropConstants()
 class NoFrameDrops:
     """Stands in where nobody asks for dropped frames."""
 
-    def reset(self) -> None:
-        """Forget the frames so far."""
+    def reset(self) -> None: ...
 
     def update(self, _stamp_ns: int) -> int:
-        """Return 0: nothing is missing."""
         return 0
 
     def update_keyframe(self) -> int:
-        """Return 0: nothing is missing."""
         return 0
 
 
@@ -43,13 +40,12 @@ class FrameDropDetector(NoFrameDrops):
     """
 
     def __init__(self) -> None:
-        self._intervals_ns: deque[int] = deque(maxlen=FRAME_DROPS.memory)
         self.reset()
 
     def reset(self) -> None:
         """Forget the frames so far."""
         self._last_ns: int | None = None
-        self._intervals_ns.clear()
+        self._intervals_ns: deque[int] = deque(maxlen=FRAME_DROPS.memory)
         self._frames = self._missing = 0
         self._stride = 1
 
@@ -58,9 +54,8 @@ class FrameDropDetector(NoFrameDrops):
         if self._last_ns is None:
             self._last_ns, self._frames = stamp_ns, 1
             return 0
-        interval_ns = stamp_ns - self._last_ns
+        interval_ns, usual_ns = stamp_ns - self._last_ns, self._usual_ns()
         self._last_ns = stamp_ns
-        usual_ns = self._usual_ns()
         if interval_ns > 0:
             self._intervals_ns.append(interval_ns)
         missing = max(0, round(interval_ns / usual_ns) - 1) if usual_ns else 0

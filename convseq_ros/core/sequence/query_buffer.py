@@ -1,16 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rolling buffer of query frames, and their pair scores as far as they are known."""
+"""The rolling buffer of query frames, and their pair scores as far as they are known (III-A)."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, sequence_scores
+from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, sequence_scores, Values
 from convseq_ros.core.types import Candidate, Descriptor
 import numpy as np
-import numpy.typing as npt
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +45,7 @@ class QueryBuffer:
 
     def __init__(self, matcher: Matcher, partial: bool) -> None:
         self.frame = self.pairs_scored = 0
-        self._matcher = matcher
-        self._partial = partial
+        self._matcher, self._partial = matcher, partial
         self._frames: deque[BufferedFrame] = deque()
 
     def __len__(self) -> int:
@@ -123,16 +121,12 @@ class QueryBuffer:
         better = np.argsort(-scores, kind='stable')[: -(-len(ends) // 2)]
         self.score(count, ends[np.sort(better)], velocity)
 
-    def approximate_scores(
-        self, length: int, ends: Indices, velocity: float = 1.0
-    ) -> npt.NDArray[np.float64]:
+    def approximate_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored."""
         rows = [one.row for one in self.outward[:length]]
         return sequence_scores(rows, velocity, ends, partial=self._partial)
 
-    def best_scores(
-        self, length: int, ends: Indices, velocity: float = 1.0
-    ) -> npt.NDArray[np.float64]:
+    def best_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """
         Return `approximate_scores`, but exact for whatever may be the best.
 
@@ -149,7 +143,7 @@ class QueryBuffer:
             one.rescored.update(rough.tolist())
         return self.approximate_scores(length, ends, velocity)
 
-    def inliers(self, candidate: Candidate | None) -> npt.NDArray[np.float64]:
+    def inliers(self, candidate: Candidate | None) -> Values:
         """Return the regions that moved from the newest frame to a candidate, (n, 4)."""
         features = self.newest.features
         if features is None or candidate is None or candidate.shift is None:

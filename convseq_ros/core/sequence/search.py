@@ -5,13 +5,12 @@
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.diagonals import Indices, Row
+from convseq_ros.core.sequence.diagonals import Indices, Row, Values
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.shortlist import Shortlist
 from convseq_ros.core.sequence.velocity import ConstantVelocity, VelocitySearch
 from convseq_ros.core.types import Descriptor
 import numpy as np
-import numpy.typing as npt
 
 _CLOSER = 20  # likeliest sequences that are scored for a second velocity; a few ms
 
@@ -46,7 +45,7 @@ class ExhaustiveSearch:
             return ends, 1.0
         return ends, self._velocity.update([one.row for one in buffer.outward[:length]])
 
-    def verify(self, ends: Indices, scores: npt.NDArray[np.float64]) -> None:
+    def verify(self, ends: Indices, scores: Values) -> None:
         """Take note of how the sequences scored."""
 
 
@@ -78,7 +77,7 @@ class ShortlistSearch(ExhaustiveSearch):
             return np.zeros(0, np.int64), 1.0
         coarse = [one.coarse for one in buffer.outward[:length]]
 
-        def closer(velocity: float) -> npt.NDArray[np.float64]:
+        def closer(velocity: float) -> Values:
             ends = self._shortlist.top(coarse, rivals, velocity, _CLOSER)
             buffer.score(length, ends, velocity)
             return buffer.approximate_scores(length, ends, velocity)
@@ -88,7 +87,7 @@ class ShortlistSearch(ExhaustiveSearch):
         buffer.score_promising(max(length, window), ends, velocity)
         return ends, velocity
 
-    def verify(self, ends: Indices, scores: npt.NDArray[np.float64]) -> None:
+    def verify(self, ends: Indices, scores: Values) -> None:
         """Take note of how the sequences scored; the best stay listed."""
         self._shortlist.verify(ends, scores)
 

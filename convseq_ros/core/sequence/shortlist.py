@@ -4,11 +4,15 @@
 
 from dataclasses import dataclass
 
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, Rows, sequence_scores
+from convseq_ros.core.sequence.diagonals import (
+    diagonal,
+    Indices,
+    Row,
+    Rows,
+    sequence_scores,
+    Values,
+)
 import numpy as np
-import numpy.typing as npt
-
-Scores = npt.NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +74,7 @@ class Shortlist:
         scores = sequence_scores(rows, velocity, dtype=np.float32, partial=True)
         return np.array(sorted(_best(scores, length, rival_distance)), np.int64)
 
-    def verify(self, ends: Indices, scores: Scores) -> None:
+    def verify(self, ends: Indices, scores: Values) -> None:
         """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
@@ -83,7 +87,7 @@ class Shortlist:
         return np.zeros(0, np.int64)
 
 
-def _best(scores: npt.NDArray[np.float32], length: int, rival_distance: int) -> list[int]:
+def _best(scores: Values, length: int, rival_distance: int) -> list[int]:
     """Return the best, and for the last quarter the best elsewhere; uses scores up."""
     most = length - length // SHORTLIST.elsewhere
     best = _top(scores, most)
@@ -104,7 +108,7 @@ def _best(scores: npt.NDArray[np.float32], length: int, rival_distance: int) -> 
     return listed
 
 
-def _top(scores: Scores, most: int) -> Indices:
+def _top(scores: Values, most: int) -> Indices:
     """Return where the best so many scores are, ascending, and some others."""
     groups = len(scores) // SHORTLIST.group
     if groups <= most:

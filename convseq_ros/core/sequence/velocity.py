@@ -5,11 +5,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from convseq_ros.core.sequence.diagonals import diagonal, Rows, sequence_scores, window_sums
+from convseq_ros.core.sequence.diagonals import (
+    diagonal,
+    Rows,
+    sequence_scores,
+    Values,
+    window_sums,
+)
 import numpy as np
-import numpy.typing as npt
-
-Scores = npt.NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +34,9 @@ VELOCITY = VelocityConstants()
 class ConstantVelocity:
     """The query drives as fast as the map's drive did, as the paper has it."""
 
-    def reset(self) -> None:
-        """Forget nothing."""
+    def reset(self) -> None: ...
 
-    def update(self, _rows: Rows, _closer: Callable[[float], Scores] | None = None) -> float:
-        """Return 1."""
+    def update(self, _rows: Rows, _closer: Callable[[float], Values] | None = None) -> float:
         return 1.0
 
 
@@ -51,16 +52,16 @@ class VelocitySearch(ConstantVelocity):
     """
 
     def __init__(self) -> None:
-        self._prominence: npt.NDArray[np.float64] = np.zeros(len(VELOCITY.velocities))
+        self._prominence: Values = np.zeros(len(VELOCITY.velocities))
         self._closely: dict[float, float] = {}
-        self._room: Scores = np.zeros(0, np.float32)
+        self._room: Values = np.zeros(0, np.float32)
 
     def reset(self) -> None:
         """Forget the frames so far."""
         self._prominence[:] = 0.0
         self._closely.clear()
 
-    def update(self, rows: Rows, closer: Callable[[float], Scores] | None = None) -> float:
+    def update(self, rows: Rows, closer: Callable[[float], Values] | None = None) -> float:
         """
         Take in rows as for `sequence_scores`, and return the velocity, references per frame.
 
@@ -87,12 +88,12 @@ class VelocitySearch(ConstantVelocity):
         stands_out = VELOCITY.preference * self._closely[velocity] > self._closely[1.0]
         return velocity if stands_out else 1.0
 
-    def _learn(self, now: npt.NDArray[np.float64]) -> None:
+    def _learn(self, now: Values) -> None:
         if not self._prominence.any():
             self._prominence = now
         self._prominence += (now - self._prominence) / VELOCITY.memory
 
-    def _known(self, rows: Rows, velocity: float) -> Scores:
+    def _known(self, rows: Rows, velocity: float) -> Values:
         """Return the scores of all sequences that have one, until asked again."""
         steps, newest = diagonal(len(rows), velocity), rows[0]
         if newest is not None and len(self._room) < len(newest):
@@ -107,5 +108,5 @@ class VelocitySearch(ConstantVelocity):
         return scores[np.isfinite(scores)]
 
 
-def _prominence(scores: Scores) -> float:
+def _prominence(scores: Values) -> float:
     return float(scores.max() - scores.mean()) ** VELOCITY.power if scores.size else 0.0
