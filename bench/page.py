@@ -82,7 +82,7 @@ within 0.02 of the best candidate, 8 at most, is scored again in float32 before 
 published |
 | float32 kernels | {float32} | nothing needs to |
 | the shortlist (`search: shortlist`): references are scored only where a sequence may end that \
-looks alike at first sight, by a reduced descriptor | what it does not list is not found: see \
+looks alike at coarse scores, by a reduced descriptor | what it does not list is not found: see \
 [RESULTS.md](RESULTS.md) | `search: exhaustive` scores every reference |
 | cells in half precision, in maps | {half} | a map answers alike before it was saved and after \
 it was opened |
@@ -109,7 +109,7 @@ _ADVICE = """\
 
 ## Limits
 
-* At first sight every reference is looked at, one short product each. Above about a million places
+* At coarse scores every reference is looked at, one short product each. Above about a million places
   that alone would fill a frame's time, and an index is needed: `Shortlist` in
   `convseq_ros/core/retrieval.py` is the only place that would know of it.
 * Measured on one machine. Its instructions are named above; a processor older than AVX2 has no

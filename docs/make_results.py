@@ -29,9 +29,9 @@ METHODS = {
     'coherent-k10-exhaustive': 'coherent-k10-exhaustive=convseq-k10+search=exhaustive',
     'coherent-k1': 'coherent-k1=convseq-k1',
     'coherent-k1-exhaustive': 'coherent-k1-exhaustive=convseq-k1+search=exhaustive',
-    'layout-kept': 'layout-kept=convseq+subtract_background=false',
-    'layout-kept-k1-exhaustive': (
-        'layout-kept-k1-exhaustive=convseq-k1+search=exhaustive+subtract_background=false'
+    'background-kept': 'background-kept=convseq+subtract_background=false',
+    'background-kept-k1-exhaustive': (
+        'background-kept-k1-exhaustive=convseq-k1+search=exhaustive+subtract_background=false'
     ),
     'regional': 'regional=convseq+matching=regional+search=exhaustive',
     'regional-k10': 'regional-k10=convseq-k10+matching=regional+search=exhaustive',

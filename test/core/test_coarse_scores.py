@@ -69,7 +69,7 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert late.argmax() == fresh.argmax() == 40
     rows = [coarse.update(described(place, 1), 60) for place in (50, 51)]
     rows.append(coarse.update(described(52, 1)))
-    assert 52 in Shortlist(12, 10).update(rows[::-1])
+    assert 52 in Shortlist(12).update(rows[::-1], 10)
 
 
 def test_the_mean_follows_a_map_that_grows(described):

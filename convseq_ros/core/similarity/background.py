@@ -6,7 +6,7 @@ The background: what a map, or a drive, shows on average, region by region of th
 All images of one road or corridor are laid out alike: the ground below, walls that run to the
 middle. So regions find counterparts where they lie themselves, at the right place as elsewhere.
 The background is therefore subtracted: of references their map's, of queries their own drive's,
-since the same layout looks otherwise at night.
+since the same scene looks otherwise at night.
 """
 
 from collections.abc import Callable
