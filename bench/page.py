@@ -109,9 +109,9 @@ _ADVICE = """\
 
 ## Limits
 
-* At coarse scores every reference is looked at, one short product each. Above about a million places
-  that alone would fill a frame's time, and an index is needed: `Shortlist` in
-  `convseq_ros/core/retrieval.py` is the only place that would know of it.
+* Coarse scores take one short product for every place. Above about a million places that alone
+  would fill a frame's time, and an index is needed: `CoarseScores` in
+  `convseq_ros/core/sequence/coarse_scores.py` is the only place that would know of it.
 * Measured on one machine. Its instructions are named above; a processor older than AVX2 has no
   8-bit kernel, and neither has ARM, which has not been measured.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.

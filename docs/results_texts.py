@@ -5,8 +5,8 @@
 ONE_LINE = {
     'coherent': 'ours, as shipped: where the salient regions went, dynamic k, backward window, '
     'shortlist',
-    'background-kept': 'coherent with `subtract_background: false`: cells and regions as they are, no '
-    'global similarity',
+    'background-kept': 'coherent with `subtract_background: false`: cells and regions as they '
+    'are, no global similarity',
     '-exhaustive': 'every reference is scored',
     '-k10, -k1': 'fixed k',
     'regional': "the paper's pair score, dynamic k, backward window, every reference",
