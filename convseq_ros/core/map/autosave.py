@@ -10,7 +10,7 @@ import time
 
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import copy_places, MapWriter
+from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 import numpy as np
 
@@ -21,10 +21,7 @@ _PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
 class NoAutosave:
     """Stands in for a map that is in memory alone."""
 
-    @property
-    def committed(self) -> int:
-        """Places that are safe in a file."""
-        return 0
+    committed = 0  # places that are safe in a file
 
     def save(self) -> None:
         """Do nothing."""
@@ -38,24 +35,19 @@ class Autosave(NoAutosave):
     Writes what is added to a map to a file; one thread at a time does so.
 
     What is persisted is evicted from memory and read from the file when it is needed, so that a
-    map may grow all day. What was committed outlives a crash.
-
-    The file is a new one, to which all places are written at once, or the one that the map was
-    opened from, which is appended to. MapError if it cannot be written, or holds another map.
+    map may grow all day. What was committed outlives a crash. The file is a new one, to which all
+    places are written at once, or the one that the map was opened from, which is appended to.
+    MapError if it cannot be written, or holds another map.
     """
 
     def __init__(self, path: Path, reference_map: ReferenceMap) -> None:
         _refuse_read_only(path)
-        self._path = path
-        self._map = reference_map
-        self._writer = MapWriter(
-            path, reference_map.encoding, reference_map.keyframes, append=path.exists()
-        )
-        self._lock = Lock()
-        self._committed_ns: int | None = None
-        self._has_failed = False
+        self._path, self._map, self._lock = path, reference_map, Lock()
+        self._due_ns, self._has_failed = 0, False
+        encoding, keyframes = reference_map.encoding, reference_map.keyframes
+        self._writer = MapWriter(path, encoding, keyframes, append=path.exists())
         try:
-            self._pictures = MapReader(path)
+            self._read_pictures = MapReader(path).pictures
             if self._writer.committed:
                 self._refuse_other_map()
             self._file = path.stat().st_ino
@@ -63,11 +55,6 @@ class Autosave(NoAutosave):
         except BaseException:
             self._writer.close()
             raise
-
-    @property
-    def committed(self) -> int:
-        """Places that are safe in the file."""
-        return self._writer.committed
 
     def save(self, now_ns: int | None = None) -> None:
         """
@@ -78,18 +65,16 @@ class Autosave(NoAutosave):
         """
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         with self._lock:
-            last_ns = self._committed_ns
-            if last_ns is not None and now_ns - last_ns < _COMMIT_EVERY_NS:
+            if now_ns < self._due_ns:
                 return
-            self._committed_ns = now_ns
+            self._due_ns = now_ns + _COMMIT_EVERY_NS
             try:
                 self._write()
+                self._has_failed = False
             except MapError:
                 if not self._has_failed:
                     self._has_failed = True
                     raise
-            else:
-                self._has_failed = False
 
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""
@@ -98,22 +83,18 @@ class Autosave(NoAutosave):
 
     def _write(self) -> None:
         end = len(self._map)
-        try:
-            while self._writer.committed < end:
-                self._refuse_replaced()
-                stop = min(end, self._writer.committed + _PLACES_AT_ONCE)
-                copy_places(self._map, self._writer, stop)
-                self._writer.commit()
-                self._map.evict(stop, self._pictures)
-        except MapError:
-            with suppress(MapError):
-                self._writer.roll_back()
-            raise
+        self.committed = self._writer.committed
+        while self.committed < end:
+            self._refuse_replaced()
+            stop = min(end, self.committed + _PLACES_AT_ONCE)
+            self._writer.copy(self._map, stop)
+            self.committed = stop
+            self._map.evict(stop, self._read_pictures)
 
     def _refuse_other_map(self) -> None:
         last = self._writer.committed - 1
         if last >= len(self._map) or not np.array_equal(
-            self._pictures.pictures([last])[0].packed, self._map.packed(last)
+            self._read_pictures([last])[0].packed, self._map.packed(last)
         ):
             raise MapError(
                 f'{self._path}: holds another map than the one that grows; open that one first, '
@@ -121,12 +102,10 @@ class Autosave(NoAutosave):
             )
 
     def _refuse_replaced(self) -> None:
-        try:
-            same = self._path.stat().st_ino == self._file
-        except OSError:
-            same = False
-        if not same:
-            raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')
+        with suppress(OSError):
+            if self._path.stat().st_ino == self._file:
+                return
+        raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')
 
 
 def _refuse_read_only(path: Path) -> None:

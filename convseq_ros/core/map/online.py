@@ -16,11 +16,11 @@ class PreloadedMap:
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self._map = reference_map
-        self.session_start = len(reference_map)  # the first place of this session
+        self.reset()
 
     def reset(self) -> None:
         """Begin a new session: all that is in the map is the past."""
-        self.session_start = len(self._map)
+        self.session_start = len(self._map)  # the first place of this session
 
     def update(self, _stamp_ns: int, _pose: Pose | None) -> int:
         """Return how many places, from the first, may be matched."""
@@ -31,11 +31,7 @@ class PreloadedMap:
 
 
 class OnlineMap(PreloadedMap):
-    """
-    Adds the frames of this session, and excludes those that are recent from being matched.
-
-    What is in the map already comes from earlier sessions.
-    """
+    """Adds the frames of this session, and excludes those that are recent from being matched."""
 
     nothing_usable = Reason.RECENT
 
@@ -44,26 +40,19 @@ class OnlineMap(PreloadedMap):
         self._exclusion_m = config.online.exclusion_m
         self._width_px = config.keyframes.thumbnail_width_px
         super().__init__(reference_map)
-        self.reset()
 
     def reset(self) -> None:
         """Begin a new session: all that is in the map is the past."""
         super().reset()
-        self._usable = self.session_start
+        self._usable, self._travelled_m = self.session_start, 0.0
         self._pose: Pose | None = None
-        self._travelled_m = 0.0
         self._passed_m: list[float] = []
 
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
-        """
-        Return how many places, from the first, are old enough to be matched by a frame.
-
-        The way from pose to pose, by odometry, is summed up.
-        """
-        if pose:
-            if self._pose:
-                self._travelled_m += math.dist(pose.position, self._pose.position)
-            self._pose = pose
+        """Sum up the way by odometry; return how many places are old enough to be matched."""
+        if pose and self._pose:
+            self._travelled_m += math.dist(pose.position, self._pose.position)
+        self._pose = pose or self._pose
         while self._usable < len(self._map) and self._is_past(self._usable, stamp_ns):
             self._usable += 1
         return self._usable
@@ -75,14 +64,12 @@ class OnlineMap(PreloadedMap):
             self._passed_m.append(self._travelled_m)
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
-        age_ns = stamp_ns - self._map.place(index).stamp_ns
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
-        known = self._pose is not None
-        return age_ns >= self._exclusion_ns and (not known or way_m >= self._exclusion_m)
+        is_far = self._pose is None or way_m >= self._exclusion_m
+        return is_far and stamp_ns - self._map.places[index].stamp_ns >= self._exclusion_ns
 
 
 def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
     """Return the map as the mode has it."""
-    if config.online.mode == 'online':
-        return OnlineMap(reference_map, config)
-    return PreloadedMap(reference_map)
+    online = config.online.mode == 'online'
+    return OnlineMap(reference_map, config) if online else PreloadedMap(reference_map)
