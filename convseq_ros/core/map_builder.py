@@ -10,8 +10,7 @@ from typing import Self
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.frame_gate import FrameGate
-from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.online import OnlineMap
+from convseq_ros.core.map.online import Autosave, NoAutosave, OnlineMap
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import refuse_start

@@ -49,14 +49,11 @@ class Picture:
 
 
 class GrowingArray:
-    """
-    Rows that are appended by one thread; views that others took before stay as they are.
-
-    Of the `rows` (n, ...) at the start, which are not copied, `count` are taken, all by default.
-    """
+    """Rows that one thread appends; views that others took before stay as they are."""
 
     def __init__(self, rows: npt.NDArray[Any], count: int | None = None) -> None:
-        self._rows, self._count = rows, len(rows) if count is None else count
+        self._rows = rows  # not copied before the array grows
+        self._count = len(rows) if count is None else count  # of them; the others are room
 
     def __len__(self) -> int:
         return self._count
@@ -67,7 +64,7 @@ class GrowingArray:
         return self._rows[: self._count]
 
     def append(self, row: Any) -> None:
-        """Add a row; at most one thread does so."""
+        """Add a row."""
         if self._count == len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH))
             larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
@@ -78,23 +75,18 @@ class GrowingArray:
 
 
 class Places(Sequence[Place]):
-    """What a map holds in memory of its R places; at first it has `room` for some, and none."""
+    """What a map holds in memory of its R places; at first none, and `room` for some."""
 
     def __init__(self, cell_shape: tuple[int, int, int], room: int = 0) -> None:
         numbers = global_descriptor_length(cell_shape)
-        self._descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)
+        self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
         self._rows = GrowingArray(np.empty(room, _ROW), 0)
-
-    @property
-    def global_descriptors(self) -> npt.NDArray[np.float16]:
-        """Of all places, shape (R, n); not to be written to."""
-        return self._descriptors.view
 
     def append(
         self, stamp_ns: int, source: str, pose: Sequence[float | None], descriptor: npt.ArrayLike
     ) -> None:
         """Add a place with its `pose_numbers`; its global descriptor has shape (n,)."""
-        self._descriptors.append(descriptor)
+        self.descriptors.append(descriptor)
         self._rows.append((stamp_ns, sys.intern(source), pose))
 
     def __len__(self) -> int:

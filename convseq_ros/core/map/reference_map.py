@@ -49,7 +49,7 @@ class ReferenceMap:
     @property
     def global_descriptors(self) -> npt.NDArray[np.float16]:
         """Of all places, shape (R, n); not to be written to."""
-        return self._places.global_descriptors
+        return self._places.descriptors.view
 
     def add_frame(self, frame: Frame, descriptor: Descriptor, thumbnail_width_px: int = 0) -> None:
         """Append the place that a frame shows: the one way from a frame to a place."""

@@ -73,10 +73,9 @@ class MapWriter:
         with self._explained():
             self._database = sqlite3.connect(path, check_same_thread=False)
             try:
-                if append:
-                    checked_settings(path, self._database, encoding, keyframes)
-                else:
+                if not append:
                     self._begin(encoding, keyframes)
+                checked_settings(path, self._database, encoding, keyframes)
                 count = 'SELECT coalesce(max(reference_index), -1) + 1 FROM places'
                 self._count = self.committed = self._database.execute(count).fetchone()[0]
             except BaseException:
@@ -104,9 +103,8 @@ class MapWriter:
         """Append and commit the places of a map that are not here yet, up to before `end`."""
         try:
             for index in range(self._count, end):
-                (picture,) = reference_map.pictures([index])
-                known = reference_map.global_descriptors[index]
-                self.add(reference_map.places[index], picture, known)
+                place, (picture,) = reference_map.places[index], reference_map.pictures([index])
+                self.add(place, picture, reference_map.global_descriptors[index])
             self.commit()
         except MapError:
             with suppress(sqlite3.DatabaseError):
