@@ -72,10 +72,9 @@ def checked_settings(
     keyframes: KeyframeConfig | None,
 ) -> tuple[EncodingConfig, KeyframeConfig]:
     """
-    Return the settings for queries, and for the keyframes that will be added: those asked for.
+    Return the settings asked for, by default the map's: every frame, in maps that do not say.
 
-    By default the map's own: every frame, in maps that do not say. MapError if the file is
-    foreign, of another format or made with other settings.
+    MapError if the file is foreign, of another format or made with other settings.
     """
     if database.execute('PRAGMA application_id').fetchone()[0] != APPLICATION_ID:
         raise MapError(f'{path}: not a convseq map but another SQLite file')

@@ -102,10 +102,9 @@ class Autosave(NoAutosave):
     """
     Writes what is added to a map to a file; one thread at a time does so.
 
-    What is persisted is evicted from memory and read from the file when it is needed, so that a
-    map may grow all day. What was committed outlives a crash. The file is a new one, to which all
-    places are written at once, or the one that the map was opened from, which is appended to.
-    MapError if it cannot be written, or holds another map.
+    The file is a new one, to which all places are written at once, or the one that the map was
+    opened from. What is persisted outlives a crash, and is evicted from memory, so that a map may
+    grow all day. MapError if the file cannot be written, or holds another map.
     """
 
     def __init__(self, path: Path, reference_map: ReferenceMap) -> None:

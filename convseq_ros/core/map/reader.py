@@ -29,10 +29,10 @@ def open_map(
     keyframes: KeyframeConfig | None = None,
 ) -> ReferenceMap:
     """
-    Open a map: all that is searched in; cells and thumbnails are read when they are asked for.
+    Open a map, with settings and errors as for `MapReader`.
 
-    The file must stay where it is while the map is used. Settings and errors are as for
-    `MapReader`; damaged cells are found when they are read.
+    Cells and thumbnails are read when they are asked for, and found damaged then; so the file must
+    stay where it is while the map is used.
     """
     reader = MapReader(Path(path), encoding, keyframes)
     return ReferenceMap(reader.encoding, reader.places(), reader.pictures, reader.keyframes)
@@ -73,11 +73,9 @@ class MapReader:
     def places(self) -> Places:
         """Return what a map holds in memory of its places, checked."""
         with self._explained():
-            count = 'SELECT coalesce(max(reference_index), -1) + 1 FROM {}'
-            length, pictures = (
-                self._database.execute(count.format(table)).fetchone()[0]
-                for table in ('places', 'pictures')
-            )
+            count = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
+            both = f'SELECT {count.format("places")}, {count.format("pictures")}'
+            length, pictures = self._database.execute(both).fetchone()
             if length != pictures:
                 raise self._damaged(f'reference {min(length, pictures)} is missing')
             places = Places(self._cell_shape, length)
@@ -100,11 +98,11 @@ class MapReader:
         return [found[index] for index in indices]
 
     def _picture(self, index: int) -> Picture:
-        statement = 'SELECT * FROM pictures WHERE reference_index = ?'
+        statement = 'SELECT cells, thumbnail, crc32 FROM pictures WHERE reference_index = ?'
         row = self._database.execute(statement, (index,)).fetchone()
         if row is None:
             raise self._damaged(f'reference {index} is missing')
-        _, cells, thumbnail, crc = row
+        cells, thumbnail, crc = row
         if crc != row_crc(index, cells, thumbnail):
             raise self._damaged(f'reference {index} fails its checksum')
         return Picture(decode_cells(cells, self._cell_shape), thumbnail)

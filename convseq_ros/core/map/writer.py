@@ -31,11 +31,7 @@ _WENT_WRONG = {  # by primary result code of SQLite
 
 
 def save_map(reference_map: ReferenceMap, path: Path) -> None:
-    """
-    Write a map as it is now, replacing the file in one step.
-
-    MapError if it cannot be written; an existing file is then unchanged.
-    """
+    """Write a map as it is now, replacing a file in one step, or, with a MapError, not at all."""
     part = path.with_name(path.name + '.part')
     try:
         part.unlink(missing_ok=True)
@@ -57,12 +53,11 @@ def refuse_start(path: Path, append: bool) -> None:
 
 class MapWriter:
     """
-    Appends places to a map file; use it as a context manager.
+    Appends places to a map file, a new one unless `append`; use it as a context manager.
 
-    Places are safe on disk after `commit`, and at the end, also when the work was interrupted;
-    `committed` counts them. A new file is made unless `append`. MapError if a new file exists
-    already, or an existing one is missing, foreign, damaged or made with other settings; later, if
-    the disk is full.
+    They are safe on disk after `commit`, which counts them in `committed`, and at the end, also
+    when the work was interrupted. MapError if a new file exists already, or an existing one is
+    missing, foreign, damaged or made with other settings; later, if the disk is full.
     """
 
     def __init__(
