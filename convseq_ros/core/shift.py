@@ -15,8 +15,7 @@ from convseq_ros.core.types import Camera, Frame, Match, Shift
 
 def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
     """Return a shift, in cells of a square, in pixels of the image that the square was made of."""
-    rows, columns = shift
-    return rows * height / cells_across, columns * width / cells_across
+    return shift[0] * height / cells_across, shift[1] * width / cells_across
 
 
 def relative_yaw(shift_px: Shift, camera: Camera) -> float:
