@@ -13,8 +13,7 @@ from pathlib import Path
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.place import pack_cells, Place
-from convseq_ros.core.map.thumbnail import thumbnail
+from convseq_ros.core.map.place import pack_cells, Place, thumbnail
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
@@ -12,10 +13,11 @@ from convseq_ros.core.types import Pose
 import numpy as np
 import numpy.typing as npt
 
-_LOOK = 10
-_SAME_SPOT_M = 1e-3
-_AS_GOOD = 0.9
-_UNKNOWN_TURN_RAD = 0.3
+# Engineering, not studied.
+_LOOK = 10  # places to either side
+_SAME_SPOT_M = 1e-3  # no further apart, a robot stood
+_AS_GOOD = 0.9  # of the place's own pair score
+_UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
 
 Matrix = npt.NDArray[np.float64]
 
@@ -40,37 +42,26 @@ def estimate_pose(
     """
     Return where the camera is that sees a place of the map.
 
-    Parameters
-    ----------
-    places, index : sequence of Place, int
-        The map, and which place of it was recognised. None is returned if its pose is not known.
-    yaw_rad : float, optional
-        By how much the camera is turned to the left of the reference's.
-    row : ndarray of float32, shape (r,), optional
-        Pair scores of the newest frame with the first r places; NaN where unknown.
-    position_sigma_m, heading_sigma_rad : float
-        Standard deviations of the map's own poses: along, and about, every axis. Neither can the
-        result be more certain.
+    It is that of the reference, turned to the left by `yaw_rad`; None if it is not known. `row`
+    has the pair scores (r,) of the newest frame with the first r places; NaN where unknown. The
+    map's own poses have standard deviations, along and about every axis, and so has the result.
 
-    Notes
-    -----
-    The pose is that of the reference, turned by the yaw. Three independent errors add up: that of
-    the map's poses; the way between places, since a camera that sees this one is anywhere up to
-    half-way to the next (a uniform error, its variance a twelfth of the squared distance to the
-    nearer neighbour, along that direction); and doubt between neighbours, the mean square of the
-    offsets to all places in a row around this one whose pair score is at least 0.9 of its own.
-    The heading has the first and the third error, and 0.3 rad more where the yaw is not known.
-
+    Three independent errors add up: that of the map's poses; the way between places, since a
+    camera that sees this one is anywhere up to half-way to the next (a uniform error, its variance
+    a twelfth of the squared distance to the nearer neighbour, along that direction); and doubt
+    between neighbours, the mean square of the offsets to all places in a row around this one whose
+    pair score is at least 0.9 of its own. The heading has the first and the third error, and
+    0.3 rad more where the yaw is not known.
     """
     pose = places[index].pose
     if pose is None:
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
-    step = _to_nearer_neighbour(places, index)
+    step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
-    rivals = [other for at in _as_good(index, row) if (other := places[at].pose)]
-    offsets = np.array([_offset(pose, other) for other in (pose, *rivals)])
-    turns = np.array([_yaw_between(pose, other) for other in (pose, *rivals)])
+    alike = [pose, *(other for at in _as_good(index, row) if (other := places[at].pose))]
+    offsets = np.array([np.subtract(other.position, pose.position) for other in alike])
+    turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in alike])
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
     covariance[5, 5] += (turns @ turns) / len(turns)
     if yaw_rad is None:
@@ -84,62 +75,33 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
         return pose
     sine, cosine = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
     x, y, z, w = pose.orientation
-    return Pose(
-        pose.position,
-        (
-            cosine * x - sine * y,
-            cosine * y + sine * x,
-            cosine * z + sine * w,
-            cosine * w - sine * z,
-        ),
-    )
+    turned_x, turned_y = cosine * x - sine * y, cosine * y + sine * x
+    turned_z, turned_w = cosine * z + sine * w, cosine * w - sine * z
+    return Pose(pose.position, (turned_x, turned_y, turned_z, turned_w))
 
 
-def _to_nearer_neighbour(places: Sequence[Place], index: int) -> Matrix:
+def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Matrix:
     """Return the way to the nearer of the next places, on either side, that lie elsewhere."""
-    here = places[index].pose
-    ways = [
-        way
-        for step in (-1, 1)
-        if (way := _first_way(here, _walk(places, index, step))) is not None
-    ]
+    ways: list[Matrix] = []
+    for side in _sides(index, len(places)):
+        poses = (other for at in side if (other := places[at].pose))
+        offsets = (np.subtract(other.position, here.position) for other in poses)
+        ways += islice((way for way in offsets if math.hypot(*way) > _SAME_SPOT_M), 1)
     return min(ways, key=lambda way: float(way @ way), default=np.zeros(3))
 
 
-def _first_way(here: Pose | None, others: Iterator[Pose]) -> Matrix | None:
-    for other in others:
-        if here and math.dist(here.position, other.position) > _SAME_SPOT_M:
-            return _offset(here, other)
-    return None
-
-
-def _walk(places: Sequence[Place], index: int, step: int) -> Iterator[Pose]:
-    last = index + step * (_LOOK + 1)
-    for at in range(index + step, min(max(last, -1), len(places)), step):
-        pose = places[at].pose
-        if pose:
-            yield pose
+def _sides(index: int, count: int) -> tuple[range, range]:
+    """Return the places before and after one, outwards, as far as one looks."""
+    before = range(index - 1, max(index - _LOOK, 0) - 1, -1)
+    return before, range(index + 1, min(index + _LOOK + 1, count))
 
 
 def _as_good(index: int, row: Row | None) -> Iterator[int]:
     """Yield the neighbours, without a break, that score nearly as well."""
-    if row is None or index >= len(row) or not row[index] > 0:
-        return
-    least = _AS_GOOD * float(row[index])
-    for step in (-1, 1):
-        for at in range(index + step, index + step * (_LOOK + 1), step):
-            if not 0 <= at < len(row) or not float(row[at]) >= least:
-                break
-            yield at
-
-
-def _offset(pose: Pose, other: Pose) -> Matrix:
-    return np.subtract(other.position, pose.position)
-
-
-def _yaw_between(pose: Pose, other: Pose) -> float:
-    difference = _yaw(other) - _yaw(pose)
-    return math.atan2(math.sin(difference), math.cos(difference))
+    if row is not None and index < len(row) and row[index] > 0:
+        least = _AS_GOOD * float(row[index])
+        for side in _sides(index, len(row)):
+            yield from takewhile(lambda at: float(row[at]) >= least, side)
 
 
 def _yaw(pose: Pose) -> float:

@@ -7,7 +7,7 @@ import time
 
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.online import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer

@@ -3,9 +3,8 @@
 """
 What the shift between two images says: pixels, and how far the camera was turned.
 
-A shift leads from the query to the reference. A camera that is turned to the left, which is
-counter-clockwise seen from above and a positive yaw (REP-103), sees things further right than the
-reference does; so the way from query to reference is to the left, and columns are negative.
+A shift leads from the query to the reference. A camera that is turned to the left, a positive yaw
+(REP-103), sees things further right than the reference does, so its columns are negative.
 """
 
 from dataclasses import replace
@@ -16,21 +15,16 @@ from convseq_ros.core.types import Camera, Frame, Match, Shift
 
 def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
     """Return a shift, in cells of a square, in pixels of the image that the square was made of."""
-    rows, columns = shift
-    return rows * height / cells_across, columns * width / cells_across
+    return shift[0] * height / cells_across, shift[1] * width / cells_across
 
 
 def relative_yaw(shift_px: Shift, camera: Camera) -> float:
     """
     Return by how many radians, in (-pi, pi), the query's camera is turned left.
 
-    Notes
-    -----
-    What both images show lies evenly about the middle between both views: half the shift to one
-    side of the optical axis in the query, half to the other in the reference. Lens distortion is
-    left out. A camera that was moved sideways sees near things shifted as well, which no single
-    shift can tell from a turn.
-
+    Half the shift is to one side of the optical axis in the query, half to the other in the
+    reference. Lens distortion is left out. A camera that was moved sideways sees near things
+    shifted as well, which no single shift can tell from a turn.
     """
     return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture on `~/debug_image`: the query beside its best reference."""
 
-from convseq_ros.core.map.thumbnail import picture
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np
@@ -38,7 +37,9 @@ def debug_image(
         BGR.
 
     """
-    sides = [_to_height(frame.gray), _to_height(picture(thumbnail))]
+    jpeg = np.frombuffer(thumbnail, np.uint8)
+    reference = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE) if thumbnail else None
+    sides = [_to_height(frame.gray), _to_height(reference)]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
     _draw_inliers(pictures, sides[0].shape[1], inliers)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)

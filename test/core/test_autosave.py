@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.online import Autosave
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

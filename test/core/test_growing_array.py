@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arrays that grow while they are read."""
 
-from convseq_ros.core.map.growing_array import GrowingArray
+from convseq_ros.core.map.place import GrowingArray
 import numpy as np
 import pytest
 

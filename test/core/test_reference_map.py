@@ -55,7 +55,7 @@ def test_what_is_stored_is_evicted():
     for index in range(5):
         reference_map.add(Place(index), cells(index))
     for count in (2, 4):
-        reference_map.evict(count, Stored())
+        reference_map.evict(count, Stored().pictures)
         found = [reference_map.packed(index) for index in range(5)]
         expected = [cells(index + 1000 * (index < count)) for index in range(5)]
         assert (np.array(found) == expected).all()
@@ -71,7 +71,7 @@ def test_several_places_are_read_in_one_go_wherever_they_are():
     asked, stored = [], Stored()
     stored.pictures = lambda indices: asked.append(indices) or Stored().pictures(indices)
     for count in (0, 2, 5):
-        reference_map.evict(count, stored)
+        reference_map.evict(count, stored.pictures)
         found = reference_map.cells_of([3, 0, 4, 0])
         expected = [reference_map.cells(index) for index in (3, 0, 4, 0)]
         assert (np.array(found) == expected).all()
@@ -107,7 +107,7 @@ def test_whoever_reads_while_it_grows_finds_places_complete():
         known[0] = index % 2048
         reference_map.add(Place(index, pose=POSE), packed, b'%d' % index, known)
         if index % 700 == 699:
-            reference_map.evict(0, Stored())
+            reference_map.evict(0, Stored().pictures)
     for reader in readers:
         reader.join()
     assert not problems

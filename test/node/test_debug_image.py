@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.map.thumbnail import thumbnail
+from convseq_ros.core.map.place import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.node.debug_image import debug_image
 import numpy as np

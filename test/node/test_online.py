@@ -5,7 +5,7 @@
 import os
 import threading
 
-from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.online import Autosave
 import pytest
 
 pytest.importorskip('rclpy')

@@ -12,10 +12,8 @@ their top bits, the lowest bit into that of the first. A row of either table has
 import json
 from pathlib import Path
 import sqlite3
-from typing import Any
 import zlib
 
-from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.hog import HOG
@@ -44,11 +42,6 @@ _TOP = np.uint8(128)  # the top bit of a byte
 _TOP_BITS = np.arange(HOG.bins - 1, 0, -1, dtype=np.uint8)[:, None]
 
 
-def cell_settings(encoding: EncodingConfig) -> dict[str, int]:
-    """Return the settings that the stored cells depend on."""
-    return {'image_size_px': encoding.image_size_px}
-
-
 def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
     """Return packed cells (S, S, 8) as they are stored; ValueError if one is negative."""
     halves = packed.reshape(-1, HOG.bins).view(np.uint16).T
@@ -67,23 +60,9 @@ def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray
     return halves.view(np.float16).reshape(cell_shape)
 
 
-def place_crc(plain: tuple[Any, ...], pooled: bytes) -> int:
-    """Return the checksum of a row of `places`: all numbers and the source, and a blob."""
-    return zlib.crc32(pooled, zlib.crc32(repr(plain).encode()))
-
-
-def picture_crc(index: int, cells: bytes, thumbnail: bytes) -> int:
-    """Return the checksum of a row of `pictures`."""
-    return zlib.crc32(thumbnail, zlib.crc32(cells, zlib.crc32(b'%d' % index)))
-
-
-def about(encoding: EncodingConfig, keyframes: KeyframeConfig) -> dict[str, str]:
-    """Return what a new map says about itself, as it is stored."""
-    return {
-        'encoding': json.dumps(cell_settings(encoding)),
-        'keyframes': json.dumps(keyframes.spacing),
-        'tool': __version__,
-    }
+def row_crc(plain: object, *blobs: bytes) -> int:
+    """Return the checksum of a row of either table: numbers and texts, then blobs."""
+    return zlib.crc32(b''.join((repr(plain).encode(), *blobs)))
 
 
 def checked_settings(
@@ -93,11 +72,9 @@ def checked_settings(
     keyframes: KeyframeConfig | None,
 ) -> tuple[EncodingConfig, KeyframeConfig]:
     """
-    Return how the images of a map were encoded, and how far apart they are.
+    Return the settings asked for, by default the map's: every frame, in maps that do not say.
 
-    Without an `encoding` of queries, or the `keyframes` that will be added, the map's own settings
-    are taken: every frame, in maps that do not say. MapError if the file is foreign, of another
-    format or made with other settings.
+    MapError if the file is foreign, of another format or made with other settings.
     """
     if database.execute('PRAGMA application_id').fetchone()[0] != APPLICATION_ID:
         raise MapError(f'{path}: not a convseq map but another SQLite file')
@@ -110,18 +87,18 @@ def checked_settings(
     said = dict(database.execute('SELECT name, value FROM about'))
     try:
         settings = json.loads(said['encoding'])
-        made_with = EncodingConfig(**settings)
-        apart = EVERY_FRAME
+        made_with, apart = EncodingConfig(**settings), EVERY_FRAME
         if 'keyframes' in said:
             apart = KeyframeConfig(**json.loads(said['keyframes']))
     except (KeyError, TypeError, ValueError, ConfigError) as error:
         raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
-    asked = cell_settings(encoding or made_with) | (keyframes or apart).spacing
+    size_px = (encoding or made_with).image_size_px
+    asked = {'image_size_px': size_px, **(keyframes or apart).spacing}
     settings |= apart.spacing
     for name, wanted in asked.items():
-        if settings.get(name) != wanted:
+        if (made := settings.get(name)) != wanted:
             raise MapError(
-                f'{path}: made with {name} {settings.get(name)}, asked for {wanted}; '
-                f'set {name} to {settings.get(name)} or build the map again'
+                f'{path}: made with {name} {made}, asked for {wanted}; '
+                f'set {name} to {made} or build the map again'
             )
     return encoding or made_with, keyframes or apart

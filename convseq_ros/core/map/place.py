@@ -1,22 +1,27 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is kept of a place: in memory, and in pictures that are read when they are needed."""
+"""What is kept of a place: numbers in memory, and a picture that is read when it is needed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+import sys
+from typing import Any
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.global_descriptor import global_descriptor_length
 from convseq_ros.core.encoding.regions import Cells
 from convseq_ros.core.types import Pose
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 Packed = npt.NDArray[np.float16]
 
 _SCALE = np.float32(64.0)  # of stored cells; sums of strengths would overflow float16 otherwise
-_POSE_NUMBERS = 7  # position and quaternion
+_QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
+_GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
+_FEWEST_ROWS = 64  # room of a new array
+_ROW = np.dtype([('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +32,12 @@ class Place:
     source: str = ''  # file name or topic
     pose: Pose | None = None  # where the camera was
 
-
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """What a map holds in memory of its R places."""
-
-    stamps_ns: npt.NDArray[np.int64]  # (R,)
-    sources: list[str]
-    poses: npt.NDArray[np.float64]  # (R, 7), position and orientation; NaN where not known
-    global_descriptors: npt.NDArray[np.float16]  # (R, n)
+    @property
+    def pose_numbers(self) -> tuple[float | None, ...]:
+        """Position and orientation; None for those that are not known, as SQLite has no NaN."""
+        pose = self.pose
+        numbers = (*pose.position, *pose.orientation) if pose else (np.nan,) * 7
+        return tuple(float(number) if number == number else None for number in numbers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +48,56 @@ class Picture:
     thumbnail: bytes = b''  # a small JPEG to look at; empty if none was kept
 
 
-class Pictures(Protocol):
-    """Where the pictures of places are, if not in memory."""
+class GrowingArray:
+    """Rows that one thread appends; views that others took before stay as they are."""
 
-    def pictures(self, indices: Sequence[int]) -> list[Picture]:
-        """Return those of places."""
+    def __init__(self, rows: npt.NDArray[Any], count: int | None = None) -> None:
+        self._rows = rows  # not copied before the array grows
+        self._count = len(rows) if count is None else count  # of them; the others are room
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def view(self) -> npt.NDArray[Any]:
+        """The rows so far; not to be written to."""
+        return self._rows[: self._count]
+
+    def append(self, row: Any) -> None:
+        """Add a row."""
+        if self._count == len(self._rows):
+            capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH))
+            larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
+            larger[: self._count] = self._rows
+            self._rows = larger
+        self._rows[self._count] = row
+        self._count += 1
+
+
+class Places(Sequence[Place]):
+    """What a map holds in memory of its R places; at first none, and `room` for some."""
+
+    def __init__(self, cell_shape: tuple[int, int, int], room: int = 0) -> None:
+        numbers = global_descriptor_length(cell_shape)
+        self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
+        self._rows = GrowingArray(np.empty(room, _ROW), 0)
+
+    def append(
+        self, stamp_ns: int, source: str, pose: Sequence[float | None], descriptor: npt.ArrayLike
+    ) -> None:
+        """Add a place with its `pose_numbers`; its global descriptor has shape (n,)."""
+        self.descriptors.append(descriptor)
+        self._rows.append((stamp_ns, sys.intern(source), pose))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[each] for each in range(len(self))[index]]
+        stamp_ns, source, numbers = self._rows.view[index].item()
+        x, y, z, *orientation = numbers.tolist()
+        return Place(stamp_ns, source, None if np.isnan(x) else Pose((x, y, z), (*orientation,)))
 
 
 def pack_cells(cells: Cells) -> Packed:
@@ -66,12 +113,10 @@ def unpack_cells(packed: Packed) -> Cells:
     return cells
 
 
-def pose_numbers(pose: Pose | None) -> tuple[float, ...]:
-    """Return position and orientation in one tuple; NaN for none."""
-    return (*pose.position, *pose.orientation) if pose else (np.nan,) * _POSE_NUMBERS
-
-
-def empty_columns(cell_shape: tuple[int, int, int], count: int = 0) -> Columns:
-    """Return room for some places, all of it but for the sources."""
-    descriptors = np.empty((count, global_descriptor_length(cell_shape)), np.float16)
-    return Columns(np.empty(count, np.int64), [], np.empty((count, _POSE_NUMBERS)), descriptors)
+def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:
+    """Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0."""
+    if not width_px:
+        return b''
+    height_px = max(1, round(gray.shape[0] * width_px / gray.shape[1]))
+    small = cv2.resize(gray, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from convseq_ros.core.encoding.global_descriptor import global_descriptor
 from convseq_ros.core.encoding.regions import unit
-from convseq_ros.core.map.growing_array import GrowingArray
+from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.diagonals import Row
 from convseq_ros.core.similarity.kernels.instructions import float_tile
