@@ -11,9 +11,10 @@ middle is the street itself, so that there is something to find.
 from collections.abc import Iterator
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.map.place import pack_cells, Place, thumbnail
+from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
@@ -92,10 +93,11 @@ def _gray(street: Street, drive: Drive) -> list[npt.NDArray[np.uint8]]:
 def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None:
     part = path.with_suffix('.part')
     part.unlink(missing_ok=True)
-    with MapWriter(part, EncodingConfig()) as writer:
+    with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
         for index, packed in enumerate(_laps(size, cells)):
             place = Place(index * _SPACING_NS, f'{index:06d}.png')
-            writer.add(place, packed, thumbnails[index % len(thumbnails)])
+            picture = Picture(packed, thumbnails[index % len(thumbnails)])
+            writer.add(place, picture, global_descriptor(unpack_cells(packed)))
     part.rename(path)
 
 
