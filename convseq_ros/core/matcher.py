@@ -16,7 +16,7 @@ from convseq_ros.core.map.format import decode_cells, encode_cells
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
-from convseq_ros.core.similarity.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.threads import Threads
 from convseq_ros.core.types import Candidate, Descriptor, Shift
