@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.global_descriptor import global_descriptor_length
-from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
 from convseq_ros.core.types import Pose
 import numpy as np
 import numpy.typing as npt

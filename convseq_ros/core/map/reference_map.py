@@ -8,9 +8,8 @@ from threading import Lock
 from typing import overload
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
-from convseq_ros.core.encoding.hog import cell_shape
-from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.map.growing_array import GrowingArray
 from convseq_ros.core.map.place import (
     Columns,
