@@ -13,7 +13,7 @@ from pathlib import Path
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.simulation.drive import draw, Drive

@@ -7,10 +7,13 @@ from functools import partial
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.regions import paper_regions, projected_regions
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity import coherent, regional
+from convseq_ros.core.similarity.coherent import extract
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
@@ -47,11 +50,11 @@ def _coherent(work: Work) -> list[Finding]:
     query, threshold = with_salient(work.queries[0], 'coherent', SALIENT)
     references = open_map(work.map_path(work.sizes[0]))
     indices = _indices(len(references))
-    seen = coherent.extract(query, threshold * ENTROPY.max_bits)
+    seen = extract(query, threshold * ENTROPY.max_bits)
     assert seen
     tuned = TunedPair(seen)
-    prepared = [coherent.projected_regions(references.cells(index)) for index in indices.tolist()]
-    exact = np.array([coherent.coherent_score(seen, one)[0] for one in prepared])
+    prepared = [projected_regions(references.cells(index)) for index in indices.tolist()]
+    exact = np.array([coherent_score(seen, one)[0] for one in prepared])
     sides: Sides = {against: lambda: [tuned.score(one) for one in prepared]}
     errors = {against: _error([tuned.score(one) for one in prepared], exact)}
     _add_kernels(work, sides, errors, query, 'coherent', threshold, exact)
@@ -65,9 +68,9 @@ def _regional(work: Work, salient: int) -> list[Finding]:
     query, threshold = with_salient(work.queries[0], 'regional', salient)
     references = open_map(work.map_path(work.sizes[0]))
     indices = _indices(len(references))
-    prepared = [regional.regions(references.cells(index)) for index in indices.tolist()]
-    exact = regional.pair_scores(query, prepared)
-    loop, rows = ReleasedLoop(), regional.regions(query.cells)
+    prepared = [paper_regions(references.cells(index)) for index in indices.tolist()]
+    exact = pair_scores(query, prepared)
+    loop, rows = ReleasedLoop(), paper_regions(query.cells)
     weights = query.salient.astype(np.float32)
     sides: Sides = {against: lambda: loop.row(rows, weights, prepared)}
     errors = {against: _error(loop.row(rows, weights, prepared), exact)}
@@ -135,13 +138,13 @@ def _stored(work: Work) -> list[Finding]:
     rounded = [unpack_cells(pack_cells(one.cells)) for one in queries]
     largest = dict.fromkeys(('coherent', 'regional'), 0.0)
     for query in queries:
-        seen = coherent.extract(query, ENTROPY.max_bits / 2)
+        seen = extract(query, ENTROPY.max_bits / 2)
         for one, cells in zip(queries, rounded, strict=True):
-            pair = coherent.projected_regions(one.cells), coherent.projected_regions(cells)
-            scores = [coherent.coherent_score(seen, each)[0] for each in pair] if seen else [0.0]
+            pair = projected_regions(one.cells), projected_regions(cells)
+            scores = [coherent_score(seen, each)[0] for each in pair] if seen else [0.0]
             largest['coherent'] = max(largest['coherent'], max(scores) - min(scores))
-            pair = regional.regions(one.cells), regional.regions(cells)
-            scores = regional.pair_scores(query, pair).tolist()
+            pair = paper_regions(one.cells), paper_regions(cells)
+            scores = pair_scores(query, pair).tolist()
             largest['regional'] = max(largest['regional'], max(scores) - min(scores))
     return [
         Finding(

@@ -5,9 +5,9 @@
 from functools import partial
 
 from convseq_ros.config import MatchingConfig
+from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity import regional
 import numpy as np
 
 from bench.finding import at_least, Finding
@@ -36,8 +36,8 @@ def _row(work: Work, size: int) -> list[Finding]:
     query, threshold = with_salient(work.queries[0], 'regional', SALIENT)
     references = open_map(work.map_path(next(one for one in work.sizes if one >= size)))
     indices = np.arange(size)
-    prepared = [regional.regions(references.cells(index)) for index in indices.tolist()]
-    loop, rows = ReleasedLoop(), regional.regions(query.cells)
+    prepared = [paper_regions(references.cells(index)) for index in indices.tolist()]
+    loop, rows = ReleasedLoop(), paper_regions(query.cells)
     weights = query.salient.astype(np.float32)
     sides: Sides = {_AGAINST: lambda: loop.row(rows, weights, prepared)}
     for kernel in work.kernels:

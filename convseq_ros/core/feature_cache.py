@@ -1,33 +1,64 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is compared of references, made when it is needed first."""
+"""What is compared of references, made when it is needed first, and scored by some threads."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from typing import Any
 
-from convseq_ros.core.encoding.regions import Cells
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.threads import Threads
+from convseq_ros.core.similarity.background import NoBackground
+from convseq_ros.core.similarity.pair_score import PairScore
+import numpy as np
+import numpy.typing as npt
 
+Indices = npt.NDArray[np.int64]
+
+_AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references, for 8 MB of cells
 
 
-class FeatureCache:
-    """
-    Reads references, prepares what is compared of their cells and keeps the results.
+class Threads:
+    """Splits work between the calling thread and so many helpers."""
 
-    At most `most` are kept, those that were asked for last; all by default.
-    """
+    def __init__(self, helpers: int) -> None:
+        self._helpers = helpers
+        self._pool = ThreadPoolExecutor(max(1, helpers), 'pairs')  # starts none before `run`
+
+    def run(self, counts: Sequence[int], job: Callable[[int, slice], None]) -> None:
+        """Call a job with the number of each piece of work, and slices of its so many things."""
+        lots = [
+            (piece, slice(start, min(start + _AT_ONCE, count)))
+            for piece, count in enumerate(counts)
+            for start in range(0, count, _AT_ONCE)
+        ]
+        waiting = iter(lots)
+
+        def work() -> None:
+            for piece, lot in waiting:
+                job(piece, lot)
+
+        helpers = [self._pool.submit(work) for _ in range(min(self._helpers, len(lots) - 1))]
+        work()
+        for helper in helpers:
+            if not helper.cancel():
+                helper.result()
+
+
+class FeatureCache:
+    """Makes what a kernel compares of references; keeps all, or `most`, the last asked for."""
 
     def __init__(
         self,
         reference_map: ReferenceMap,
-        prepare: Callable[[Cells], Any],
+        pair: PairScore,
+        background: NoBackground,
         threads: Threads,
-        most: int | None = None,
+        most: int | None,
     ) -> None:
-        self._map, self._prepare, self._threads, self._most = reference_map, prepare, threads, most
+        self._map, self.pair, self._background = reference_map, pair, background
+        self._threads, self._most = threads, most
         self._kept: dict[int, Any] = {}
 
     def clear(self) -> None:
@@ -41,27 +72,39 @@ class FeatureCache:
         for start in range(0, len(missing), _READ_AT_ONCE):
             some = missing[start : start + _READ_AT_ONCE]
             found.update(zip(some, self._made(some), strict=True))
-        self._keep(found)
+        if self._most is not None:  # then the newest lie behind
+            for index in found:
+                self._kept.pop(index, None)
+        self._kept.update(found)
+        surplus = 0 if self._most is None else max(0, len(self._kept) - self._most)
+        for index in [*islice(self._kept, surplus)]:
+            del self._kept[index]
         return [found[index] for index in indices]
 
+    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[npt.NDArray[np.float32]]:
+        """Return the scores of queries with some references each; NaN where one shows nothing."""
+        references = iter(self.of([index for _, some in asked for index in some.tolist()]))
+        work = [(own, [*islice(references, len(some))]) for own, some in asked]
+        found = [np.full(len(some), np.nan, np.float32) for _, some in work]
+
+        def score(piece: int, lot: slice) -> None:
+            own, some = work[piece]
+            shown = [one for one in some[lot] if one is not None]
+            if shown:
+                there = [one is not None for one in some[lot]]
+                found[piece][lot][there] = self.pair.compare(own, shown)[0]
+
+        self._threads.run([len(some) for _, some in work], score)
+        return found
+
     def _made(self, indices: Sequence[int]) -> list[Any]:
-        cells = self._map.cells_of(indices)
+        cells, own = self._map.cells_of(indices), self._background
         made: list[Any] = [None] * len(cells)
 
         def prepare(_: int, lot: slice) -> None:
             for place in range(lot.start, lot.stop):
                 if cells[place].any():
-                    made[place] = self._prepare(cells[place])
+                    made[place] = self.pair.prepare(own.normalize(cells[place]), own.of_map)
 
         self._threads.run([len(cells)], prepare)
         return made
-
-    def _keep(self, found: dict[int, Any]) -> None:
-        """Keep what was found, the newest behind, and forget the oldest."""
-        if self._most is not None:
-            for index in found:
-                self._kept.pop(index, None)
-        self._kept.update(found)
-        if self._most is not None:
-            for index in [*islice(self._kept, max(0, len(self._kept) - self._most))]:
-                del self._kept[index]

@@ -7,7 +7,7 @@ from typing import Any
 
 from convseq_ros.config import KeyframeConfig, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.similarity.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.standstill import near
 from convseq_ros.core.types import Descriptor, Pose, Reason
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
+from convseq_ros.core.feature_cache import Indices
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Candidates, Features, Indices, Matcher
+from convseq_ros.core.matcher import Candidates, Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Match
 from convseq_ros.evaluation.drive import Drive

@@ -22,7 +22,8 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.length import choose_length
-from convseq_ros.core.similarity.coherent import coherent_score, extract
+from convseq_ros.core.similarity.coherent import extract
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Candidate, Frame, Reason, Status
 import cv2

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: queries and references by their global descriptors."""
 
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores

@@ -12,7 +12,8 @@ from convseq_ros.core.encoding.regions import joined_regions, projected_regions,
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.coherent import coherent_score, extract, inlier_regions
+from convseq_ros.core.similarity.coherent import extract, inlier_regions
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np

@@ -9,12 +9,16 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background, subtracted
 from convseq_ros.core.similarity.cell_normalization import normalized
-from convseq_ros.core.similarity.coherent import coherent_score, extract
-from convseq_ros.core.similarity.coherent_pair import COHERENT_PAIR, shown_regions
+from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.global_similarity import (
     global_similarity,
     lateral_shifts,
     region_blocks,
+)
+from convseq_ros.core.similarity.kernels.numpy_coherent import (
+    COHERENT_PAIR,
+    coherent_score,
+    shown_regions,
 )
 from convseq_ros.core.types import Descriptor
 import numpy as np

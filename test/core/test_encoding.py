@@ -3,9 +3,8 @@
 """Cells, entropy and salient regions of single images."""
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.descriptor import describe, salient_regions
+from convseq_ros.core.encoding.descriptor import cell_histograms, describe, salient_regions
 from convseq_ros.core.encoding.entropy import entropy_map, image_entropy
-from convseq_ros.core.encoding.hog import cell_histograms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np

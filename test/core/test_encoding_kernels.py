@@ -4,9 +4,8 @@
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core import compiled
-from convseq_ros.core.encoding.descriptor import describe, salient_regions
+from convseq_ros.core.encoding.descriptor import cell_histograms, describe, salient_regions
 from convseq_ros.core.encoding.entropy import cell_entropies, entropy_map
-from convseq_ros.core.encoding.hog import cell_histograms
 import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -3,8 +3,11 @@
 """What an image looks like at a coarse glance."""
 
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.global_descriptor import global_descriptor, global_descriptor_length
-from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.encoding.regions import (
+    global_descriptor,
+    global_descriptor_length,
+    projected_regions,
+)
 import cv2
 import numpy as np
 import pytest

@@ -19,8 +19,8 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.similarity.regional import pair_scores
 from convseq_ros.core.types import Frame
 import numpy as np
 import pytest

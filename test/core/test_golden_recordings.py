@@ -9,8 +9,8 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.similarity.regional import pair_scores
 import cv2
 import numpy as np
 import pytest

@@ -15,10 +15,10 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.sequence import coarse_scores
-from convseq_ros.core.similarity.choice import chosen_kernels
-from convseq_ros.core.similarity.coherent import coherent_score, CoherentQuery
-from convseq_ros.core.similarity.coherent_pair import shown_regions
+from convseq_ros.core.similarity.coherent import CoherentQuery
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.instructions import features, float_tile, int8_tile
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, shown_regions
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings

@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter

@@ -12,7 +12,7 @@ import sys
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core import compiled
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.format import decode_cells, encode_cells, FORMAT_VERSION
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map

@@ -9,7 +9,7 @@ from convseq_ros.config import MatchingConfig
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity import choice
+from convseq_ros.core.similarity.kernels import choice
 from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError

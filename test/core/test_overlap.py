@@ -7,7 +7,8 @@ from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.keyframes import Overlap
 from convseq_ros.core.similarity.cell_normalization import normalized
-from convseq_ros.core.similarity.coherent import coherent_score, extract
+from convseq_ros.core.similarity.coherent import extract
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 import cv2
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@
 from threading import Thread
 
 from convseq_ros.config import EncodingConfig
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose

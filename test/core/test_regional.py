@@ -7,8 +7,8 @@ from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.similarity.regional import pair_scores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 import pytest

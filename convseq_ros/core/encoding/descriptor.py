@@ -1,51 +1,44 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From an image to its descriptor: cells, salient regions and entropy (paper III-B, III-C)."""
+"""From an image to its descriptor: histograms of cells, salient regions (paper III-B, III-C)."""
+
+from dataclasses import dataclass
 
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY, image_entropy
-from convseq_ros.core.encoding.hog import cell_histograms, cell_shape, HOG
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 
+@dataclass(frozen=True, slots=True)
+class HogConstants:
+    """Of the histograms (paper III-C; where it is silent, the released script)."""
+
+    cell_px: int = 16  # W2 = H2 in the paper
+    bins: int = 8  # L in the paper
+    margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
+    strip_cells: int = 4  # rows of cells at a time; measured: they stay in the processor's cache
+
+
+HOG = HogConstants()
+
+
 def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:
-    """
-    Return the descriptor of a grey image (H, W) of any size; its aspect ratio is not kept.
-
-    Raises
-    ------
-    ValueError
-        If the image is empty or not two-dimensional uint8.
-
-    """
+    """Return that of a grey image of any size, made square; ValueError if not (H, W) uint8."""
     if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
         raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')
     side = config.image_size_px
     resized = cv2.resize(gray, (side, side), interpolation=cv2.INTER_LINEAR)
     by_cell = cell_entropies(resized, side // HOG.cell_px)
-    return Descriptor(
-        cells=cell_histograms(resized),
-        salient=salient_regions(by_cell, config.saliency_threshold),
-        cell_entropy=by_cell,
-        entropy=image_entropy(by_cell),
-    )
+    salient = salient_regions(by_cell, config.saliency_threshold)
+    return Descriptor(cell_histograms(resized), salient, by_cell, image_entropy(by_cell))
 
 
 def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:
-    """
-    Return which 2 x 2-cell regions are informative, row by row: ((S - 1) ** 2,).
-
-    Parameters
-    ----------
-    cells : ndarray of float64, shape (S, S)
-        Mean entropy of each cell, in bits.
-    threshold : float
-        Share of 8 bits that the mean over a region must reach; ET in the paper.
-
-    """
+    """Return where 2 x 2 cells' mean bits reach a share of 8, the paper's ET: ((S - 1) ** 2,)."""
     regions = (cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]) / 4
     return (regions >= threshold * ENTROPY.max_bits).ravel()
 
@@ -53,9 +46,52 @@ def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDA
 def blank_descriptor(config: EncodingConfig) -> Descriptor:
     """Return the descriptor of an image without gradient, which is not informative."""
     side, _, _ = shape = cell_shape(config.image_size_px)
-    return Descriptor(
-        cells=np.zeros(shape, np.float32),
-        salient=np.zeros((side - 1) ** 2, np.bool_),
-        cell_entropy=np.zeros((side, side)),
-        entropy=0.0,
-    )
+    salient = np.zeros((side - 1) ** 2, np.bool_)
+    return Descriptor(np.zeros(shape, np.float32), salient, np.zeros((side, side)), 0.0)
+
+
+def cell_shape(image_size_px: int) -> tuple[int, int, int]:
+    """Return rows, columns and bins of the cells of a square image."""
+    side = image_size_px // HOG.cell_px
+    return side, side, HOG.bins
+
+
+def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """
+    Return the orientation histogram of every 16 x 16 px cell of an image (S, S).
+
+    Float32 (S / 16, S / 16, 8): sums of gradient strength, not normalised; zero if there is none.
+
+    Notes
+    -----
+    As the released script, with the following choices where the paper is silent: (1) the image is
+    gamma-corrected by the square root of its share of the brightest pixel; (2) gradients are 5 x 5
+    Sobel; (3) strength is abs(gx + gy) / 2, not the Euclidean length; (4) orientation is signed,
+    over 360 degrees, and each pixel votes for its two nearest bins linearly; (5) pixels vote in
+    their own cell only. Equal pixels leave a gradient of some 1e-12 in (2), float64's rounding; it
+    is kept, for a region of such cells only is scaled to unit length like any other.
+
+    """
+    kernels, (side, _, bins) = kernels_of(__package__), cell_shape(len(gray))
+    cells = np.zeros((side, side, bins), np.float32)
+    brightest = float(gray.max())
+    if brightest == 0.0:
+        return cells
+    gamma = np.sqrt(np.arange(256) / brightest) * 255.0
+    framed = cv2.copyMakeBorder(gray, *(HOG.margin_px,) * 4, borderType=cv2.BORDER_REFLECT_101)
+    for first in range(0, side, HOG.strip_cells):
+        strip = cells[first : first + HOG.strip_cells]
+        start, height = first * HOG.cell_px, len(strip) * HOG.cell_px
+        rows = cv2.LUT(framed[start : start + height + 2 * HOG.margin_px], gamma)
+        gx, gy = np.empty((2, height, gray.shape[1]), np.float32)
+        kernels.gradients(rows, gx, gy)
+        orientation = cv2.phase(gx, gy, angleInDegrees=True)
+        orientation *= np.float32(bins / 360.0)
+        strength = cv2.absdiff(gx, -gy)
+        strength *= np.float32(0.5)
+        votes = np.empty((len(strip), bins + 1, gray.shape[1]), np.float32)
+        kernels.column_votes(strength, orientation, votes)
+        votes[:, 0] += votes[:, bins]
+        of_cells = votes[:, :bins].reshape(len(strip), bins, side, HOG.cell_px).sum(axis=3)
+        strip[:] = of_cells.transpose(0, 2, 1)
+    return cells

@@ -69,35 +69,24 @@ def _local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
     one more level, whose part of the sum is known.
     """
     size, radius = ENTROPY.side_px, ENTROPY.radius_px
-    small = cv2.resize(gray, (size, size), interpolation=cv2.INTER_LINEAR)
     framed = np.full((size + 2 * radius, size + 2 * radius), ENTROPY.outside, np.uint16)
+    small = cv2.resize(gray, (size, size), interpolation=cv2.INTER_LINEAR)
     framed[radius:-radius, radius:-radius] = small
-    sums = np.empty(small.shape)
-    kernels_of(__package__).disk_sums(framed, _half_widths(), _terms(), sums)
-    of_whole, of_outside, count = _edge(small.shape)
+    half_widths, terms, of_whole, of_outside, count = _disk()
+    sums = np.empty((size, size))
+    kernels_of(__package__).disk_sums(framed, half_widths, terms, sums)
     return (of_whole - (sums - of_outside)) / count
 
 
 @cache
-def _half_widths() -> npt.NDArray[np.int64]:
-    """Return how many pixels of the disk lie right of its middle, row by row."""
-    rows = range(-ENTROPY.radius_px, ENTROPY.radius_px + 1)
-    return np.array([isqrt(ENTROPY.radius_px**2 - y**2) for y in rows])
-
-
-@cache
-def _terms() -> Numbers:
-    """Return c log2 c for every count c of pixels of a disk, in multiples of one step."""
-    count = np.arange(1 + (2 * _half_widths() + 1).sum())
-    return np.rint(count * np.log2(count.clip(1)) / ENTROPY.step) * ENTROPY.step
-
-
-@cache
-def _edge(shape: tuple[int, int]) -> tuple[Numbers, Numbers, npt.NDArray[np.int64]]:
-    """Return c log2 c of pixels of the disk inside and outside the image, and the former."""
-    columns = np.arange(-ENTROPY.radius_px, ENTROPY.radius_px + 1)
-    disk = (abs(columns) <= _half_widths()[:, None]).astype(np.float64)
-    inside = cv2.filter2D(np.ones(shape), -1, disk, borderType=cv2.BORDER_CONSTANT)
-    count = np.rint(inside).astype(np.int64)
-    terms = _terms()
-    return terms[count], terms[terms.size - 1 - count], count
+def _disk() -> tuple[npt.NDArray[np.int64], Numbers, Numbers, Numbers, npt.NDArray[np.int64]]:
+    """Return half widths of rows, c log2 c of all c, of c inside and outside, and c inside."""
+    radius, size = ENTROPY.radius_px, ENTROPY.side_px
+    away = np.arange(-radius, radius + 1)
+    half_widths = np.array([isqrt(radius**2 - y**2) for y in away.tolist()])
+    counts = np.arange(1 + (2 * half_widths + 1).sum())
+    terms = np.rint(counts * np.log2(counts.clip(1)) / ENTROPY.step) * ENTROPY.step
+    disk = (abs(away) <= half_widths[:, None]).astype(np.float64)
+    covered = cv2.filter2D(np.ones((size, size)), -1, disk, borderType=cv2.BORDER_CONSTANT)
+    inside = np.rint(covered).astype(np.int64)  # pixels of the disk around each pixel
+    return half_widths, terms, terms[inside], terms[terms.size - 1 - inside], inside

@@ -3,13 +3,14 @@
 """
 Regions: overlapping blocks of cells as unit vectors, which are what is compared of two images.
 
-The paper's are of 2 x 2 cells (III-C); those of coherent matching, ours, are of 3 x 3 cells and
-projected from 72 to 32 numbers.
+The paper's are of 2 x 2 cells (III-C); ours, of 3 x 3 cells, are projected from 72 to 32 numbers.
+The global descriptor, made of the latter, is an image at a coarse glance, in half a kilobyte.
 """
 
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from math import isqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +21,12 @@ Regions = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class RegionConstants:
-    """Size of the projected regions; chosen on real image pairs (docs/MATCHING.md)."""
+    """Sizes; ours were chosen on real image pairs, by pair and by recall (docs/MATCHING.md)."""
 
-    span: int = 3  # cells in a row of a region
-    numbers: int = 32  # of a projected region; projection.md says what is lost
+    paper_span: int = 2  # cells in a row of a region of the paper (III-C)
+    span: int = 3  # cells in a row of a projected region; of 32 numbers (projection.md)
+    frequencies: int = 6  # of a global descriptor, down and across together; 21 pairs of them
+    axes: int = 12  # of a global descriptor; channels, of 32
 
 
 REGION = RegionConstants()
@@ -35,16 +38,20 @@ def unit(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
     return rows / np.where(length > 0, length, length.dtype.type(1))
 
 
-def paper_regions(cells: Cells) -> Regions:
-    """
-    Return the 2 x 2-cell regions of cells (S, S, bins), row by row: ((S - 1) ** 2, 4 * bins).
+def joined_regions(cells: Cells, span: int = REGION.span) -> Regions:
+    """Return the n x n-cell regions of cells (S, S, 8) as unit rows: ((S - n + 1)^2, 8 n^2)."""
+    cells = np.ascontiguousarray(cells)
+    (height, width, bins), (row, column, one) = cells.shape, cells.strides
+    # In memory, the cells of a region that lie side by side are one run of numbers.
+    shape = height - span + 1, width - span + 1, span, span * bins
+    strides = row, column, row, one
+    joined = np.lib.stride_tricks.as_strided(cells, shape, strides, writeable=False)
+    return unit(joined.reshape(-1, span * span * bins))
 
-    Unit length, or 0 for a region without gradient (paper III-C).
-    """
-    joined = np.concatenate(
-        (cells[:-1, :-1], cells[:-1, 1:], cells[1:, :-1], cells[1:, 1:]), axis=2
-    )
-    return unit(joined.reshape(-1, 4 * cells.shape[2]))
+
+def paper_regions(cells: Cells) -> Regions:
+    """Return the 2 x 2-cell regions of cells, ((S - 1)^2, 32); 0 without gradient (III-C)."""
+    return joined_regions(cells, REGION.paper_span)
 
 
 @cache
@@ -55,26 +62,38 @@ def projection() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     return stored[:, 0], stored[:, 1:]
 
 
-def joined_regions(cells: Cells) -> Regions:
-    """Return the 3 x 3-cell regions of cells (S, S, 8) as unit rows: ((S - 2) ** 2, 72)."""
-    side, bins = cells.shape[0] - REGION.span + 1, cells.shape[2]
-    cells = np.ascontiguousarray(cells)
-    rows, columns, one = cells.strides
-    # In memory, the cells of a region that lie side by side are one run of numbers.
-    joined = np.lib.stride_tricks.as_strided(
-        cells,
-        (side, side, REGION.span, REGION.span * bins),
-        (rows, columns, rows, one),
-        writeable=False,
-    )
-    return unit(joined.reshape(side * side, -1))
-
-
 def projected_regions(cells: Cells) -> Regions:
-    """
-    Return the projected 3 x 3-cell regions of cells (S, S, 8), row by row: ((S - 2) ** 2, 32).
-
-    Unit length.
-    """
+    """Return the projected 3 x 3-cell regions of cells (S, S, 8), unit rows: ((S - 2)^2, 32)."""
     mean, axes = projection()
     return unit((joined_regions(cells) - mean) @ axes)
+
+
+def global_descriptor(cells: Cells) -> npt.NDArray[np.float16]:
+    """
+    Return the global descriptor of cells (S, S, 8): (252,), less below 128 px; not normalised.
+
+    Of the first 12 numbers of projected regions, the leading axes, a cosine transform keeps the 21
+    lowest frequencies: what changes slowly is still there after a shift of a few cells, and an
+    axis of little variance is mostly noise at night. It is fixed, so that maps can grow.
+    """
+    regions = projected_regions(cells)
+    side = isqrt(len(regions))
+    waves = _waves(side)
+    rows = waves @ regions[:, : REGION.axes].reshape(side, -1)
+    spectrum = waves @ rows.reshape(len(waves), side, REGION.axes)
+    low = np.add.outer(range(len(waves)), range(len(waves))) < REGION.frequencies
+    return spectrum[low].ravel().astype(np.float16)
+
+
+@cache
+def global_descriptor_length(cell_shape: tuple[int, int, int]) -> int:
+    """Return how many numbers there are for cells of a shape."""
+    return len(global_descriptor(np.zeros(cell_shape, np.float32)))
+
+
+@cache
+def _waves(side: int) -> npt.NDArray[np.float32]:
+    """Return the rows of a cosine transform, scaled to give means: (frequencies, side)."""
+    frequency = np.arange(min(REGION.frequencies, side))[:, None]
+    phase = np.pi * frequency * (np.arange(side) + 0.5) / side
+    return np.asarray(np.where(frequency, np.sqrt(2.0), 1.0) / side * np.cos(phase), np.float32)

@@ -16,7 +16,7 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.hog import HOG
+from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.errors import ConfigError, MapError
 import numpy as np
 import numpy.typing as npt

@@ -8,8 +8,7 @@ import sys
 from typing import Any
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.global_descriptor import global_descriptor_length
-from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np

@@ -13,7 +13,7 @@ from typing import Any
 import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.hog import cell_shape
+from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.map.format import checked_settings, decode_cells, row_crc
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from threading import Lock
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
-from convseq_ros.core.encoding.hog import cell_shape
-from convseq_ros.core.encoding.regions import Cells
+from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, Places, thumbnail, unpack_cells
 from convseq_ros.core.types import Descriptor, Frame
 import numpy as np

@@ -5,8 +5,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from convseq_ros.core.encoding.global_descriptor import global_descriptor
-from convseq_ros.core.encoding.regions import unit
+from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.diagonals import Row

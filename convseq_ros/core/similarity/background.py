@@ -3,10 +3,9 @@
 """
 The background: what a map, or a drive, shows on average, region by region of the image.
 
-All images of one road or corridor are laid out alike: the ground below, walls that run to the
-middle. So regions find counterparts where they lie themselves, at the right place as elsewhere.
-The background is therefore subtracted: of references their map's, of queries their own drive's,
-since the same scene looks otherwise at night.
+All images of one road or corridor are laid out alike, so regions find counterparts where they lie
+themselves, at the right place as elsewhere. Therefore it is subtracted: of references their map's,
+of queries their own drive's, since the same scene looks otherwise at night.
 """
 
 from collections.abc import Callable
@@ -40,13 +39,9 @@ class NoBackground:
     """Stands in where no background is subtracted, and cells are compared as they are."""
 
     of_map: Regions | None = None
+    normalize: Callable[[Cells], Cells] = staticmethod(lambda cells: cells)
 
-    def reset(self) -> None:
-        """Forget the drive."""
-
-    def normalize(self, cells: Cells) -> Cells:
-        """Return the cells."""
-        return cells
+    def reset(self) -> None: ...
 
     def update_map(self) -> bool:
         """Return False: nothing has changed."""
@@ -59,11 +54,10 @@ class NoBackground:
 
 class Background(NoBackground):
     """
-    The backgrounds of a map and of the drive that is matched with it.
+    The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
-    At most 256 places of the map are read, evenly spread, and others whenever it has doubled.
-    `of_map` is their mean, (N, 32); None for a map of less than 20 places. `normalize` and
-    `regions` are those of a `PairScore`.
+    At most 256 places of the map are read, evenly spread, and others whenever it has doubled; none
+    of a map of less than 20. `normalize` and `regions` are those of a `PairScore`.
     """
 
     def __init__(
@@ -72,7 +66,7 @@ class Background(NoBackground):
         normalize: Callable[[Cells], Cells],
         regions: ShowRegions,
     ) -> None:
-        self._map, self._normalize, self._regions = reference_map, normalize, regions
+        self._map, self.normalize, self._regions = reference_map, normalize, regions
         self._averaged = 0
         self.reset()
 
@@ -82,10 +76,6 @@ class Background(NoBackground):
         self._sum = np.zeros(1, np.float32)
         self._frames = 0
 
-    def normalize(self, cells: Cells) -> Cells:
-        """Return normalised cells."""
-        return self._normalize(cells)
-
     def update_map(self) -> bool:
         """Read the map again if it has doubled, and return whether `of_map` has changed."""
         count = len(self._map)
@@ -93,17 +83,17 @@ class Background(NoBackground):
             return False
         sample = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
         read = self._map.cells_of(np.unique(sample).tolist())
-        shown = [self._regions(self._normalize(one), None)[0] for one in read if one.any()]
+        shown = [self._regions(self.normalize(one), None)[0] for one in read if one.any()]
         self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
 
     def update(self, cells: Cells) -> Regions | None:
         """
-        Take in a query's normalised cells (S, S, 8), and return the drive's background, (N, 32).
+        Take in a query's normalised cells, once, and return the drive's background, (N, 32).
 
-        Each frame comes once; one that is still much like the last that counted does not count.
-        None as long as the map has no background, which counts as 5 frames.
+        A frame still much like the last that counted does not count; the map's background counts
+        as 5 frames. None as long as the map has none.
         """
         regions, _ = self._regions(cells, None)
         alike = BACKGROUND.still_alike * len(regions)

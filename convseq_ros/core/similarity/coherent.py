@@ -8,10 +8,13 @@ however similar the best counterparts are, their shifts scatter. So where each c
 asked, not how similar it is, which survives night, seasons and another viewpoint.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from threading import local
+from typing import Any
 
-from convseq_ros.core.encoding.regions import projected_regions, REGION, Regions
+from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions
+from convseq_ros.core.similarity.global_similarity import Blocks, global_similarity, lateral_shifts
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, ShowRegions
 from convseq_ros.core.types import Descriptor, Shift
 import cv2
 import numpy as np
@@ -33,7 +36,6 @@ class CoherentConstants:
 
 
 COHERENT = CoherentConstants()
-_WINDOW = COHERENT.window
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,19 @@ class CoherentQuery:
     regions: Regions  # (G, 32), from `projected_regions`
     index: npt.NDArray[np.int64]  # (G,), where they lie, row by row
     side: int  # regions in a row of the image
+
+
+@dataclass(frozen=True, slots=True)
+class _Query:
+    regions: CoherentQuery
+    packed: Any  # what the kernel compares
+    shifted: npt.NDArray[np.float64] | None  # lateral shifts, if a background is known
+
+
+@dataclass(frozen=True, slots=True)
+class _Reference:
+    packed: Any  # what the kernel compares
+    blocks: Blocks | None  # if a background is known
 
 
 def extract(
@@ -58,39 +73,8 @@ def extract(
     index = np.flatnonzero(entropy >= least_bits)
     if not index.size or not query.cells.any():
         return None
-    if regions is None:
-        regions = projected_regions(query.cells)
+    regions = projected_regions(query.cells) if regions is None else regions
     return CoherentQuery(regions[index], index, len(entropy))
-
-
-def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
-    """
-    Return which share of the regions agrees on one shift, and that shift.
-
-    Every salient region of the query votes for the shift to its best counterpart in the
-    reference; every region of the reference votes for the shift from its best counterpart among
-    the query's salient ones, with the same weight in total. Votes are counted within a Gaussian
-    of 1.5 cells.
-
-    Returns
-    -------
-    score : float
-        In [0, 1].
-    shift : (float, float)
-        Rows and columns, in cells, from the query's regions to the reference's (N, 32); positive
-        columns: things are further right in the reference.
-
-    """
-    similarity = np.dot(query.regions, reference.T, out=_scratch(query, reference))
-    there, back = similarity.argmax(axis=1), _first_rows(similarity)
-    everywhere = np.arange(len(reference))
-    votes = _votes(query.index, there, query.side)
-    votes += _votes(query.index[back], everywhere, query.side) * (len(there) / len(back))
-    peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
-    place = int(peak.argmax())
-    row, column = divmod(place, peak.shape[1])
-    score = float(peak.flat[place]) / (2 * len(there))
-    return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
 
 
 def inlier_regions(
@@ -110,33 +94,46 @@ def inlier_regions(
     return middles / (query.side + REGION.span - 1)
 
 
-_memory = local()
+def coherent_pair(
+    name: str,
+    exact: bool,
+    normalize: Callable[[Cells], Cells],
+    regions: ShowRegions,
+    pack_query: Callable[[CoherentQuery], Any],
+    pack_reference: Callable[[Regions], Any],
+    compare: Callable[[Any, Sequence[Any]], Scores],
+) -> PairScore:
+    """
+    Return the pair score of a kernel: `coherent_score`, less where whole images differ.
 
+    If there is a background, up to half of the score is lost as the global similarity falls.
+    `normalize`, `regions` and `compare` compute `normalized`, `shown_regions` and `coherent_score`
+    of a query and some references, as `pack_query` and `pack_reference` lay them out.
+    """
 
-def _scratch(query: CoherentQuery, reference: Regions) -> npt.NDArray[np.float32]:
-    """Return room for all similarities, a thread's own; new memory would cost a third."""
-    needed = query.side**2 * len(reference)
-    if getattr(_memory, 'numbers', np.empty(0)).size < needed:
-        _memory.numbers = np.empty(needed, np.float32)
-    shape = len(query.index), len(reference)
-    return _memory.numbers[: shape[0] * shape[1]].reshape(shape)
+    def extracted(
+        query: Descriptor, least_bits: float, background: Regions | None
+    ) -> _Query | None:
+        shown, blocks = regions(query.cells, background)
+        found = extract(query, least_bits, shown)
+        if found is None:
+            return None
+        shifted = None if blocks is None else lateral_shifts(blocks, found.side)
+        return _Query(found, pack_query(found), shifted)
 
+    def prepare(cells: Cells, background: Regions | None) -> _Reference:
+        shown, blocks = regions(cells, background)
+        return _Reference(pack_reference(shown), blocks)
 
-def _first_rows(similarity: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-    """Return `similarity.argmax(axis=0)`, but not down the columns one by one."""
-    count = similarity.shape[1]
-    rows, columns = np.divmod(np.flatnonzero(similarity == similarity.max(axis=0)), count)
-    first = np.empty(count, np.int64)
-    first[columns[::-1]] = rows[::-1]
-    return first
+    def score(query: _Query, references: Sequence[_Reference]) -> Scores:
+        shares, shifts = compare(query.packed, [one.packed for one in references])
+        blocks = [one.blocks for one in references]
+        if query.shifted is None or any(one is None for one in blocks):
+            return shares, shifts
+        alike = global_similarity(query.shifted, np.array(blocks, np.float64))
+        return shares * (0.5 + 0.5 * alike), shifts
 
+    def inliers(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
+        return inlier_regions(query.regions, reference, shift)
 
-def _votes(
-    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64], side: int
-) -> npt.NDArray[np.float64]:
-    """Return how often each shift of rows and columns occurs, zero in the middle."""
-    span = 2 * side - 1
-    rows = end // side - start // side + side - 1
-    columns = end % side - start % side + side - 1
-    counts = np.bincount(rows * span + columns, minlength=span * span)
-    return counts.reshape(span, span).astype(np.float64)
+    return PairScore(name, exact, extracted, prepare, score, regions, normalize, inliers)

@@ -40,12 +40,11 @@ def rounded(blocks: npt.NDArray[np.float32]) -> Blocks:
 def lateral_shifts(image: Blocks, side: int) -> npt.NDArray[np.float64]:
     """Return blocks (L,) moved by up to 4 to each side, (9, L); `side`: regions in a row."""
     count = -(-side // GLOBAL_SIMILARITY.block)
-    blocks = image.reshape(count, count, -1)
     most = min(GLOBAL_SIMILARITY.most_shift, count - 1)
-    found = np.zeros((2 * most + 1, *blocks.shape))
-    for one, shift in zip(found, range(-most, most + 1), strict=True):
-        one[:, _overlap(shift, count)] = blocks[:, _overlap(-shift, count)]
-    return found.reshape(len(found), -1)
+    wide = np.zeros((count, count + 2 * most, image.size // count**2))
+    wide[:, most : most + count] = image.reshape(count, count, -1)
+    found = [wide[:, first : first + count] for first in range(2 * most, -1, -1)]
+    return np.array(found).reshape(len(found), -1)
 
 
 def global_similarity(
@@ -54,7 +53,3 @@ def global_similarity(
     """Return the cosines (n,) in [0, 1] of the best of 9 shifts of a query, of shape (9, L)."""
     best = (query @ references.T).max(axis=0)
     return np.clip(best / GLOBAL_SIMILARITY.length**2, 0, 1).astype(np.float32)
-
-
-def _overlap(shift: int, count: int) -> slice:
-    return slice(max(0, shift), count + min(0, shift))

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from typing import Any
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.similarity.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.types import Descriptor
 
 _KEPT = 32  # descriptors; longer than any sequence grows by similarity (max_overlap_length)

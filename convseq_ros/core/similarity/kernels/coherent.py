@@ -8,8 +8,7 @@ from functools import cache
 
 from convseq_ros.core.compiled import compiled
 from convseq_ros.core.encoding.regions import Regions
-from convseq_ros.core.similarity.coherent import COHERENT, CoherentQuery
-from convseq_ros.core.similarity.coherent_pair import coherent_pair
+from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.kernels.normalization import normalized
 from convseq_ros.core.similarity.kernels.panel import (
     address,

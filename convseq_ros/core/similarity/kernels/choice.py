@@ -4,10 +4,10 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available
-from convseq_ros.core.similarity.coherent_pair import COHERENT_PAIR
 from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
+from convseq_ros.core.similarity.kernels.numpy_coherent import COHERENT_PAIR
+from convseq_ros.core.similarity.kernels.numpy_regional import REGIONAL
 from convseq_ros.core.similarity.pair_score import PairScore
-from convseq_ros.core.similarity.regional import REGIONAL
 from convseq_ros.errors import ConfigError
 
 _DEFINITIONS = {'coherent': COHERENT_PAIR, 'regional': REGIONAL}

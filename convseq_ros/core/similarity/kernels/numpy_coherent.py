@@ -1,0 +1,100 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without numba."""
+
+from collections.abc import Sequence
+from threading import local
+from typing import Any
+
+from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions
+from convseq_ros.core.similarity.background import subtracted
+from convseq_ros.core.similarity.cell_normalization import normalized
+from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
+from convseq_ros.core.similarity.global_similarity import Blocks, region_blocks
+from convseq_ros.core.similarity.pair_score import Scores
+from convseq_ros.core.types import Shift
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+_WINDOW = COHERENT.window
+
+
+def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
+    """
+    Return which share of the regions agrees on one shift, and that shift.
+
+    Every salient region of the query votes for the shift to its best counterpart in the
+    reference; every region of the reference votes for the shift from its best counterpart among
+    the query's salient ones, with the same weight in total. Votes are counted within a Gaussian
+    of 1.5 cells.
+
+    Returns
+    -------
+    score : float
+        In [0, 1].
+    shift : (float, float)
+        Rows and columns, in cells, from the query's regions to the reference's (N, 32); positive
+        columns: things are further right in the reference.
+
+    """
+    similarity = np.dot(query.regions, reference.T, out=_scratch(query, reference))
+    there, back = similarity.argmax(axis=1), _first_rows(similarity)
+    everywhere = np.arange(len(reference))
+    votes = _votes(query.index, there, query.side)
+    votes += _votes(query.index[back], everywhere, query.side) * (len(there) / len(back))
+    peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
+    place = int(peak.argmax())
+    row, column = divmod(place, peak.shape[1])
+    score = float(peak.flat[place]) / (2 * len(there))
+    return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
+
+
+def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:
+    """Return the regions of an image that are compared, and its blocks if there is background."""
+    regions = subtracted(projected_regions(cells), background)
+    return regions, None if background is None else region_blocks(regions)
+
+
+_memory = local()
+
+
+def _scratch(query: CoherentQuery, reference: Regions) -> npt.NDArray[np.float32]:
+    """Return room for all similarities, a thread's own; new memory would cost a third."""
+    needed = query.side**2 * len(reference)
+    if getattr(_memory, 'numbers', np.empty(0)).size < needed:
+        _memory.numbers = np.empty(needed, np.float32)
+    shape = len(query.index), len(reference)
+    return _memory.numbers[: shape[0] * shape[1]].reshape(shape)
+
+
+def _first_rows(similarity: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    """Return `similarity.argmax(axis=0)`, but not down the columns one by one."""
+    count = similarity.shape[1]
+    rows, columns = np.divmod(np.flatnonzero(similarity == similarity.max(axis=0)), count)
+    first = np.empty(count, np.int64)
+    first[columns[::-1]] = rows[::-1]
+    return first
+
+
+def _votes(
+    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64], side: int
+) -> npt.NDArray[np.float64]:
+    """Return how often each shift of rows and columns occurs, zero in the middle."""
+    span = 2 * side - 1
+    rows = end // side - start // side + side - 1
+    columns = end % side - start % side + side - 1
+    counts = np.bincount(rows * span + columns, minlength=span * span)
+    return counts.reshape(span, span).astype(np.float64)
+
+
+def _same(what: Any) -> Any:
+    return what
+
+
+def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
+    scores, shifts = zip(*(coherent_score(query, one) for one in references), strict=True)
+    return np.array(scores, np.float32), np.array(shifts)
+
+
+COHERENT_PAIR = coherent_pair('numpy', True, normalized, shown_regions, _same, _same, _compare)
