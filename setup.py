@@ -26,6 +26,7 @@ setup(
         NAME: [
             'py.typed',
             'core/encoding/projection.*',
+            'core/similarity/kernels/README.md',
             'data_sets/*.yaml',
             'data_sets/studies/*.yaml',
         ],

@@ -12,7 +12,7 @@ def test_rows_come_after_those_that_were_there(start):
     first = np.arange(start * 2.0).reshape(start, 2)
     growing = GrowingArray(first)
     for number in range(200):
-        growing.append((number, -number))
+        growing.extend([(number, -number)])
     assert len(growing) == start + 200
     assert (growing.view[:start] == first).all()
     assert (growing.view[start:, 1] == -np.arange(200)).all()
@@ -20,10 +20,10 @@ def test_rows_come_after_those_that_were_there(start):
 
 def test_a_view_stays_as_it_was():
     growing = GrowingArray(np.zeros(0))
-    growing.append(1)
+    growing.extend([1])
     before = growing.view
     for number in range(500):
-        growing.append(number)
+        growing.extend([number])
     assert before.tolist() == [1]
 
 
@@ -31,6 +31,6 @@ def test_little_is_copied():
     growing, moved = GrowingArray(np.zeros(0)), 0
     for number in range(10_000):
         room = growing._rows
-        growing.append(number)
+        growing.extend([number])
         moved += growing._rows is not room
     assert moved < 40

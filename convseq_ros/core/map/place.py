@@ -62,15 +62,16 @@ class GrowingArray:
         """The rows so far; not to be written to."""
         return self._rows[: self._count]
 
-    def append(self, row: Any) -> None:
-        """Add a row."""
-        if self._count == len(self._rows):
-            capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH))
+    def extend(self, rows: Any) -> None:
+        """Add some rows."""
+        end = self._count + len(rows)
+        if end > len(self._rows):
+            capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)
             larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
             larger[: self._count] = self._rows
             self._rows = larger
-        self._rows[self._count] = row
-        self._count += 1
+        self._rows[self._count : end] = rows
+        self._count = end
 
 
 class Places(Sequence[Place]):
@@ -85,8 +86,14 @@ class Places(Sequence[Place]):
         self, stamp_ns: int, source: str, pose: Sequence[float | None], descriptor: npt.ArrayLike
     ) -> None:
         """Add a place with its `pose_numbers`; its global descriptor has shape (n,)."""
-        self.descriptors.append(descriptor)
-        self._rows.append((stamp_ns, sys.intern(source), pose))
+        self.descriptors.extend([descriptor])
+        self._rows.extend([(stamp_ns, sys.intern(source), pose)])
+
+    def extend(self, rows: Sequence[Sequence[Any]]) -> None:
+        """Add rows of the table `places`."""
+        numbers = np.frombuffer(b''.join(descriptor for *_, descriptor, _ in rows), '<f2')
+        self.descriptors.extend(numbers.reshape(len(rows), -1))
+        self._rows.extend([(row[1], sys.intern(row[2]), row[3:10]) for row in rows])
 
     def __len__(self) -> int:
         return len(self._rows)

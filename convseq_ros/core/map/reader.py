@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 import shutil
 import sqlite3
@@ -18,8 +19,8 @@ from convseq_ros.core.map.format import checked_settings, decode_cells, row_crc
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
-import numpy as np
 
+_ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _DAMAGE = (sqlite3.Error, OverflowError, ValueError, TypeError)  # what damaged rows may raise
 
 
@@ -80,11 +81,11 @@ class MapReader:
                 raise self._damaged(f'reference {min(length, pictures)} is missing')
             places = Places(self._cell_shape, length)
             rows = self._database.execute('SELECT * FROM places ORDER BY reference_index')
-            for index, (*plain, descriptor, crc) in enumerate(rows):
-                if plain[0] != index or crc != row_crc((*plain,), descriptor):
-                    raise self._damaged(f'reference {index} fails its checksum')
-                _, stamp_ns, source, *pose = plain
-                places.append(stamp_ns, source, pose, np.frombuffer(descriptor, '<f2'))
+            for some in iter(partial(rows.fetchmany, _ROWS_AT_ONCE), []):
+                for index, row in enumerate(some, len(places)):
+                    if row[0] != index or row[-1] != row_crc(row[:-2], row[-2]):
+                        raise self._damaged(f'reference {index} fails its checksum')
+                places.extend(some)
             if len(places) != length:
                 raise self._damaged(f'reference {len(places)} is missing')
         return places

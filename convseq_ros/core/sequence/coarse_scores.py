@@ -106,9 +106,8 @@ class CoarseScores:
             self._mean = mean.astype(np.float32)
             self._variance = (variance / (count + COARSE.prior_of_variance)).astype(np.float32)
             self._nearness = GrowingArray(self._inverse_distances(references))
-        known = len(self._nearness)
-        for inverse in self._inverse_distances(references[known:]):
-            self._nearness.append(inverse)
+        more = references[len(self._nearness) :]
+        self._nearness.extend(self._inverse_distances(more))
 
     def _inverse_distances(self, references: Halves) -> Floats:
         inverse = np.zeros(len(references), np.float32)
