@@ -6,7 +6,8 @@ How a map is laid out in its SQLite file, format 3.
 `places` is read when a map is opened; `pictures` holds what is read when it is needed. The cells
 are float16, divided by 64, in planes of one byte a cell: the lower bytes of the 8 bins, then the
 upper ones of the first 7. No number is negative, so the upper byte of the eighth bin fits into
-their top bits, the lowest bit into that of the first. A row of either table has its CRC-32.
+their top bits, the lowest bit into that of the first: 17.0 kB a place, not 18.0. A row of either
+table has its CRC-32.
 """
 
 import json
