@@ -35,9 +35,12 @@ def lengths_chart(run: Run, seen: Sequence[Seen]) -> Chart | None:
     upper.yaxis.get_major_locator().set_params(nbins=5, integer=True)
     queries = thinned([one.query for one in seen])
     upper.step(
-        queries, thinned([one.length for one in seen]), where='post', color=COLORS['c0'],
+        queries,
+        thinned([one.length for one in seen]),
+        where='post',
+        color=COLORS['c0'],
         linewidth=1.8,
-    )  # fmt: skip
+    )
     between = upper.get_xaxis_transform()
     for verdict, color in (('rejected', COLORS['rejected']), ('wrong', COLORS['wrong'])):
         wrong = [one.query for one in seen if one.verdict == verdict and not one.correct]
@@ -65,9 +68,15 @@ def lengths_chart(run: Run, seen: Sequence[Seen]) -> Chart | None:
     if threshold is not None:
         lower.axhline(threshold, color=COLORS['soft'], linestyle='--', linewidth=1)
         lower.annotate(
-            f'entropy threshold {threshold:g}', (1, threshold), (0, 4), color=COLORS['soft'],
-            size=11, ha='right', xycoords=('axes fraction', 'data'), textcoords='offset points',
-        )  # fmt: skip
+            f'entropy threshold {threshold:g}',
+            (1, threshold),
+            (0, 4),
+            color=COLORS['soft'],
+            size=11,
+            ha='right',
+            xycoords=('axes fraction', 'data'),
+            textcoords='offset points',
+        )
     chart.add_legend(upper)
     return chart
 
