@@ -32,11 +32,10 @@ class CoarseScores:
     """
     Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
 
-    The mean of the map, and of the query's own past, is taken off, so that what night or season
-    does to every image counts for nothing. Each number is divided by the fourth root of its
-    standard deviation, in the map and on the drive: in the dark, those that lamps change most
-    would speak for all. Above about a million references an index should answer instead, in rows
-    that are NaN but for the references that it names.
+    The means of the map and of the drive are taken off: what night or season does to every image
+    counts for nothing. Numbers are divided by the fourth root of their standard deviation in both,
+    as those that lamps change most would speak for all. Above a million references an index
+    should answer instead, in rows that are NaN but for the references that it names.
     """
 
     def __init__(self, reference_map: ReferenceMap) -> None:
@@ -46,8 +45,7 @@ class CoarseScores:
         self._mean, self._variance = np.zeros(numbers, np.float32), np.ones(numbers, np.float32)
         self._nearness = GrowingArray(np.zeros(0, np.float32))  # inverse distances from the mean
         self.reset()
-        # Compiles it, so that the first frame is not late.
-        products(reference_map.global_descriptors[:0], self._mean)
+        products(reference_map.global_descriptors[:0], self._mean)  # compiled before frames come
 
     def reset(self) -> None:
         self._own_sums, self._frames = np.zeros_like(self._sums), 0

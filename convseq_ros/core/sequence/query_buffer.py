@@ -29,11 +29,9 @@ BUFFER = BufferConstants()
 
 @dataclass(frozen=True, slots=True)
 class BufferedFrame:
-    """A frame of the buffer; its row fills as pairs are scored."""
-
     descriptor: Descriptor
     features: Features | None = None  # None if it shows nothing
-    row: Row | None = None  # pair scores (R,), NaN where there is none
+    row: Row | None = None  # pair scores (R,), NaN where there is none yet
     coarse: Row | None = None  # coarse scores (R,)
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
 

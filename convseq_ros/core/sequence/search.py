@@ -32,8 +32,6 @@ SHORTLIST = ShortlistConstants()
 
 
 class ExhaustiveSearch:
-    """Scores every reference, as the paper does."""
-
     def __init__(self, velocity: ConstantVelocity) -> None:
         self._velocity = velocity
 
@@ -63,8 +61,6 @@ class ExhaustiveSearch:
 
 
 class ShortlistSearch(ExhaustiveSearch):
-    """Scores the sequences that are likely by their coarse scores."""
-
     def __init__(self, velocity: ConstantVelocity, reference_map: ReferenceMap, k: int) -> None:
         super().__init__(velocity)
         self._coarse, self._shortlist = CoarseScores(reference_map), Shortlist(k)
@@ -111,11 +107,10 @@ class Shortlist:
     def update(self, rows: Rows, rival_distance: int, velocity: float = 1.0) -> Indices:
         """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
         scores = sequence_scores(rows, velocity, dtype=np.float32, partial=True)
-        before, verified = _NONE, _NONE
-        # Where diagonals that were listed for an earlier frame end now.
+        old, before, verified = (self._listed, self._verified), _NONE, _NONE
         for step, row in zip(diagonal(len(rows), velocity), rows, strict=True):
             if row is not None and row is self._newest:
-                old = self._listed, self._verified
+                # Where diagonals that were listed for this frame end now.
                 before, verified = (ends[ends < len(scores) - step] + step for ends in old)
                 break
         self._verified = _NONE

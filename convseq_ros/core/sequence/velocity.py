@@ -34,10 +34,9 @@ class ConstantVelocity:
 
 class VelocitySearch(ConstantVelocity):
     """
-    Follows the velocity whose best sequence stands out most, over about the last 20 frames.
+    Follows the velocity whose best sequence stands out most from the mean, over 20 frames or so.
 
-    The prominence is how far the best score of a frame stands above the mean of all. Its cube is
-    averaged: frames that know their place outvote at once those of streets that are in no map.
+    What is averaged is a cube: frames that know their place outvote those that are in no map.
     """
 
     def __init__(self) -> None:
@@ -58,7 +57,7 @@ class VelocitySearch(ConstantVelocity):
         if len(rows) >= VELOCITY.shortest:
             even = self._known(rows, one_to_one)
             if len(even) >= VELOCITY.fewest_sequences:
-                first = _prominence(even)
+                first = _prominence(even)  # before its room is used again
                 now = np.array([first, *(_prominence(self._known(rows, one)) for one in others)])
                 if not self._prominence.any():
                     self._prominence = now
