@@ -6,7 +6,7 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.sequence.search import Shortlist
 import numpy as np
 import pytest
 

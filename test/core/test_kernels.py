@@ -14,8 +14,8 @@ from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.sequence import coarse_scores
 from convseq_ros.core.similarity.coherent import CoherentQuery
+from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, shown_regions
@@ -312,14 +312,14 @@ def test_where_no_folder_can_be_written_code_is_compiled_all_the_same(monkeypatc
 @pytest.mark.parametrize('compiled', [True, False])
 def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypatch):
     if not compiled:
-        monkeypatch.setattr(coarse_scores, 'float_tile', lambda: None)
+        monkeypatch.setattr(numpy_halves, 'float_tile', lambda: None)
     rng = np.random.default_rng(numbers)
     rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
     rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]
     direction = rng.normal(0, 1, numbers).astype(np.float32)
-    found = coarse_scores.products(rows, direction)
+    found = numpy_halves.products(rows, direction)
     expected = rows.astype(np.float64) @ direction
     size = np.abs(rows.astype(np.float64)) @ np.abs(direction)
     assert found.dtype == np.float32
     assert (np.abs(found - expected) <= 1e-6 * size).all()
-    assert coarse_scores.products(rows[:0], direction).shape == (0,)
+    assert numpy_halves.products(rows[:0], direction).shape == (0,)

@@ -7,10 +7,10 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence import shortlist as shortlist_module
+from convseq_ros.core.sequence import search as search_module
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.sequence.diagonals import sequence_scores
-from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.sequence.search import Shortlist
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
 import cv2
@@ -233,9 +233,9 @@ def test_the_best_are_found_without_sorting_all(count):
     rng = np.random.default_rng(count)
     for scores in (rng.normal(size=count), rng.integers(0, 4, count).astype(float)):
         scores[rng.integers(0, count, count // 3)] = -np.inf
-        found = shortlist_module._top(scores, 33)
+        found = search_module._top(scores, 33)
         assert (np.diff(found) > 0).all()
         expected = np.sort(scores)[::-1][:33]
         assert (np.sort(scores[found])[::-1][:33] == expected).all()
     if count > 64 * 33:
-        assert len(shortlist_module._top(rng.normal(size=count), 33)) < count / 4
+        assert len(search_module._top(rng.normal(size=count), 33)) < count / 4

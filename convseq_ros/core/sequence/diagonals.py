@@ -30,12 +30,9 @@ def pairs_along(rows: Rows, ends: Indices, steps: Sequence[int], dtype: Any = No
     return pairs
 
 
-def window_sums(rows: Rows, steps: Sequence[int], room: Values) -> Values:
-    """
-    Return the sums over all diagonals that lie in the map as a whole, ascending by their ends.
-
-    The result is a view into `room`, of R numbers at least; NaN where a pair has no score.
-    """
+def window_sums(rows: Rows, velocity: float, room: Values) -> Values:
+    """Return sums over all diagonals inside the map, by their ends; a view into room (>= R,)."""
+    steps = diagonal(len(rows), velocity)
     count, reach = 0 if rows[0] is None else len(rows[0]), steps[-1]
     total = room[: max(0, count - reach)]
     total[:] = 0
@@ -60,7 +57,7 @@ def sequence_scores(
     Parameters
     ----------
     rows : sequence of k ndarrays of float32, shape (R,), or None
-        Pair scores. The newest frame has some; older rows are shorter where the map has grown.
+        Pair scores; the newest frame has some, older rows may be shorter.
     velocity : float
         References that pass while one frame does; 1, one to one, in the paper.
     ends : ndarray of int64, shape (n,), optional
@@ -68,15 +65,14 @@ def sequence_scores(
     dtype : type
         What is summed up in; float32 is faster where scores are only compared.
     partial : bool
-        Whether a window may leave the map, or lack scores, for up to half of its pairs, which then
-        count as the mean of their row's known scores: a place is found sooner after the start.
+        Whether up to half of a window's pairs may lie off the map or lack scores, and then count
+        as the mean of their row's known ones: a place is found sooner after the start.
 
     Returns
     -------
     ndarray of `dtype`, shape (R,) or (n,)
-        The mean of the pair scores along the diagonal that ends at each reference. -inf where the
-        window leaves the map (unless `partial`), the reference itself has no score, or less than
-        half of the window's pairs have one.
+        The mean of pair scores along each diagonal; -inf where it leaves the map (not `partial`),
+        the newest pair has no score, or less than half of the pairs have one.
 
     """
     if rows[0] is None:
@@ -90,7 +86,7 @@ def sequence_scores(
         return scores
     if reach >= count:
         return _scores_at(np.arange(count), rows, steps, dtype, partial)
-    total = window_sums(rows, steps, np.empty(count, dtype))
+    total = window_sums(rows, velocity, np.empty(count, dtype))
     scores[reach:] = total / informative
     # Those without a sum are few, or else `ends` are given.
     unknown = reach + np.flatnonzero(~np.isfinite(total))
@@ -101,30 +97,21 @@ def sequence_scores(
 
 
 def _scores_at(
-    ends: Indices,
-    rows: Rows,
-    steps: Sequence[int],
-    dtype: type[np.floating],
-    partial: bool,
-    whole: bool = False,
+    ends: Indices, rows: Rows, steps: list[int], dtype: Any, partial: bool, whole: bool = False
 ) -> Values:
-    """
-    Return the scores at some ends, for each of which every pair is looked up.
-
-    The expected score of a row, for a partial window, is that of these pairs, or of the whole row.
-    """
+    """Look every pair up; a row's expected score is that of these, or of the `whole` row."""
     pairs = pairs_along(rows, ends, steps, dtype)
     known = np.isfinite(pairs)
     number = known.sum(axis=0)
     scored = known[0] & (2 * number >= len(rows))
     expected: Values = np.zeros(len(rows), dtype)
-    if partial:
+    if not partial:
+        scored &= ends >= steps[-1]
+    else:
+        number = np.full(len(ends), sum(row is not None for row in rows))
         expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
         if whole:
             expected = np.array([_mean(row) for row in rows], dtype)
-        number = np.full(len(ends), sum(row is not None for row in rows))
-    else:
-        scored &= ends >= steps[-1]
     total = np.where(known, pairs, expected[:, None]).sum(axis=0)
     return np.divide(total, number, out=np.full(len(ends), -np.inf, dtype), where=scored)
 

@@ -21,8 +21,6 @@ FRAME_DROPS = FrameDropConstants()
 
 
 class NoFrameDrops:
-    """Stands in where nobody asks for dropped frames."""
-
     def reset(self) -> None: ...
 
     def update(self, _stamp_ns: int) -> int:
@@ -33,45 +31,33 @@ class NoFrameDrops:
 
 
 class FrameDropDetector(NoFrameDrops):
-    """
-    Knows the usual time between two frames, if there is one.
-
-    Where the times are not multiples of the shortest usual one nothing counts as missing.
-    """
+    """Knows the usual time between two frames, if most times are multiples of a short one."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames so far."""
         self._last_ns: int | None = None
         self._intervals_ns: deque[int] = deque(maxlen=FRAME_DROPS.memory)
-        self._frames = self._missing = 0
-        self._stride = 1
+        self._frames, self._missing, self._stride = 0, 0, 1
 
     def update(self, stamp_ns: int) -> int:
         """Take in a frame; return how many are missing between it and the one before."""
-        if self._last_ns is None:
-            self._last_ns, self._frames = stamp_ns, 1
-            return 0
-        interval_ns, usual_ns = stamp_ns - self._last_ns, self._usual_ns()
+        missing, usual_ns = 0, self._usual_ns()
+        if self._last_ns is not None:
+            interval_ns = stamp_ns - self._last_ns
+            if interval_ns > 0:
+                self._intervals_ns.append(interval_ns)
+            missing = max(0, round(interval_ns / usual_ns) - 1) if usual_ns else 0
         self._last_ns = stamp_ns
-        if interval_ns > 0:
-            self._intervals_ns.append(interval_ns)
-        missing = max(0, round(interval_ns / usual_ns) - 1) if usual_ns else 0
         self._frames += 1
         self._missing += missing
         return missing
 
     def update_keyframe(self) -> int:
-        """
-        Take the newest frame as a keyframe; return how many keyframes are missing before it.
-
-        As many frames count as one as there were from keyframe to keyframe the last time.
-        """
+        """Take the newest frame as a keyframe; return how many are missing, as far apart as it."""
         missing = self._missing // self._stride
-        self._stride = max(1, self._frames)
-        self._frames = self._missing = 0
+        self._frames, self._missing, self._stride = 0, 0, max(1, self._frames)
         return missing
 
     def _usual_ns(self) -> float | None:

@@ -17,14 +17,13 @@ def choose_length(
     """
     Return the length k of the sequence that starts at an anchor frame.
 
-    The sequence grows while its outermost frame still overlaps the anchor (little information
-    gain), then while it holds too little entropy.
+    It grows while its outermost frame still overlaps the anchor (little information gain), then
+    while it holds too little entropy. None is returned if that takes more frames than there are.
 
     Parameters
     ----------
     outward : sequence of Descriptor
-        The frames in order outward from the anchor, which is the first and informative. None is
-        returned if more of them would be needed.
+        The frames in order outward from the anchor, which is the first and informative.
     similarity : callable
         Pair score of two descriptors, in [0, 1].
     config : SequenceConfig
@@ -39,25 +38,19 @@ def choose_length(
     over.
 
     """
-    available = len(outward)
-    if config.fixed_length:
-        return config.fixed_length if config.fixed_length <= available else None
 
-    def overlaps(other: Descriptor) -> bool:
+    def overlaps(length: int) -> bool:
+        other = outward[length - 1]
         return not other.informative or similarity(outward[0], other) >= config.overlap_threshold
 
-    length = config.min_length
-    while length < config.max_overlap_length and length <= available:
-        if not overlaps(outward[length - 1]):
-            break
-        length += 1
-    while length < config.max_length and length <= available:
-        if mean_entropy(outward[:length]) > config.entropy_threshold:
-            break
-        length += 1
+    def plain(length: int) -> bool:
+        entropies = [frame.entropy for frame in outward[:length] if frame.informative]
+        return bool(np.mean(entropies) <= config.entropy_threshold)
+
+    available, length = len(outward), config.fixed_length or config.min_length
+    if not config.fixed_length:
+        while length < config.max_overlap_length and length <= available and overlaps(length):
+            length += 1
+        while length < config.max_length and length <= available and plain(length):
+            length += 1
     return length if length <= available else None
-
-
-def mean_entropy(frames: Sequence[Descriptor]) -> float:
-    """Return the mean entropy, in [0, 1], of informative frames, of which there is one."""
-    return float(np.mean([frame.entropy for frame in frames if frame.informative]))

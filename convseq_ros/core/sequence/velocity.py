@@ -5,13 +5,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from convseq_ros.core.sequence.diagonals import (
-    diagonal,
-    Rows,
-    sequence_scores,
-    Values,
-    window_sums,
-)
+from convseq_ros.core.sequence.diagonals import Rows, sequence_scores, Values, window_sums
 import numpy as np
 
 
@@ -32,8 +26,6 @@ VELOCITY = VelocityConstants()
 
 
 class ConstantVelocity:
-    """The query drives as fast as the map's drive did, as the paper has it."""
-
     def reset(self) -> None: ...
 
     def update(self, _rows: Rows, _closer: Callable[[float], Values] | None = None) -> float:
@@ -42,69 +34,58 @@ class ConstantVelocity:
 
 class VelocitySearch(ConstantVelocity):
     """
-    Follows the velocity whose best sequence stands out most, frame after frame.
+    Follows the velocity whose best sequence stands out most from the mean, over 20 frames or so.
 
-    The prominence, how far the best score of a frame stands above the mean of all, is averaged for
-    every velocity over about the last 20 frames: its cube, so that the frames that know their
-    place outvote at once those of streets that are in no map, where every velocity stands out by
-    chance. A sequence of less than 8 frames tells no velocity, nor does a map in which less than
-    20 sequences find room.
+    What is averaged is a cube: frames that know their place outvote those that are in no map.
     """
 
     def __init__(self) -> None:
-        self._prominence: Values = np.zeros(len(VELOCITY.velocities))
-        self._closely: dict[float, float] = {}
         self._room: Values = np.zeros(0, np.float32)
+        self.reset()
 
     def reset(self) -> None:
-        """Forget the frames so far."""
-        self._prominence[:] = 0.0
-        self._closely.clear()
+        self._prominence: Values = np.zeros(len(VELOCITY.velocities))
+        self._closely: dict[float, float] = {}
 
     def update(self, rows: Rows, closer: Callable[[float], Values] | None = None) -> float:
         """
-        Take in rows as for `sequence_scores`, and return the velocity, references per frame.
+        Take in rows as for `sequence_scores`; return the velocity, references per frame.
 
-        Where rows are coarse, `closer` leads from a velocity to better scores of its likeliest
-        sequences, in which another velocity than 1 must stand out, too.
+        In the better scores that `closer` leads to, one other than 1 must stand out, too.
         """
+        one_to_one, *others = VELOCITY.velocities
         if len(rows) >= VELOCITY.shortest:
-            even = self._known(rows, 1.0)
+            even = self._known(rows, one_to_one)
             if len(even) >= VELOCITY.fewest_sequences:
-                first = _prominence(even)
-                others = [_prominence(self._known(rows, one)) for one in VELOCITY.velocities[1:]]
-                self._learn(np.array([first, *others]))
-        weight = np.full(len(VELOCITY.velocities), VELOCITY.preference)
-        weight[0] = 1.0
+                first = _prominence(even)  # before its room is used again
+                now = np.array([first, *(_prominence(self._known(rows, one)) for one in others)])
+                if not self._prominence.any():
+                    self._prominence = now
+                self._prominence += (now - self._prominence) / VELOCITY.memory
+        weight = np.array([1.0, *[VELOCITY.preference] * len(others)])
         velocity = VELOCITY.velocities[int((weight * self._prominence).argmax())]
         if velocity == 1.0 or closer is None:
             self._closely.clear()
             return velocity
         for one in (1.0, velocity):
             scores = closer(one)
-            now = _prominence(scores[np.isfinite(scores)])
-            before = self._closely.get(one, now)
-            self._closely[one] = before + (now - before) / VELOCITY.close_memory
+            close = _prominence(scores[np.isfinite(scores)])
+            before = self._closely.get(one, close)
+            self._closely[one] = before + (close - before) / VELOCITY.close_memory
         stands_out = VELOCITY.preference * self._closely[velocity] > self._closely[1.0]
         return velocity if stands_out else 1.0
 
-    def _learn(self, now: Values) -> None:
-        if not self._prominence.any():
-            self._prominence = now
-        self._prominence += (now - self._prominence) / VELOCITY.memory
-
     def _known(self, rows: Rows, velocity: float) -> Values:
         """Return the scores of all sequences that have one, until asked again."""
-        steps, newest = diagonal(len(rows), velocity), rows[0]
-        if newest is not None and len(self._room) < len(newest):
-            self._room = np.empty(len(newest), np.float32)
-        total = window_sums(rows, steps, self._room)
+        if rows[0] is not None and len(self._room) < len(rows[0]):
+            self._room = np.empty(len(rows[0]), np.float32)
+        total = window_sums(rows, velocity, self._room)
         informative = sum(row is not None for row in rows)
         if 2 * informative >= len(rows) and len(total) and np.isfinite(total.max()):
             # All of them have a score; this takes a third of the time.
             total /= informative
             return total
-        scores = sequence_scores(rows, velocity, dtype=np.float32)[steps[-1] :]
+        scores = sequence_scores(rows, velocity, dtype=np.float32)
         return scores[np.isfinite(scores)]
 
 
