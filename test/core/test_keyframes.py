@@ -7,7 +7,7 @@ import math
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.keyframes import Keyframes, Overlap
+from convseq_ros.core.frame_gate import Keyframes, Overlap
 from convseq_ros.core.types import Pose, Reason
 import numpy as np
 
