@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 Indices = npt.NDArray[np.int64]
+Row = npt.NDArray[np.float32]  # scores
 
 _AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references, for 8 MB of cells
@@ -46,23 +48,18 @@ class Threads:
                 helper.result()
 
 
+@dataclass(eq=False, slots=True)
 class FeatureCache:
     """Makes what a kernel compares of references; keeps all, or `most`, the last asked for."""
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        pair: PairScore,
-        background: NoBackground,
-        threads: Threads,
-        most: int | None,
-    ) -> None:
-        self._map, self.pair, self._background = reference_map, pair, background
-        self._threads, self._most = threads, most
-        self._kept: dict[int, Any] = {}
+    _map: ReferenceMap
+    pair: PairScore
+    _background: NoBackground
+    _threads: Threads
+    _most: int | None
+    _kept: dict[int, Any] = field(default_factory=dict)
 
     def clear(self) -> None:
-        """Forget what was made."""
         self._kept.clear()
 
     def of(self, indices: Sequence[int]) -> list[Any]:
@@ -81,7 +78,7 @@ class FeatureCache:
             del self._kept[index]
         return [found[index] for index in indices]
 
-    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[npt.NDArray[np.float32]]:
+    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[Row]:
         """Return the scores of queries with some references each; NaN where one shows nothing."""
         references = iter(self.of([index for _, some in asked for index in some.tolist()]))
         work = [(own, [*islice(references, len(some))]) for own, some in asked]

@@ -33,8 +33,7 @@ Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # how a stamp follows th
 class StampOrder:
     """Tells frames that come late from a clock that jumped back."""
 
-    def __init__(self) -> None:
-        self._last_ns: int | None = None
+    _last_ns: int | None = None
 
     def reset(self) -> None:
         self._last_ns = None
@@ -68,11 +67,7 @@ class Standstill:
         self._pose = self._descriptor = None
 
     def update(self, descriptor: Descriptor, pose: Pose | None) -> bool:
-        """
-        Take in a frame; return whether the robot stands still since the last that moved.
-
-        A frame that shows nothing counts as motion; the pose is that of odometry.
-        """
+        """Take in a frame; return whether it stands still; one that shows nothing moves."""
         still, last = False, self._descriptor
         if not descriptor.informative:
             return False
@@ -87,81 +82,27 @@ class Standstill:
 
 class Overlap:
     """
-    Compares images with one that is remembered, by their coherent score with normalised cells.
+    Compares two images by their coherent score, of the definition, with normalised cells.
 
-    What is left of it after a way depends on how near things are, hardly on the light. Scores are
-    those of the definition, with any kernel.
+    What is left of it after a way depends on how near things are, hardly on the light.
     """
 
     def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
         _, self._pair = chosen_kernels(MatchingConfig(matching='coherent', kernel=kernel))
+        self._normalize = self._pair.normalize or (lambda cells: cells)
         self._least_bits = saliency_threshold * ENTROPY.max_bits
-        self._remembered: Any = None
 
-    def forget(self) -> None:
-        self._remembered = None
+    def prepare(self, descriptor: Descriptor) -> Any:
+        """Return what others are compared with."""
+        return self._pair.prepare(self._normalize(descriptor.cells), None)
 
-    def remember(self, descriptor: Descriptor) -> None:
-        self._remembered = self._pair.prepare(self._normalized(descriptor).cells, None)
-
-    def of(self, descriptor: Descriptor) -> float:
-        """Return what moved together, as a share in [0, 1]; 0 where nothing is remembered."""
-        query = self._pair.extract(self._normalized(descriptor), self._least_bits, None)
-        if query is None or self._remembered is None:
+    def since(self, prepared: Any, descriptor: Descriptor) -> float:
+        """Return what moved together, as a share in [0, 1]; 0 since nothing (None)."""
+        normalized = replace(descriptor, cells=self._normalize(descriptor.cells))
+        query = self._pair.extract(normalized, self._least_bits, None)
+        if query is None or prepared is None:
             return 0.0
-        return float(self._pair.compare(query, [self._remembered])[0][0])
-
-    def _normalized(self, descriptor: Descriptor) -> Descriptor:
-        normalize = self._pair.normalize
-        return replace(descriptor, cells=normalize(descriptor.cells)) if normalize else descriptor
-
-
-class Keyframes:
-    """Chooses frames that are apart by scene, time and way, and remembers the last."""
-
-    def __init__(self, config: KeyframeConfig, overlap: Overlap) -> None:
-        self._config, self._overlap = config, overlap
-        self._interval_ns = round(GATE.earliest * config.keyframe_interval_s * 1e9)
-        self._last_ns: int | None = None
-        self._pose: Pose | None = None
-
-    def reset(self) -> None:
-        self._last_ns = self._pose = None
-        self._overlap.forget()
-
-    def warm_up(self, drawn: Descriptor) -> None:
-        """Compile or load what frames need, with any image; before the first frame."""
-        if self._config.keyframe_overlap < 1.0:
-            self._overlap.remember(drawn)
-            self._overlap.of(drawn)
-            self._overlap.forget()
-
-    def is_due(self, stamp_ns: int, pose: Pose | None = None) -> bool:
-        """Return whether a frame is far enough from the last keyframe, whatever it shows."""
-        if self._last_ns is None or stamp_ns < self._last_ns:
-            return True
-        if stamp_ns - self._last_ns < self._interval_ns:
-            return False
-        if pose is None or self._pose is None:
-            return True
-        return not near(pose, self._pose, self._config.keyframe_distance_m)
-
-    def update(
-        self, stamp_ns: int, descriptor: Descriptor, pose: Pose | None = None
-    ) -> Reason | None:
-        """
-        Decide about a frame that is due; None, and remembered, if it is a keyframe.
-
-        Uninformative frames are keyframes only where the scene does not decide.
-        """
-        if self._config.keyframe_overlap < 1.0:
-            if not descriptor.informative:
-                return Reason.UNINFORMATIVE
-            if self._overlap.of(descriptor) > self._config.keyframe_overlap:
-                return Reason.BETWEEN_KEYFRAMES
-            self._overlap.remember(descriptor)
-        self._last_ns, self._pose = stamp_ns, pose or self._pose
-        return None
+        return float(self._pair.compare(query, [prepared])[0][0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,32 +115,33 @@ class Verdict:
 
 
 class FrameGate:
-    """
-    Passes frames that are apart by scene, time and way, while the robot moves.
-
-    `keyframes` are as far apart as those of the map that they are matched with, or added to.
-    """
+    """Passes frames that are apart by scene, time and way, like a map's, while the robot moves."""
 
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
     ) -> None:
-        matching, by_image = config.matching, config.matching.matching == 'coherent'
+        by_image = config.matching.matching == 'coherent'
         self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
         self._standstill = Standstill(config.motion, by_image, similarity)
-        overlap = Overlap(config.encoding.saliency_threshold, matching.kernel)
-        self._keyframes = Keyframes(keyframes, overlap)
-        counts = by_image and matching.velocity_search
+        self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
+        counts = by_image and config.matching.velocity_search
         self._drops = FrameDropDetector() if counts else NoFrameDrops()
+        self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
+        self._interval_ns = round(GATE.earliest * keyframes.keyframe_interval_s * 1e9)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the frames so far."""
         self._standstill.reset()
-        self._keyframes.reset()
         self._drops.reset()
+        self._last_ns: int | None = None  # of the last keyframe, as the others
+        self._pose: Pose | None = None
+        self._scene: Any = None
 
     def warm_up(self, drawn: Descriptor) -> None:
         """Compile or load what frames need, with an informative image; before the first frame."""
-        self._keyframes.warm_up(drawn)
+        if self._by_scene:
+            self._overlap.since(self._overlap.prepare(drawn), drawn)
         self._similarity(drawn, drawn)
 
     def update(
@@ -207,12 +149,26 @@ class FrameGate:
     ) -> Verdict:
         """Decide about the next frame; `encode` describes it, if time and way let it pass."""
         self._drops.update(stamp_ns)
-        if not self._keyframes.is_due(stamp_ns, pose):
+        if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         descriptor = encode()
         if self._standstill.update(descriptor, pose):
             self._drops.update_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
-        reason = self._keyframes.update(stamp_ns, descriptor, pose)
-        missing = 0 if reason else self._drops.update_keyframe()
-        return Verdict(reason, descriptor, missing)
+        if self._by_scene:  # else uninformative frames are keyframes, too
+            if not descriptor.informative:
+                return Verdict(Reason.UNINFORMATIVE, descriptor)
+            if self._overlap.since(self._scene, descriptor) > self._keyframes.keyframe_overlap:
+                return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
+            self._scene = self._overlap.prepare(descriptor)
+        self._last_ns, self._pose = stamp_ns, pose or self._pose
+        return Verdict(None, descriptor, self._drops.update_keyframe())
+
+    def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:
+        if self._last_ns is None or stamp_ns < self._last_ns:
+            return True
+        if stamp_ns - self._last_ns < self._interval_ns:
+            return False
+        if pose is None or self._pose is None:
+            return True
+        return not near(pose, self._pose, self._keyframes.keyframe_distance_m)

@@ -9,7 +9,7 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.feature_cache import FeatureCache, Indices, Threads
+from convseq_ros.core.feature_cache import FeatureCache, Indices, Row, Threads
 from convseq_ros.core.map.format import decode_cells, encode_cells
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -38,22 +38,8 @@ class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    ConfigError if the machine cannot run the kernel that `matching` asks for.
-
-    Parameters
-    ----------
-    saliency_threshold : float
-        Share of 8 bits of entropy that makes a region of a query salient.
-    kept : int, optional
-        References whose features stay in memory (30 kB each by the 8-bit kernel, about 120 kB by
-        others); all by default.
-
-    Attributes
-    ----------
-    kernel, exact : str, bool
-        What computes `scores`: numbers and instructions; whether they are those of the definition,
-        to 1e-6, as `exact_scores` always are.
-
+    The features of `kept` references, or of all, stay in memory: 30 kB each by the 8-bit kernel,
+    about 120 kB by others. ConfigError if the machine cannot run the kernel asked for.
     """
 
     def __init__(
@@ -64,7 +50,8 @@ class Matcher:
         kept: int | None = None,
     ) -> None:
         fast, exact = chosen_kernels(matching)
-        self.kernel, self.exact = fast.name, fast.exact
+        self.kernel = fast.name  # what computes `scores`: numbers and instructions
+        self.exact = fast.exact  # whether those are the definition's, to 1e-6
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
@@ -81,7 +68,7 @@ class Matcher:
         self._background.reset()
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return what is compared of a query, each once, or None if it shows nothing."""
+        """Return what is compared of a query, or None if it shows nothing."""
         self._follow_map()
         cells = self._background.normalize(descriptor.cells)
         shown = replace(descriptor, cells=cells), self._least_bits, self._background.update(cells)
@@ -90,17 +77,15 @@ class Matcher:
             return None
         return Features(fast, fast if self.exact else self._exact.pair.extract(*shown))
 
-    def scores(self, query: Features, indices: Indices) -> npt.NDArray[np.float32]:
+    def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
         return self.scores_of([(query, indices)])[0]
 
-    def scores_of(
-        self, asked: Sequence[tuple[Features, Indices]]
-    ) -> list[npt.NDArray[np.float32]]:
+    def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores` does for several queries, with all references read in one go."""
         return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
-    def exact_scores(self, query: Features, indices: Indices) -> npt.NDArray[np.float32]:
+    def exact_scores(self, query: Features, indices: Indices) -> Row:
         """Return what `scores` does, by the definition."""
         return self._exact.scores_of([(query.exact, indices)])[0]
 

@@ -27,8 +27,8 @@ def view(scale=1.0, light=1.0, noise=0.0, seed=0):
 
 def since(first, *others):
     overlap = Overlap(0.5)
-    overlap.remember(first)
-    return [overlap.of(other) for other in others]
+    prepared = overlap.prepare(first)
+    return [overlap.since(prepared, other) for other in others]
 
 
 def test_it_is_the_coherent_score_with_normalised_cells():
@@ -52,9 +52,5 @@ def test_it_hardly_depends_on_the_light():
 
 
 def test_nothing_remembered_or_nothing_shown_is_no_overlap():
-    overlap = Overlap(0.5)
-    assert overlap.of(view()) == 0.0
-    overlap.remember(view())
-    assert overlap.of(blank_descriptor(EncodingConfig())) == 0.0
-    overlap.forget()
-    assert overlap.of(view()) == 0.0
+    assert Overlap(0.5).since(None, view()) == 0.0
+    assert since(view(), blank_descriptor(EncodingConfig())) == [0.0]

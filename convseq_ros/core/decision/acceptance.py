@@ -91,8 +91,8 @@ def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason
     """Decide by the lead over the best rival: scores of unrelated places lie near true ones."""
     if len(candidates) < 2:
         return Reason.TOO_FEW_RIVALS
-    margin = candidates[0].score - candidates[1].score
-    return Reason.ACCEPTED if margin >= config.min_margin else Reason.AMBIGUOUS
+    lead = candidates[0].score - candidates[1].score
+    return Reason.ACCEPTED if lead >= config.min_margin else Reason.AMBIGUOUS
 
 
 def confidence(evidence: float) -> float:

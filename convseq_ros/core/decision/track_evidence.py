@@ -81,7 +81,7 @@ class TrackEvidence:
     def update(
         self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
     ) -> FrameEvidence | None:
-        """Take in a frame, by its number, with the last 8 rows; return what it says, if it does."""
+        """Take in a frame, by its number, with the last 8 rows; return what it says, if any."""
         if (newest := rows[0]) is None:
             raise ValueError('the newest frame must be informative')
         self._frames = [one for one in self._frames if one.frame > frame - TRACK.memory]
@@ -108,8 +108,7 @@ class TrackEvidence:
                 margin = max(0.0, float(scores[top] - rivals.max()) - chance)
         self._frames.append(FrameEvidence(frame, best, margin, len(elsewhere)))
         along = self._along(frame, best, velocity)
-        lately = sum(one.frame > frame - TRACK.window for one in along)
-        is_tracked = 2 * lately >= TRACK.window
+        is_tracked = 2 * sum(one.frame > frame - TRACK.window for one in along) >= TRACK.window
         self._usual.learn(newest, ends[abs(ends - best) > rival_distance] if is_tracked else ends)
         return self._frames[-1]
 
