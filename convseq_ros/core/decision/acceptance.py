@@ -66,9 +66,8 @@ class Acceptance:
         if not self._by_track:
             return decide_by_margin(candidates, config), None
         best = candidates[0].reference_index
-        evidence = self._track.evidence(self._frame, best, self._velocity)
         reason = self._doubt(best)
-        if evidence is None:
+        if (evidence := self._track.evidence(self._frame, best, self._velocity)) is None:
             return reason, None
         if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
@@ -76,15 +75,13 @@ class Acceptance:
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""
-        newest = self._newest
-        if newest is None:
+        if (newest := self._newest) is None:
             return Reason.WEAK
         if abs(newest.reference - best) > TRACK.same_track:
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
-        is_close = newest.margin < (self._track.scatter or 0.0)
-        return Reason.AMBIGUOUS if is_close else Reason.WEAK
+        return Reason.AMBIGUOUS if newest.margin < (self._track.scatter or 0.0) else Reason.WEAK
 
 
 def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
