@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 Indices = npt.NDArray[np.int64]
-
+Row = npt.NDArray[np.float32]  # scores
 _AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references, for 8 MB of cells
 
@@ -33,11 +34,11 @@ class Threads:
             for piece, count in enumerate(counts)
             for start in range(0, count, _AT_ONCE)
         ]
-        waiting = iter(lots)
+        waiting = iter(lots)  # of all threads
 
         def work() -> None:
-            for piece, lot in waiting:
-                job(piece, lot)
+            for lot in waiting:
+                job(*lot)
 
         helpers = [self._pool.submit(work) for _ in range(min(self._helpers, len(lots) - 1))]
         work()
@@ -46,42 +47,36 @@ class Threads:
                 helper.result()
 
 
+@dataclass(eq=False, slots=True)
 class FeatureCache:
     """Makes what a kernel compares of references; keeps all, or `most`, the last asked for."""
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        pair: PairScore,
-        background: NoBackground,
-        threads: Threads,
-        most: int | None,
-    ) -> None:
-        self._map, self.pair, self._background = reference_map, pair, background
-        self._threads, self._most = threads, most
-        self._kept: dict[int, Any] = {}
+    _map: ReferenceMap
+    pair: PairScore
+    _background: NoBackground
+    _threads: Threads
+    _most: int | None
+    _kept: dict[int, Any] = field(default_factory=dict)
 
     def clear(self) -> None:
-        """Forget what was made."""
         self._kept.clear()
 
     def of(self, indices: Sequence[int]) -> list[Any]:
         """Return what is compared of references, None for each that shows nothing; or MapError."""
         found = {index: self._kept[index] for index in indices if index in self._kept}
-        missing = [index for index in dict.fromkeys(indices) if index not in found]
-        for start in range(0, len(missing), _READ_AT_ONCE):
-            some = missing[start : start + _READ_AT_ONCE]
+        missing = iter([index for index in dict.fromkeys(indices) if index not in found])
+        while some := [*islice(missing, _READ_AT_ONCE)]:
             found.update(zip(some, self._made(some), strict=True))
         if self._most is not None:  # then the newest lie behind
             for index in found:
                 self._kept.pop(index, None)
         self._kept.update(found)
-        surplus = 0 if self._most is None else max(0, len(self._kept) - self._most)
-        for index in [*islice(self._kept, surplus)]:
+        most = len(self._kept) if self._most is None else self._most
+        for index in [*islice(self._kept, max(0, len(self._kept) - most))]:
             del self._kept[index]
         return [found[index] for index in indices]
 
-    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[npt.NDArray[np.float32]]:
+    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[Row]:
         """Return the scores of queries with some references each; NaN where one shows nothing."""
         references = iter(self.of([index for _, some in asked for index in some.tolist()]))
         work = [(own, [*islice(references, len(some))]) for own, some in asked]

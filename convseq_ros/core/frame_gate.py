@@ -3,45 +3,106 @@
 """The frame gate: which frames are keyframes, to be matched and to become places."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import auto, Enum
+from dataclasses import dataclass, replace
+from enum import Enum
+import math
+from typing import Any
 
-from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.config import Config, KeyframeConfig, MatchingConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.keyframes import Keyframes, Overlap
+from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.sequence.frame_drops import FrameDropDetector, NoFrameDrops
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.standstill import Standstill
 from convseq_ros.core.types import Descriptor, Pose, Reason
 
-_CLOCK_JUMP_NS = 1_000_000_000  # back; by less, a frame is late. Engineering, not studied.
+
+@dataclass(frozen=True, slots=True)
+class GateConstants:
+    """Of the gate; engineering, not studied."""
+
+    clock_jump_ns: int = 1_000_000_000  # back; by less, a frame is late
+    earliest: float = 0.9  # of an interval between keyframes: no camera keeps time exactly
+    turn_rad: float = math.tau / 20  # from where on a robot that turns on the spot moves
 
 
-class Order(Enum):
-    """How a stamp follows those before it."""
-
-    NEXT = auto()
-    LATE = auto()
-    JUMPED_BACK = auto()
+GATE = GateConstants()
+Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # how a stamp follows those before it
 
 
 class StampOrder:
     """Tells frames that come late from a clock that jumped back."""
 
-    def __init__(self) -> None:
-        self._last_ns: int | None = None
+    _last_ns: int | None = None
 
     def reset(self) -> None:
-        """Forget the last stamp."""
         self._last_ns = None
 
     def update(self, stamp_ns: int) -> Order:
         """Take in a stamp, nanoseconds; one that is late is forgotten."""
         late_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
-        if 0 < late_ns <= _CLOCK_JUMP_NS:
+        if 0 < late_ns <= GATE.clock_jump_ns:
             return Order.LATE
         self._last_ns = stamp_ns
         return Order.JUMPED_BACK if late_ns > 0 else Order.NEXT
+
+
+def near(pose: Pose, other: Pose, distance_m: float) -> bool:
+    """Return whether a pose is nearer than this to another, and turned by less than a 20th."""
+    cosine = abs(sum(a * b for a, b in zip(pose.orientation, other.orientation, strict=True)))
+    turn_rad = 2 * math.acos(min(cosine, 1.0))
+    return math.dist(pose.position, other.position) < distance_m and turn_rad < GATE.turn_rad
+
+
+class Standstill:
+    """Compares each frame with the last that moved, so that creeping adds up."""
+
+    def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
+        self._config, self._similarity = config, similarity
+        self._by_image = by_image and config.stationary_overlap < 1.0  # if there is no odometry
+        self._pose: Pose | None = None
+        self._descriptor: Descriptor | None = None
+
+    def reset(self) -> None:
+        self._pose = self._descriptor = None
+
+    def update(self, descriptor: Descriptor, pose: Pose | None) -> bool:
+        """Take in a frame; return whether it stands still; one that shows nothing moves."""
+        still, last = False, self._descriptor
+        if not descriptor.informative:
+            return False
+        if pose and self._pose and self._config.stationary_m:
+            still = near(pose, self._pose, self._config.stationary_m)
+        elif self._by_image and last is not None:
+            still = self._similarity(descriptor, last) > self._config.stationary_overlap
+        if not still:
+            self._pose, self._descriptor = pose, descriptor
+        return still
+
+
+class Overlap:
+    """
+    Compares two images by their coherent score, of the definition, with normalised cells.
+
+    What is left of it after a way depends on how near things are, hardly on the light.
+    """
+
+    def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
+        _, self._pair = chosen_kernels(MatchingConfig(matching='coherent', kernel=kernel))
+        self._normalize = self._pair.normalize or (lambda cells: cells)
+        self._least_bits = saliency_threshold * ENTROPY.max_bits
+
+    def prepare(self, descriptor: Descriptor) -> Any:
+        """Return what others are compared with."""
+        return self._pair.prepare(self._normalize(descriptor.cells), None)
+
+    def since(self, prepared: Any, descriptor: Descriptor) -> float:
+        """Return what moved together, as a share in [0, 1]; 0 since nothing (None)."""
+        normalized = replace(descriptor, cells=self._normalize(descriptor.cells))
+        query = self._pair.extract(normalized, self._least_bits, None)
+        if query is None or prepared is None:
+            return 0.0
+        return float(self._pair.compare(query, [prepared])[0][0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,33 +115,33 @@ class Verdict:
 
 
 class FrameGate:
-    """
-    Passes frames that are apart by scene, time and way, while the robot moves.
-
-    `keyframes` are as far apart as those of the map that they are matched with, or added to.
-    """
+    """Passes frames that are apart by scene, time and way, like a map's, while the robot moves."""
 
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
     ) -> None:
-        kernel, threshold = config.matching.kernel, config.encoding.saliency_threshold
         by_image = config.matching.matching == 'coherent'
+        self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
         self._standstill = Standstill(config.motion, by_image, similarity)
-        self._keyframes = Keyframes(keyframes, Overlap(threshold, kernel))
+        self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
         counts = by_image and config.matching.velocity_search
-        self._similarity = similarity
-        self._blank = blank_descriptor(config.encoding)
         self._drops = FrameDropDetector() if counts else NoFrameDrops()
+        self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
+        self._interval_ns = round(GATE.earliest * keyframes.keyframe_interval_s * 1e9)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the frames so far."""
         self._standstill.reset()
-        self._keyframes.reset()
         self._drops.reset()
+        self._last_ns: int | None = None  # of the last keyframe, as the others
+        self._pose: Pose | None = None
+        self._scene: Any = None
 
     def warm_up(self, drawn: Descriptor) -> None:
         """Compile or load what frames need, with an informative image; before the first frame."""
-        self._keyframes.warm_up(drawn)
+        if self._by_scene:
+            self._overlap.since(self._overlap.prepare(drawn), drawn)
         self._similarity(drawn, drawn)
 
     def update(
@@ -88,12 +149,26 @@ class FrameGate:
     ) -> Verdict:
         """Decide about the next frame; `encode` describes it, if time and way let it pass."""
         self._drops.update(stamp_ns)
-        if not self._keyframes.is_due(stamp_ns, pose):
+        if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         descriptor = encode()
         if self._standstill.update(descriptor, pose):
             self._drops.update_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
-        reason = self._keyframes.update(stamp_ns, descriptor, pose)
-        missing = 0 if reason else self._drops.update_keyframe()
-        return Verdict(reason, descriptor, missing)
+        if self._by_scene:  # else uninformative frames are keyframes, too
+            if not descriptor.informative:
+                return Verdict(Reason.UNINFORMATIVE, descriptor)
+            if self._overlap.since(self._scene, descriptor) > self._keyframes.keyframe_overlap:
+                return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
+            self._scene = self._overlap.prepare(descriptor)
+        self._last_ns, self._pose = stamp_ns, pose or self._pose
+        return Verdict(None, descriptor, self._drops.update_keyframe())
+
+    def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:
+        if self._last_ns is None or stamp_ns < self._last_ns:
+            return True
+        if stamp_ns - self._last_ns < self._interval_ns:
+            return False
+        if pose is None or self._pose is None:
+            return True
+        return not near(pose, self._pose, self._keyframes.keyframe_distance_m)

@@ -9,7 +9,7 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.feature_cache import FeatureCache, Indices, Threads
+from convseq_ros.core.feature_cache import FeatureCache, Indices, Row, Threads
 from convseq_ros.core.map.format import decode_cells, encode_cells
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 Candidates = tuple[Candidate, ...]
-
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
 _KEPT = 1000  # references whose features are kept beside a shortlist; 30 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
@@ -38,22 +37,8 @@ class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    ConfigError if the machine cannot run the kernel that `matching` asks for.
-
-    Parameters
-    ----------
-    saliency_threshold : float
-        Share of 8 bits of entropy that makes a region of a query salient.
-    kept : int, optional
-        References whose features stay in memory (30 kB each by the 8-bit kernel, about 120 kB by
-        others); all by default.
-
-    Attributes
-    ----------
-    kernel, exact : str, bool
-        What computes `scores`: numbers and instructions; whether they are those of the definition,
-        to 1e-6, as `exact_scores` always are.
-
+    Features of `kept` references, or of all, stay in memory: 30 kB each by the 8-bit kernel, about
+    120 kB by others. ConfigError if the machine cannot run the kernel asked for.
     """
 
     def __init__(
@@ -64,6 +49,7 @@ class Matcher:
         kept: int | None = None,
     ) -> None:
         fast, exact = chosen_kernels(matching)
+        # What computes `scores`, and whether they are the definition's to 1e-6.
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
@@ -77,30 +63,26 @@ class Matcher:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
 
     def reset(self) -> None:
-        """Forget the drive, of which the background is known."""
         self._background.reset()
 
     def extract(self, descriptor: Descriptor) -> Features | None:
-        """Return what is compared of a query, each once, or None if it shows nothing."""
+        """Return what is compared of a query, or None if it shows nothing."""
         self._follow_map()
         cells = self._background.normalize(descriptor.cells)
         shown = replace(descriptor, cells=cells), self._least_bits, self._background.update(cells)
         fast = self._fast.pair.extract(*shown)
-        if fast is None:
-            return None
-        return Features(fast, fast if self.exact else self._exact.pair.extract(*shown))
+        exact = fast if self.exact or fast is None else self._exact.pair.extract(*shown)
+        return None if fast is None else Features(fast, exact)
 
-    def scores(self, query: Features, indices: Indices) -> npt.NDArray[np.float32]:
+    def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
         return self.scores_of([(query, indices)])[0]
 
-    def scores_of(
-        self, asked: Sequence[tuple[Features, Indices]]
-    ) -> list[npt.NDArray[np.float32]]:
+    def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores` does for several queries, with all references read in one go."""
         return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
-    def exact_scores(self, query: Features, indices: Indices) -> npt.NDArray[np.float32]:
+    def exact_scores(self, query: Features, indices: Indices) -> Row:
         """Return what `scores` does, by the definition."""
         return self._exact.scores_of([(query.exact, indices)])[0]
 
@@ -122,8 +104,7 @@ class Matcher:
         cells, pair = self._background.normalize(self._map.cells(index)), self._exact.pair
         if pair.inliers is None or pair.regions is None or not cells.any():
             return np.zeros((0, 4))
-        regions, _ = pair.regions(cells, self._background.of_map)
-        return pair.inliers(query.exact, regions, shift)
+        return pair.inliers(query.exact, pair.regions(cells, self._background.of_map)[0], shift)
 
     def warm_up(self) -> None:
         """Compile or load what frames need, so that the first is not late."""
@@ -133,8 +114,8 @@ class Matcher:
         cells = unpack_cells(decode_cells(encode_cells(packed), shape))
         salient = np.ones((shape[0] - 1) ** 2, np.bool_)
         drawn = Descriptor(cells, salient, np.full(shape[:2], ENTROPY.max_bits), 0.5)
-        normal = self._background.normalize(cells[::-1])
-        background = regions(normal, None)[0] if regions else None
+        mirrored = self._background.normalize(cells[::-1])
+        background = regions(mirrored, None)[0] if regions else None
         for pair in (self._fast.pair, self._exact.pair):
             query = pair.extract(drawn, self._least_bits, background)
             pair.compare(query, [pair.prepare(cells, background)])

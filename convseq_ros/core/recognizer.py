@@ -5,8 +5,7 @@
 from functools import partial
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.acceptance import Acceptance
-from convseq_ros.core.decision.candidates import best_candidates, why_none
+from convseq_ros.core.decision.acceptance import Acceptance, best_candidates, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.map.online import make_mapping
@@ -128,8 +127,7 @@ class PlaceRecognizer:
         if not candidates:
             return skipped(why_none(usable, length, velocity), (), length, buffer.pairs_scored)
         # Ours: is the best one a match? The paper always says yes.
-        asked = buffer.frame, frame.stamp_ns, candidates, config.acceptance, velocity
-        reason, sure = acceptance.judge(*asked)
+        reason, sure = acceptance.judge(frame.stamp_ns, candidates, config.acceptance)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         candidates = self.matcher.with_shift(buffer.newest.features, candidates)
         return answer(status, reason, candidates, length, buffer.pairs_scored, sure)

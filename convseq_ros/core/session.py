@@ -18,19 +18,9 @@ class Session:
     """
     Opens a map and recognises its places; in online mode, also persists what is added to it.
 
-    Parameters
-    ----------
-    path : Path or None
-        The map's file. In preloaded mode it must exist and is never written; in online mode it is
-        made if there is none. None is a map in memory: empty, and lost at the end.
-    config : Config
-        How to recognise, and the mode. `is_growing` says whether it is online.
-
-    Raises
-    ------
-    MapError
-        If the map cannot be opened or, in online mode, not be written.
-
+    In preloaded mode the file must exist and is never written; in online mode it is made if there
+    is none. Without a path the map is in memory: empty, and lost at the end. MapError if the map
+    cannot be opened or, in online mode, not be written.
     """
 
     def __init__(self, path: Path | None, config: Config) -> None:
@@ -42,10 +32,14 @@ class Session:
             added = config.keyframes if self.is_growing else None
             reference_map = open_map(path, config.encoding, added)
         self.committed_s: float | None = None  # monotonic time at which the file grew last
+        self.is_persisted = path is not None and self.is_growing  # in a file that grows
         self._autosave = NoAutosave()
         if path is not None and self.is_growing:
             self._autosave = Autosave(path, reference_map)
         self.recognizer = PlaceRecognizer(reference_map, config)
+        self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
+        # Way between the map's keyframes, and so between queries if there is odometry; or 0.
+        self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 
     @property
     def ignored(self) -> list[str]:
@@ -60,36 +54,19 @@ class Session:
         ]
 
     @property
-    def is_persisted(self) -> bool:
-        """Whether there is a file that grows."""
-        return self.path is not None and self.is_growing
-
-    @property
     def persisted(self) -> int:
         """Places that are safe in the file."""
         return self._autosave.committed
 
     @property
-    def keyframes_m(self) -> float:
-        """Way between the map's keyframes, and so between queries if there is odometry; or 0."""
-        return self.recognizer.reference_map.keyframes.keyframe_distance_m
-
-    @property
     def added(self) -> int:
         """Places that came in this session."""
-        recognizer = self.recognizer
-        return len(recognizer.reference_map) - recognizer.mapping.session_start
-
-    @property
-    def kernel(self) -> str:
-        """What computes pair scores."""
-        return self.recognizer.matcher.kernel
+        return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
         """Compile what is compiled at its first use, which may take seconds."""
-        encoding = self.recognizer.config.encoding
         drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-        self.recognizer.gate.warm_up(describe(drawn, encoding))
+        self.recognizer.gate.warm_up(describe(drawn, self.recognizer.config.encoding))
         self.recognizer.matcher.warm_up()
 
     def save(self) -> None:

@@ -98,40 +98,22 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """
-    The answer to one frame.
+    """The answer to one frame."""
 
-    Parameters
-    ----------
-    query_index : int
-        Frames processed before this one.
-    candidates : tuple of Candidate
-        Best first; empty if the frame was skipped.
-    sequence_length : int
-        Frames matched together, k in the paper; 0 if it could not be chosen.
-    pairs_scored : int
-        Image pairs compared for this frame.
-    confidence : float, optional
-        Probability in [0, 1] that the best candidate is right, if calibrated.
-    shift_px : tuple of 2 floats, optional
-        The best candidate's shift in pixels of the query image: rows, columns. Positive columns:
-        what the query shows is further right in the reference.
-    relative_yaw_rad : float, optional
-        By how much the query's camera is turned against the reference's, counter-clockwise seen
-        from above (REP-103), if the shift and the camera are known. Turned left, positive, it
-        sees things further right than the reference does: negative columns.
-
-    """
-
-    query_index: int
+    query_index: int  # frames processed before this one
     query_stamp_ns: int
     status: Status
     reason: Reason
-    candidates: tuple[Candidate, ...] = ()
-    sequence_length: int = 0
-    pairs_scored: int = 0
-    confidence: float | None = None
+    candidates: tuple[Candidate, ...] = ()  # best first; empty if the frame was skipped
+    sequence_length: int = 0  # frames matched together, k in the paper; 0 if none could be chosen
+    pairs_scored: int = 0  # image pairs compared for this frame
+    confidence: float | None = None  # probability in [0, 1] that the best is right, if calibrated
+    # The best candidate's shift in pixels of the query image: rows, columns. Positive columns:
+    # what the query shows is further right in the reference.
     shift_px: Shift | None = None
+    # By how much the query's camera is turned against the reference's, counter-clockwise seen
+    # from above (REP-103), if the shift and the camera are known. Turned left, positive, it sees
+    # things further right than the reference does: negative columns.
     relative_yaw_rad: float | None = None
 
     @property

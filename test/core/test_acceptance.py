@@ -12,8 +12,12 @@ from convseq_ros.config import (
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.core.decision.acceptance import Acceptance, confidence, decide_by_margin
-from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.decision.acceptance import (
+    Acceptance,
+    best_candidates,
+    confidence,
+    decide_by_margin,
+)
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
@@ -80,7 +84,7 @@ def accepting(matching, rule='auto'):
 
 def judged(acceptance, frame, rows, found, config, stamp_ns=0):
     acceptance.update(frame, rows, np.arange(len(rows[0])), 10)
-    return acceptance.judge(frame, stamp_ns, found, config)
+    return acceptance.judge(stamp_ns, found, config)
 
 
 @pytest.mark.parametrize(
@@ -291,7 +295,7 @@ def accepted_of(scores, lengths, truth):
         scores_of_ends = sequence_scores(rows[:length], partial=True)
         found = best_candidates(ends, scores_of_ends, places, BY_TRACK)
         answerable += any(length - 1 <= place < len(row) for place in truth[frame])
-        if found and acceptance.judge(frame, 0, found, BY_TRACK)[0] is Reason.ACCEPTED:
+        if found and acceptance.judge(0, found, BY_TRACK)[0] is Reason.ACCEPTED:
             near = min(
                 (abs(found[0].reference_index - place) for place in truth[frame]), default=99
             )

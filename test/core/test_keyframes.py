@@ -5,9 +5,10 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.keyframes import Keyframes, Overlap
+from convseq_ros.core.frame_gate import FrameGate
+from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
 import numpy as np
 
@@ -19,13 +20,18 @@ def by(**settings):
 
 
 def choosing(config):
-    return Keyframes(config, Overlap(0.5))
+    """Return a gate that does not ask whether the robot moves."""
+    moving = Config(motion=MotionConfig(stationary_m=0.0, stationary_overlap=1.0))
+    return FrameGate(moving, config, PaperSimilarity())
+
+
+def told(keyframes, stamp_ns, descriptor, pose=None):
+    return keyframes.update(stamp_ns, pose, lambda: descriptor).reason
 
 
 def taken(keyframes, stamp_ns, descriptor, pose=None):
     """Return whether a frame is a keyframe: due, and another scene than the last."""
-    due = keyframes.is_due(stamp_ns, pose)
-    return due and keyframes.update(stamp_ns, descriptor, pose) is None
+    return told(keyframes, stamp_ns, descriptor, pose) is None
 
 
 def noise(seed):
@@ -52,13 +58,13 @@ def test_a_clock_that_jumps_back_starts_anew():
 def test_a_scene_that_did_not_change_is_left_out():
     keyframes = choosing(KeyframeConfig())
     first, second = noise(0), noise(1)
-    found = [keyframes.update(index, each) for index, each in enumerate([first, first, second])]
+    found = [told(keyframes, index, each) for index, each in enumerate([first, first, second])]
     assert found == [None, Reason.BETWEEN_KEYFRAMES, None]
 
 
 def test_blank_frames_are_left_out_when_the_scene_decides():
     keyframes = choosing(KeyframeConfig())
-    assert keyframes.is_due(0) and keyframes.update(0, BLANK) is Reason.UNINFORMATIVE
+    assert told(keyframes, 0, BLANK) is Reason.UNINFORMATIVE
 
 
 def at(x, turned_rad=0.0):
@@ -104,9 +110,8 @@ def test_warming_up_is_no_keyframe():
     assert taken(keyframes, 0, noise(0)) and not taken(keyframes, 1, noise(0))
 
 
-def test_a_frame_that_is_only_asked_about_is_no_keyframe():
+def test_a_gate_that_was_reset_begins_with_a_keyframe_again():
     keyframes = choosing(by(keyframe_interval_s=1.0))
-    assert all(keyframes.is_due(0) for _ in range(3)) and taken(keyframes, 0, BLANK)
-    assert not keyframes.is_due(1)
+    assert [taken(keyframes, stamp_ns, BLANK) for stamp_ns in (0, 1)] == [True, False]
     keyframes.reset()
-    assert keyframes.is_due(1)
+    assert taken(keyframes, 1, BLANK)

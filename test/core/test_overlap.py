@@ -5,7 +5,7 @@
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.regions import projected_regions
-from convseq_ros.core.keyframes import Overlap
+from convseq_ros.core.frame_gate import Overlap
 from convseq_ros.core.similarity.cell_normalization import normalized
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
@@ -27,8 +27,8 @@ def view(scale=1.0, light=1.0, noise=0.0, seed=0):
 
 def since(first, *others):
     overlap = Overlap(0.5)
-    overlap.remember(first)
-    return [overlap.of(other) for other in others]
+    prepared = overlap.prepare(first)
+    return [overlap.since(prepared, other) for other in others]
 
 
 def test_it_is_the_coherent_score_with_normalised_cells():
@@ -52,9 +52,5 @@ def test_it_hardly_depends_on_the_light():
 
 
 def test_nothing_remembered_or_nothing_shown_is_no_overlap():
-    overlap = Overlap(0.5)
-    assert overlap.of(view()) == 0.0
-    overlap.remember(view())
-    assert overlap.of(blank_descriptor(EncodingConfig())) == 0.0
-    overlap.forget()
-    assert overlap.of(view()) == 0.0
+    assert Overlap(0.5).since(None, view()) == 0.0
+    assert since(view(), blank_descriptor(EncodingConfig())) == [0.0]

@@ -6,8 +6,8 @@ import math
 
 from convseq_ros.config import EncodingConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.frame_gate import Standstill
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.standstill import Standstill
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest

@@ -12,8 +12,7 @@ class UsualScores:
     """A mean for each reference, over the frames in which it was no likely place."""
 
     def __init__(self) -> None:
-        self._sums: Values = np.zeros(0)
-        self._counts: Values = np.zeros(0)
+        self._sums, self._counts = np.zeros(0), np.zeros(0)
         self._total, self._pairs = 0.0, 0
 
     def __len__(self) -> int:
