@@ -31,7 +31,10 @@ def available() -> bool:
 
 def kernels_of(package: str) -> Any:
     """Return a package's `kernels`, or `numpy_kernels`, the same functions, if none compile."""
-    return import_module(f'{package}.{"kernels" if available() else "numpy_kernels"}')
+    return _module(f'{package}.{"kernels" if available() else "numpy_kernels"}')
+
+
+_module = cache(import_module)
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -91,9 +91,12 @@ class Places(Sequence[Place]):
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
         """Add rows of the table `places`."""
-        numbers = np.frombuffer(b''.join(descriptor for *_, descriptor, _ in rows), '<f2')
-        self.descriptors.extend(numbers.reshape(len(rows), -1))
-        self._rows.extend([(row[1], sys.intern(row[2]), row[3:10]) for row in rows])
+        _, stamps_ns, sources, *poses, blobs, _ = zip(*rows, strict=True)
+        block = np.empty(len(rows), _ROW)
+        block['stamp_ns'], block['source'] = stamps_ns, [*map(sys.intern, sources)]
+        block['pose'] = np.array(poses, np.float64).T
+        self.descriptors.extend(np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1))
+        self._rows.extend(block)
 
     def __len__(self) -> int:
         return len(self._rows)
