@@ -21,6 +21,8 @@ FRAME_DROPS = FrameDropConstants()
 
 
 class NoFrameDrops:
+    """Stands in where nobody asks for dropped frames."""
+
     def reset(self) -> None: ...
 
     def update(self, _stamp_ns: int) -> int:

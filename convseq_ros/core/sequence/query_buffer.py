@@ -29,6 +29,8 @@ BUFFER = BufferConstants()
 
 @dataclass(frozen=True, slots=True)
 class BufferedFrame:
+    """A frame of the buffer; its row fills as pairs are scored."""
+
     descriptor: Descriptor
     features: Features | None = None  # None if it shows nothing
     row: Row | None = None  # pair scores (R,), NaN where there is none yet

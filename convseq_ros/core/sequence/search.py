@@ -32,6 +32,8 @@ SHORTLIST = ShortlistConstants()
 
 
 class ExhaustiveSearch:
+    """Scores every reference, as the paper does (III-D)."""
+
     def __init__(self, velocity: ConstantVelocity) -> None:
         self._velocity = velocity
 
@@ -61,6 +63,8 @@ class ExhaustiveSearch:
 
 
 class ShortlistSearch(ExhaustiveSearch):
+    """Scores the `k` sequences that are likely by their coarse scores."""
+
     def __init__(self, velocity: ConstantVelocity, reference_map: ReferenceMap, k: int) -> None:
         super().__init__(velocity)
         self._coarse, self._shortlist = CoarseScores(reference_map), Shortlist(k)

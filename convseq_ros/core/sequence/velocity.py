@@ -26,6 +26,8 @@ VELOCITY = VelocityConstants()
 
 
 class ConstantVelocity:
+    """The query drives as fast as the map's drive did, as the paper has it."""
+
     def reset(self) -> None: ...
 
     def update(self, _rows: Rows, _closer: Callable[[float], Values] | None = None) -> float:
