@@ -15,7 +15,8 @@ CLEAN_BUILD := rm -rf build/lib build/bdist.* *.egg-info
 PYTEST := bin/pytest --quiet --timeout=240 --numprocesses=2 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV, scikit-image and numba may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once.
-NUMERICAL := test/core test/baselines test/sources test/evaluation/test_metrics.py \
+NUMERICAL := test/core test/baselines test/sources/test_images.py test/sources/test_video.py \
+	test/sources/test_folder.py test/evaluation/test_metrics.py \
 	test/evaluation/test_ranking.py test/evaluation/test_truth.py test/test_parity.py
 
 # A python3.12 that is only a pyenv shim exists and yet does not run, so each one is tried.

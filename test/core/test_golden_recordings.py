@@ -4,11 +4,12 @@
 
 import csv
 
-from convseq_ros.config import EncodingConfig, SequenceConfig
+from convseq_ros.config import EncodingConfig, MatchingConfig, SequenceConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 import cv2
@@ -106,7 +107,9 @@ def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     folder = shared_data / 'gardens_point'
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:
         golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)]
-    references = [paper_regions(one.cells) for one in drive(folder / 'day_right', from_bgr)]
-    queries = drive(folder / 'day_left', from_bgr)
-    found = [int(pair_scores(query, references).argmax()) for query in queries]
+    # By the fastest kernel that is exact; the definition itself is asked on corridor.
+    _, exact = chosen_kernels(MatchingConfig(matching='regional'))
+    references = [exact.prepare(one.cells, None) for one in drive(folder / 'day_right', from_bgr)]
+    queries = [exact.extract(one, 4.0, None) for one in drive(folder / 'day_left', from_bgr)]
+    found = [int(exact.compare(query, references)[0].argmax()) for query in queries]
     assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 198
