@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # low scores to high
-UNSCORED = '#8c8c8c'
+UNSCORED = '#4c4c4c'
 EDGE = '#0f1720'
 VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
 MOST_CELLS = 320
