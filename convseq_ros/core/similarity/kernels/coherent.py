@@ -36,8 +36,8 @@ from convseq_ros.core.similarity.pair_score import PairScore, Scores
 import numpy as np
 import numpy.typing as npt
 
-_SCALE = 160.0
-_MOST = 127
+_SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
+_MOST = 127  # the largest signed byte
 REACH = COHERENT.reach_cells
 _FACTORS = COHERENT.window[REACH:]
 _LANES, _ROWS, _COLUMNS = BYTES.lanes, BYTES.rows, BYTES.columns

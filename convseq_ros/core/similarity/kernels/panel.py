@@ -12,7 +12,7 @@ from convseq_ros.core.similarity.kernels.instructions import Tile
 import numpy as np
 import numpy.typing as npt
 
-_CACHE_LINE = 64
+_CACHE_LINE = 64  # bytes, of all processors with a tile here
 
 
 @dataclass(frozen=True, slots=True)

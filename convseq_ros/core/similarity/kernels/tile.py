@@ -11,6 +11,7 @@ A tile compares some rows of a query with two vectors of regions of a reference.
 from typing import Any
 
 from convseq_ros.core.compiled import emitted
+from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile, Tile
 from convseq_ros.core.similarity.kernels.vectors import Vectors
 
@@ -18,8 +19,8 @@ from convseq_ros.core.similarity.kernels.vectors import Vectors
 FLOATS = float_tile() or Tile('none', 4, 6)
 BYTES = int8_tile() or FLOATS
 BYTE_WORDS, CELL_WORDS, FLOAT_WORDS = 8, 8, 32
-SPAN = 3
-# The usual image has 30 in a row.
+SPAN = REGION.span
+# An image of 512 px has 30 in a row.
 REGION_ROWS = min(FLOATS.rows, 10)
 DOT_BIT, ROW_BIT = 15, 11
 
