@@ -114,11 +114,12 @@ class Player(Node):
         sent, timeline = 0, None
         for cue in self._playlist:
             is_image = cue.what == IMAGE
-            if is_image and not sent:
-                if not self._sent:
-                    # All that follows waits for what is lost at the beginning, up to 3 s.
-                    self._acknowledge_sides()
+            if is_image and self._sent and not sent:
                 timeline = Timeline(cue.stamp_ns, self._options.rate)
+            elif is_image and not sent:
+                # All that follows waits for what is lost at the beginning, up to 3 s.
+                self._acknowledge_sides()
+                self._say_time(cue.stamp_ns)
             while timeline and (left_s := self._tick(timeline, cue.stamp_ns)) > 0:
                 time.sleep(min(left_s, _TICK_S))
             if not self.context.ok():
@@ -145,9 +146,12 @@ class Player(Node):
         if not self.context.ok():
             return 0.0
         now_ns = timeline.now_ns()
-        self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))
+        self._say_time(now_ns)
         left_ns: float = (stamp_ns - now_ns) / self._options.rate
         return left_ns / 1e9
+
+    def _say_time(self, now_ns: int) -> None:
+        self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))
 
     def _acknowledge(self) -> None:
         """Wait until every subscriber has what was sent, so that none of it is pushed out."""
