@@ -1,0 +1,24 @@
+// Copyright 2026 The convseq_ros authors
+// SPDX-License-Identifier: Apache-2.0
+// AVX2 with VNNI: Intel's small and desktop processors since Alder Lake, AMD since Zen 5.
+#ifdef __x86_64__
+#pragma GCC target("avx2,fma,f16c,avxvnni")
+#include <immintrin.h>
+#define VARIANT avxvnni
+#include "avx2.h"
+
+#define OFFSET 128 // the reference's bytes are unsigned
+#include "quads.h"
+
+static inline Words dot(Words sum, Words reference, Words query)
+{
+    return (Words)_mm256_dpbusd_avx_epi32((__m256i)sum, (__m256i)reference, (__m256i)query);
+}
+
+static inline Words labelled(Words sum, int32_t label)
+{
+    return sum << LABEL_BITS | splat(label);
+}
+
+#include "kernels.h"
+#endif
