@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from convseq_ros.config import Config, KeyframeConfig, MatchingConfig, MotionConfig
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.sequence.frame_drops import FrameDropDetector, NoFrameDrops
@@ -17,8 +18,8 @@ from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Pose, Reason
 
 
-@dataclass(frozen=True, slots=True)
-class GateConstants:
+@constants
+class GATE:
     """Of the gate; engineering, not studied."""
 
     clock_jump_ns: int = 1_000_000_000  # back; by less, a frame is late
@@ -26,7 +27,6 @@ class GateConstants:
     turn_rad: float = math.tau / 20  # from where on a robot that turns on the spot moves
 
 
-GATE = GateConstants()
 Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # how a stamp follows those before it
 
 

@@ -11,13 +11,14 @@ track ends where its newest frame ends it: where a road forks, nine of ten show 
 from dataclasses import dataclass
 import math
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.usual_scores import UsualScores
 from convseq_ros.core.sequence.diagonals import Indices, Rows, Values
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class TrackConstants:
+@constants
+class TRACK:
     """Chosen on the drawn drives of scripts/fit_acceptance.py and on real images made dark."""
 
     # The first three say what a place is.
@@ -33,9 +34,6 @@ class TrackConstants:
     least_scatter: float = 0.001  # added to it, as sets of few places scatter too little
     shortest_drive: int = 20  # frames that the mean is taken over at least
     doubt_of_other_velocities: float = 1.5  # by which evidence is divided, as there are many
-
-
-TRACK = TrackConstants()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local entropy: which parts of an image carry information (paper III-B)."""
 
-from dataclasses import dataclass
 from functools import cache
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.constants import constants
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,8 @@ import numpy.typing as npt
 Numbers = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class EntropyConstants:
+@constants
+class ENTROPY:
     """Of the local entropy (paper III-B; where it is silent, the released script)."""
 
     max_bits: float = 8.0  # bits of a pixel of 256 levels; entropy is told as a share of them
@@ -23,9 +23,6 @@ class EntropyConstants:
     radius_px: int = 5  # of the disk around a pixel
     outside: int = 256  # level that stands for what lies beyond the image; no pixel has it
     step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
-
-
-ENTROPY = EntropyConstants()
 
 
 def entropy_map(gray: npt.NDArray[np.uint8]) -> Numbers:

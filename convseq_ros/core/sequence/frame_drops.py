@@ -3,21 +3,19 @@
 """How many frames of a steady stream were dropped, by their stamps."""
 
 from collections import deque
-from dataclasses import dataclass
 import statistics
 
+from convseq_ros.core.constants import constants
 
-@dataclass(frozen=True, slots=True)
-class FrameDropConstants:
+
+@constants
+class FRAME_DROPS:
     """Of a steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
 
     memory: int = 20  # intervals that are remembered
     fewest: int = 8  # intervals without which nothing is said
     tolerance: float = 0.25  # by which an interval may miss a multiple of the usual one
     steady_share: float = 0.8  # of the intervals that must be such multiples
-
-
-FRAME_DROPS = FrameDropConstants()
 
 
 class NoFrameDrops:
