@@ -9,8 +9,8 @@ from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Rows, Values
-from convseq_ros.core.types import Candidate, Reason
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, Values
+from convseq_ros.core.types import Candidate, Indices, Reason
 import numpy as np
 
 Candidates = Sequence[Candidate]

@@ -25,9 +25,9 @@ class ENTROPY:
     step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
 
 
-def entropy_map(gray: npt.NDArray[np.uint8]) -> Numbers:
+def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
     """
-    Return the local entropy of a square image at every pixel, (S, S), in [0, 6.34] bits.
+    Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
 
     Notes
     -----
@@ -36,13 +36,8 @@ def entropy_map(gray: npt.NDArray[np.uint8]) -> Numbers:
     disk of 81 pixels lies beyond the image's edge does not count.
 
     """
-    return cv2.resize(_local_entropy(gray), gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
-
-
-def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
-    """Return the mean of an image's entropy map over each of C x C cells, in bits, (C, C)."""
     enlarged = _enlarged_means(gray.shape[0], cells)
-    return enlarged @ _local_entropy(gray) @ enlarged.T
+    return enlarged @ local_entropy(gray) @ enlarged.T
 
 
 def image_entropy(bits: Numbers) -> float:
@@ -58,9 +53,9 @@ def _enlarged_means(side: int, cells: int) -> Numbers:
     return rows.reshape(cells, side // cells, size).mean(axis=1)
 
 
-def _local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
+def local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
     """
-    Return the entropy over a disk around every pixel of a 100 x 100 copy.
+    Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
 
     With c pixels of each level and n in all it is log2 n - sum(c log2 c) / n. Beyond the edge lies
     one more level, whose part of the sum is known.

@@ -6,9 +6,8 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.diagonals import Row
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves, products, widened
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Row
 import numpy as np
 
 

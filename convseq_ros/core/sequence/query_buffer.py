@@ -9,8 +9,8 @@ from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, sequence_scores, Values
-from convseq_ros.core.types import Candidate, Descriptor
+from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores, Values
+from convseq_ros.core.types import Candidate, Descriptor, Indices, Row
 import numpy as np
 
 Coarse = Callable[[Descriptor, int], Row | None]  # takes in a frame, and how many are usable

@@ -6,10 +6,10 @@ from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Rows, sequence_scores, Values
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, sequence_scores, Values
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.velocity import ConstantVelocity, VelocitySearch
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Indices
 import numpy as np
 
 _NONE = np.zeros(0, np.int64)
