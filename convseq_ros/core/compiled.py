@@ -9,6 +9,7 @@ from functools import cache
 from importlib import import_module
 import os
 from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 VERSION = 1  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'sse4', 'dotprod', 'neon')
+_FOLDER = Path(__file__).parent
 _OVERRIDE = 'CONVSEQ_KERNELS'  # environment: the kind of kernels to use, or numpy
 _REBUILD = 'install a C compiler (apt install gcc) and build convseq_ros again'
 
@@ -37,7 +39,9 @@ def library() -> Library:
     asked = os.environ.get(_OVERRIDE, '')
     if asked == 'numpy':
         return Library(problem=f'{_OVERRIDE} is numpy; unset it')
-    found = sorted(Path(__file__).parent.glob('_native*.so'))
+    # Run from a clone, sources have no library beside them, but the installed package has one.
+    installed = [Path(entry, *__name__.split('.')[:-1]) for entry in sys.path]
+    found = [path for folder in (_FOLDER, *installed) for path in folder.glob('_native*.so')]
     if not found:
         return Library(problem=f'they were not built; {_REBUILD}')
     try:
@@ -89,7 +93,7 @@ def kernel(name: str, *arguments: Any) -> Callable[..., None]:
     """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
     function = library().functions[f'convseq_{name}_{library().variant}']
     function.argtypes, function.errcheck = arguments, _check
-    return function  # type: ignore[no-any-return]
+    return function
 
 
 def _check(result: int, function: Any, _arguments: Any) -> None:

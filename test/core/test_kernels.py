@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from convseq_ros.config import MatchingConfig
+from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
@@ -25,7 +26,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+INSTALLED_IN = Path(compiled.__file__).parents[2]  # which need not be the repository
 TOLERANCE = {
     ('coherent', 'float32'): 1e-6, ('regional', 'float32'): 1e-6,
     ('coherent', 'int8'): 1e-2, ('regional', 'int8'): 1e-3,
@@ -260,7 +261,8 @@ from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_halves import products
 
 def told(*found):
-    print(hashlib.sha256(b''.join(np.ascontiguousarray(one).tobytes() for one in found)).hexdigest())
+    joined = b''.join(np.ascontiguousarray(one).tobytes() for one in found)
+    print(hashlib.sha256(joined).hexdigest())
 
 noise = np.random.default_rng(5).integers(0, 256, (6, 512, 512), np.uint8)
 shown = [describe(cv2.GaussianBlur(one, (0, 0), 5)) for one in noise]
@@ -283,7 +285,7 @@ told(products(rows, rows[0].astype(np.float32)))
 def in_process(lines, **environment):
     result = subprocess.run(
         [sys.executable, '-c', lines],
-        cwd=REPOSITORY,
+        cwd=INSTALLED_IN,
         capture_output=True,
         text=True,
         check=False,

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback where it is not built."""
+"""What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback without C."""
 
 import cv2
 import numpy as np

@@ -10,7 +10,6 @@ from convseq_ros.core.encoding.regions import Cells, paper_regions
 from convseq_ros.core.similarity.kernels.panel import (
     addresses,
     Bytes,
-    COLUMNS,
     empty_panel,
     Panel,
     query_bytes,
