@@ -50,7 +50,13 @@ def run(chosen: argparse.Namespace) -> int:
     for line in session.ignored:
         print(f'warning: {line}', file=sys.stderr)
     try:
-        source = open_annotated(chosen.recording, chosen.topic, chosen.odom, chosen.camera_info)
+        source = open_annotated(
+            chosen.recording,
+            chosen.topic,
+            chosen.odom,
+            chosen.camera_info,
+            session.recognizer.config.reading,
+        )
         if session.keyframes_m and not chosen.odom:
             print(
                 f'warning: {chosen.map}: has a place every {session.keyframes_m:g} m; without '

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.pose_track import PoseTrack
@@ -40,7 +42,7 @@ class Source(Protocol):
         """Yield the frames in order; each call starts anew."""
 
 
-def open_source(path: Path, topic: str = '') -> Source:
+def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
     """
     Open a folder of pictures, a recording or a video, whichever is there.
 
@@ -51,24 +53,33 @@ def open_source(path: Path, topic: str = '') -> Source:
         a video.
     topic : str, optional
         Image topic of a recording that has several.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Raises
     ------
     SourceError
-        If it is neither, is damaged, or holds no images.
+        If it is neither, is damaged, is no regular file, or holds no images.
 
     """
     path = Path(path)
+    refuse_irregular(path)
     if path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir():
         _refuse_topic(path, 'a video', topic)
-        return Video(path)
+        return Video(path, reading)
     if not path.is_dir() or _holds_recording(path):
-        return Recording(path, topic)
+        return Recording(path, topic, reading)
     _refuse_topic(path, 'a folder of pictures', topic)
-    return ImageFolder(path)
+    return ImageFolder(path, reading)
 
 
-def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str = '') -> Source:
+def open_annotated(
+    path: Path,
+    topic: str = '',
+    odom: str = '',
+    camera_info: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+) -> Source:
     """
     Open what `open_source` does, with what other topics of the recording say of its frames.
 
@@ -82,6 +93,8 @@ def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str
         Topic of odometry or poses: frames then know where they were taken.
     camera_info : str, optional
         Topic that describes the camera.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Raises
     ------
@@ -89,7 +102,7 @@ def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str
         If one of these cannot be read.
 
     """
-    source = open_source(path, topic)
+    source = open_source(path, topic, reading)
     if not odom and not camera_info:
         return source
     track = PoseTrack(read_poses(path, odom)) if odom else None

@@ -91,7 +91,7 @@ def checked_settings(
         made_with, apart = EncodingConfig(**settings), EVERY_FRAME
         if 'keyframes' in said:
             apart = KeyframeConfig(**json.loads(said['keyframes']))
-    except (KeyError, TypeError, ValueError, ConfigError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError, ConfigError) as error:
         raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
     size_px = (encoding or made_with).image_size_px
     asked = {'image_size_px': size_px, **(keyframes or apart).spacing}

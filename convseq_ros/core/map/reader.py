@@ -77,9 +77,11 @@ class MapReader:
             count = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
             both = f'SELECT {count.format("places")}, {count.format("pictures")}'
             length, pictures = self._database.execute(both).fetchone()
+            # The last index may be any number: memory is taken for the rows that are there.
+            (rows_there,) = self._database.execute('SELECT count(*) FROM places').fetchone()
             if length != pictures:
                 raise self._damaged(f'reference {min(length, pictures)} is missing')
-            places = Places(self._cell_shape, length)
+            places = Places(self._cell_shape, rows_there)
             rows = self._database.execute('SELECT * FROM places ORDER BY reference_index')
             for some in iter(partial(rows.fetchmany, _ROWS_AT_ONCE), []):
                 for index, row in enumerate(some, len(places)):
