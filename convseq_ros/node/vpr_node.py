@@ -4,11 +4,16 @@
 
 import os
 from pathlib import Path
-import signal
 import sys
 import threading
 import time
 from typing import Any
+
+from convseq_ros.process import hand_over, ignore, run, stand
+
+if __name__ == '__main__':
+    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
+    sys.exit(run('convseq_ros.node.vpr_node', 0))
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session
@@ -26,7 +31,7 @@ from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
@@ -106,9 +111,9 @@ class VprNode(Node):
 
     def destroy_node(self) -> None:
         """Finish the frame at hand, close the files and leave the graph."""
-        if self._worker.stop(_STOP_TIMEOUT_S):
+        if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
-        else:
+        elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
@@ -200,27 +205,28 @@ class VprNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    # rclpy's own handler, installed by init, ends the spinning and then calls this one, which
-    # keeps Python from raising KeyboardInterrupt in the middle of the tidying up.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    stand(0)
     try:
         rclpy.init(args=args)
     except RuntimeError as error:
         return _refuse(error)
+    # rclpy's own handler, installed by init, ends the spinning and then calls this one, which
+    # keeps Python from raising KeyboardInterrupt in the middle of the tidying up.
+    hand_over(lambda: None)
     try:
         _run()
     except (ConvseqError, OSError) as error:
         return _refuse(error)
-    except (ExternalShutdownException, RuntimeError):
+    except Exception:
         # Whatever is under way fails when a signal shuts ROS down.
         if ok():
             raise
+        _leave()
     finally:
         try_shutdown()
-        # Python gives signals back their deadly default before it is gone.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-    _leave_what_is_at_work()
+        ignore()
+    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
+        _leave()
     return 0
 
 
@@ -236,18 +242,13 @@ def _run() -> None:
         node.destroy_node()
 
 
-def _leave_what_is_at_work() -> None:
-    """End at once if threads are still at work: Python would tidy up what they are using."""
-    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
+def _leave() -> None:
+    """End at once: Python would tidy up what threads are using, or what is half made."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _refuse(error: Exception) -> int:
     get_logger('vpr_node').error(' '.join(str(error).split()))
     return 1
-
-
-if __name__ == '__main__':
-    sys.exit(main())
