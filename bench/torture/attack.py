@@ -4,8 +4,8 @@
 What an attack is: a file of this folder.
 
 It has `ABOUT`, what is done, `ORACLE`, what must hold after every try, and a `SEED`.
-`make torture` makes `COUNT` tries, the tests `SHORT`. `run(count, seed, folder)` yields a `Try` for each; a seed
-gives the same tries again.
+`make torture` makes `COUNT` tries, the tests `SHORT`. `run(count, seed, folder)` yields a `Try`
+for each; a seed gives the same tries again.
 """
 
 from collections.abc import Callable, Iterator

@@ -24,6 +24,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -244,9 +245,8 @@ def main(args: list[str] | None = None) -> int:
     stand(0)
     try:
         source = open_source(options.recording, options.topic)
-        rclpy.init(args=argv)
-        # As in vpr_node: rclpy's own handler stops the playing, nothing is raised in between.
-        hand_over(lambda: None)
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        hand_over(try_shutdown)
         player = Player(source, options)
         player.play()
     except (ConvseqError, OSError) as error:

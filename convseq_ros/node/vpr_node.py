@@ -34,6 +34,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 from std_srvs.srv import SetBool, Trigger
 
@@ -207,46 +208,41 @@ def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
     stand(0)
     try:
-        rclpy.init(args=args)
+        # Its own handlers would shut ROS down under whatever is at work.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         return _refuse(error)
-    # rclpy's own handler, installed by init, ends the spinning and then calls this one, which
-    # keeps Python from raising KeyboardInterrupt in the middle of the tidying up.
-    hand_over(lambda: None)
     try:
         _run()
     except (ConvseqError, OSError) as error:
         return _refuse(error)
-    except Exception:
-        # Whatever is under way fails when a signal shuts ROS down.
-        if ok():
-            raise
-        _leave()
     finally:
         try_shutdown()
         ignore()
-    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
-        _leave()
+    _leave_what_is_at_work()
     return 0
 
 
 def _run() -> None:
     executor = SingleThreadedExecutor()
     node = VprNode()
+    ending = threading.Event()
+    hand_over(ending.set)
     executor.add_node(node)
     try:
-        # A signal just before the executor waits does not wake it: it looks up now and then.
-        while ok():
+        # A signal does not wake the executor: it looks up now and then.
+        while ok() and not ending.is_set():
             executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
 
 
-def _leave() -> None:
-    """End at once: Python would tidy up what threads are using, or what is half made."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)
+def _leave_what_is_at_work() -> None:
+    """End at once if threads are still at work: Python would tidy up what they are using."""
+    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _refuse(error: Exception) -> int:
