@@ -17,7 +17,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.services import Background, settle
+from convseq_ros.node.services import Background, SERVICE_QOS, settle
 from convseq_ros.node.worker import Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -68,8 +68,9 @@ class MapServices:
         self._background = Background()
         # Its own group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
-        node.create_service(LoadMap, '~/load_map', self._on_load_map, callback_group=group)
-        node.create_service(Trigger, '~/save_map', self._on_save_map, callback_group=group)
+        offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)
+        offer(LoadMap, '~/load_map', self._on_load_map)
+        offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
         """Log which map is in use."""
