@@ -3,21 +3,19 @@
 """Build a reference map: `convseq build-map RECORDING MAP`."""
 
 import argparse
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.options import add_parameters, given
+from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
-from convseq_ros.sources import open_source
-from convseq_ros.sources.pose_track import PoseTrack
-from convseq_ros.sources.recording import read_poses
+from convseq_ros.sources import open_annotated
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument('map', type=Path, help='map file to make')
     parser.add_argument('--topic', default='', help='image topic, if there are several')
-    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
+    add_annotations(parser)
     parser.add_argument('--append', action='store_true', help='add to an existing map')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
@@ -55,6 +53,8 @@ def run(chosen: argparse.Namespace) -> int:
         chosen.map,
         topic=chosen.topic,
         odom=chosen.odom,
+        camera_info=chosen.camera_info,
+        poses=chosen.poses,
         append=chosen.append,
         config=make_config(given(chosen, _asked())),
     )
@@ -77,6 +77,8 @@ def build(
     *,
     topic: str = '',
     odom: str = '',
+    camera_info: str = '',
+    poses: Path | None = None,
     append: bool = False,
     config: Config = Config(),
 ) -> Built:
@@ -91,8 +93,7 @@ def build(
         If the map cannot be written.
 
     """
-    source = open_source(recording, topic)
-    track = PoseTrack(read_poses(recording, odom) if odom else [])
+    source = open_annotated(recording, topic, odom, camera_info, poses)
     started = time.monotonic()
     builder = MapBuilder(path, config, append)
     frames = unreadable = with_pose = 0
@@ -104,8 +105,7 @@ def build(
                 if frame.gray is None:
                     unreadable += 1
                     print(f'warning: {frame.problem}', file=sys.stderr)
-                pose = track.at(frame.stamp_ns)
-                with_pose += builder.process(replace(frame, pose=pose)) and pose is not None
+                with_pose += builder.process(frame) and frame.pose is not None
     except KeyboardInterrupt:
         interrupted = True
     for warning in source.warnings:

@@ -14,7 +14,8 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.map.database import Database, explained, open_to_read
 from convseq_ros.core.map.format import decode_cells, FORMAT_VERSION
 from convseq_ros.core.map.place import Picture, Place
-from convseq_ros.core.map.writer import MapWriter, replaced
+from convseq_ros.core.map.replacing import replaced
+from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConfigError, MapError
 import numpy as np

@@ -40,6 +40,23 @@ def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, V
     }
 
 
+def add_annotations(parser: argparse.ArgumentParser) -> None:
+    """Declare where the poses and the camera of frames come from."""
+    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
+    parser.add_argument(
+        '--poses',
+        type=Path,
+        metavar='FILE',
+        help='text file of poses instead, in the format of TUM or KITTI',
+    )
+    parser.add_argument(
+        '--camera-info',
+        default='',
+        metavar='TOPIC|FILE',
+        help='topic or file (YAML of ROS, calib.txt of KITTI) that describes the camera',
+    )
+
+
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add `--config FILE` and an option for every parameter that decides a match."""
     parser.add_argument(

@@ -12,7 +12,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.cli.options import add_annotations, add_config, chosen_config
 from convseq_ros.cli.progress import progress
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
@@ -35,10 +35,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--output', type=Path, default=Path('result.csv'), help='table to write (result.csv)'
     )
     parser.add_argument('--topic', default='', help='image topic, if there are several')
-    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
-    parser.add_argument(
-        '--camera-info', default='', metavar='TOPIC', help='topic that describes the camera'
-    )
+    add_annotations(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     add_config(parser)
 
@@ -50,11 +47,13 @@ def run(chosen: argparse.Namespace) -> int:
     for line in session.ignored:
         print(f'warning: {line}', file=sys.stderr)
     try:
-        source = open_annotated(chosen.recording, chosen.topic, chosen.odom, chosen.camera_info)
-        if session.keyframes_m and not chosen.odom:
+        source = open_annotated(
+            chosen.recording, chosen.topic, chosen.odom, chosen.camera_info, chosen.poses
+        )
+        if session.keyframes_m and not (chosen.odom or chosen.poses):
             print(
                 f'warning: {chosen.map}: has a place every {session.keyframes_m:g} m; without '
-                '--odom every frame is matched with it',
+                '--odom or --poses every frame is matched with it',
                 file=sys.stderr,
             )
         session.warm_up()

@@ -11,11 +11,9 @@ from typing import Any
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import NoBackground
 from convseq_ros.core.similarity.pair_score import PairScore
+from convseq_ros.core.types import Indices, Row
 import numpy as np
-import numpy.typing as npt
 
-Indices = npt.NDArray[np.int64]
-Row = npt.NDArray[np.float32]  # scores
 _AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references, for 8 MB of cells
 

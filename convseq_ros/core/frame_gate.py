@@ -9,16 +9,17 @@ import math
 from typing import Any
 
 from convseq_ros.config import Config, KeyframeConfig, MatchingConfig, MotionConfig
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.sequence.frame_drops import FrameDropDetector, NoFrameDrops
+from convseq_ros.core.sequence.frame_drops import FRAME_DROPS, FrameDropDetector
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Pose, Reason
 
 
-@dataclass(frozen=True, slots=True)
-class GateConstants:
+@constants
+class GATE:
     """Of the gate; engineering, not studied."""
 
     clock_jump_ns: int = 1_000_000_000  # back; by less, a frame is late
@@ -26,7 +27,6 @@ class GateConstants:
     turn_rad: float = math.tau / 20  # from where on a robot that turns on the spot moves
 
 
-GATE = GateConstants()
 Order = Enum('Order', ['NEXT', 'LATE', 'JUMPED_BACK'])  # how a stamp follows those before it
 
 
@@ -125,7 +125,7 @@ class FrameGate:
         self._standstill = Standstill(config.motion, by_image, similarity)
         self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
         counts = by_image and config.matching.velocity_search
-        self._drops = FrameDropDetector() if counts else NoFrameDrops()
+        self._drops = FrameDropDetector(FRAME_DROPS.memory if counts else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
         self._interval_ns = round(GATE.earliest * keyframes.keyframe_interval_s * 1e9)
         self.reset()

@@ -9,12 +9,12 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.feature_cache import FeatureCache, Indices, Row, Threads
+from convseq_ros.core.feature_cache import FeatureCache, Threads
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.types import Candidate, Descriptor, Shift
+from convseq_ros.core.types import Candidate, Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt
 

@@ -1,15 +1,20 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera is, and how surely, when a place of the map was recognised."""
+"""
+Where the camera is, and how surely, when a place of the map was recognised.
+
+The shift between two images leads from the query to the reference. A camera that is turned to the
+left, a positive yaw (REP-103), sees things further right than the reference does, so its columns
+are negative.
+"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.sequence.diagonals import Row
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import Camera, Frame, Match, Pose, Row, Shift
 import numpy as np
 import numpy.typing as npt
 
@@ -107,3 +112,30 @@ def _as_good(index: int, row: Row | None) -> Iterator[int]:
 def _yaw(pose: Pose) -> float:
     x, y, z, w = pose.orientation
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def shift_px(shift: Shift, height: int, width: int, cells_across: int) -> Shift:
+    """Return a shift, in cells of a square, in pixels of the image that the square was made of."""
+    return shift[0] * height / cells_across, shift[1] * width / cells_across
+
+
+def relative_yaw(shift_px: Shift, camera: Camera) -> float:
+    """
+    Return by how many radians, in (-pi, pi), the query's camera is turned left.
+
+    Half the shift is to one side of the optical axis in the query, half to the other in the
+    reference. Lens distortion is left out. A camera that was moved sideways sees near things
+    shifted as well, which no single shift can tell from a turn.
+    """
+    return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
+
+
+def measured(match: Match, frame: Frame, cells_across: int) -> Match:
+    """Return an answer with what its shift means in the frame's own pixels, and to its camera."""
+    best = match.best
+    if best is None or best.shift is None or frame.gray is None:
+        return match
+    height, width = frame.gray.shape
+    moved_px = shift_px(best.shift, height, width, cells_across)
+    yaw_rad = relative_yaw(moved_px, frame.camera) if frame.camera else None
+    return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

@@ -11,10 +11,10 @@ from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.map.online import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
+from convseq_ros.core.pose import measured
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.search import make_search
-from convseq_ros.core.shift import measured
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
 

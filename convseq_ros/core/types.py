@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 Shift = tuple[float, float]
+Indices = npt.NDArray[np.int64]
+Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +45,9 @@ class Frame:
     camera: Camera | None = None  # what took it, if known
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Descriptor:
-    """What is kept of one image."""
+    """What is kept of one image; equal to itself only."""
 
     cells: npt.NDArray[np.float32]  # (S, S, 8), a histogram of gradient orientation each
     salient: npt.NDArray[np.bool_]  # ((S - 1) ** 2,), 2 x 2-cell regions that are informative

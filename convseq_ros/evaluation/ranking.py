@@ -5,7 +5,8 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from convseq_ros.core.sequence.diagonals import Row, sequence_scores
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.types import Row
 from convseq_ros.evaluation.drive import Drive
 import numpy as np
 import numpy.typing as npt

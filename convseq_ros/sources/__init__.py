@@ -8,8 +8,10 @@ from typing import Protocol
 
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.sources.annotated import AnnotatedFrames
+from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
+from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder, pictures_in
+from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_camera, read_poses, Recording
 from convseq_ros.sources.storage import is_storage_file
@@ -68,9 +70,11 @@ def open_source(path: Path, topic: str = '') -> Source:
     return ImageFolder(path)
 
 
-def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str = '') -> Source:
+def open_annotated(
+    path: Path, topic: str = '', odom: str = '', camera_info: str = '', poses: Path | None = None
+) -> Source:
     """
-    Open what `open_source` does, with what other topics of the recording say of its frames.
+    Open what `open_source` does, with what other topics, or files, say of its frames.
 
     Parameters
     ----------
@@ -81,7 +85,9 @@ def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str
     odom : str, optional
         Topic of odometry or poses: frames then know where they were taken.
     camera_info : str, optional
-        Topic that describes the camera.
+        Topic that describes the camera, or a file as for `read_camera_file`.
+    poses : Path, optional
+        File as for `read_pose_file`, instead of `odom`.
 
     Raises
     ------
@@ -90,11 +96,33 @@ def open_annotated(path: Path, topic: str = '', odom: str = '', camera_info: str
 
     """
     source = open_source(path, topic)
-    if not odom and not camera_info:
+    if odom and poses:
+        raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
+    if not (odom or poses or camera_info):
         return source
-    track = PoseTrack(read_poses(path, odom)) if odom else None
-    camera = read_camera(path, camera_info) if camera_info else None
-    return AnnotatedFrames(source, track.at if track else None, camera)
+    pose_at: PoseAt | None = None
+    if poses:
+        pose_at = read_pose_file(poses, len(source))
+    elif odom:
+        pose_at = _poses_of(path, odom)
+    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info))
+
+
+def _poses_of(path: Path, odom: str) -> PoseAt:
+    track = PoseTrack(read_poses(path, odom))
+    return lambda _index, stamp_ns: track.at(stamp_ns)
+
+
+def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
+    if not camera_info:
+        return None
+    file = Path(camera_info)
+    if file.is_file():
+        return lambda height, width: read_camera_file(file, height, width)
+    if path.is_dir() and not _holds_recording(path):
+        raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
+    camera = read_camera(path, camera_info)
+    return lambda _height, _width: camera
 
 
 def _refuse_topic(path: Path, what: str, topic: str) -> None:

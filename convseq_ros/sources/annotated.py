@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Protocol
 
-from convseq_ros.core.types import Camera, Frame, Pose
+from convseq_ros.core.types import Camera, Frame
 from convseq_ros.sources.camera_info import fitted
+from convseq_ros.sources.pose_file import PoseAt
+
+CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
 
 
 class Frames(Protocol):
@@ -24,34 +27,34 @@ class Frames(Protocol):
 
 class AnnotatedFrames:
     """
-    The frames of a source with the poses of a track and the camera that took them.
+    The frames of a source with their poses and the camera that took them.
 
     Parameters
     ----------
     source : Frames
-        A recording.
+        A recording, or a folder of pictures.
     pose_at : callable, optional
-        From a stamp in nanoseconds to a Pose or None, such as `PoseTrack.at`.
-    camera : Camera, optional
-        As described by the recording.
+        From a frame's number and its stamp in nanoseconds to a Pose or None.
+    camera_of : callable, optional
+        From the first readable image's height and width to the Camera.
 
     """
 
-    def __init__(
-        self, source: Frames, pose_at: Callable[[int], Pose | None] | None, camera: Camera | None
-    ) -> None:
+    def __init__(self, source: Frames, pose_at: PoseAt | None, camera_of: CameraOf | None) -> None:
         self._source = source
         self._pose_at = pose_at
-        self._camera = camera
+        self._camera_of = camera_of
         self.name, self.topic, self.warnings = source.name, source.topic, source.warnings
 
     def __len__(self) -> int:
         return len(self._source)
 
     def __iter__(self) -> Iterator[Frame]:
-        for frame in self._source:
-            pose = self._pose_at(frame.stamp_ns) if self._pose_at else None
-            camera = self._camera
-            if camera and frame.gray is not None:
-                camera = fitted(camera, *frame.gray.shape)
-            yield replace(frame, pose=pose or frame.pose, camera=camera or frame.camera)
+        described: Camera | None = None
+        for index, frame in enumerate(self._source):
+            pose = self._pose_at(index, frame.stamp_ns) if self._pose_at else None
+            camera = frame.camera
+            if self._camera_of and frame.gray is not None:
+                described = described or self._camera_of(*frame.gray.shape)
+                camera = fitted(described, *frame.gray.shape)
+            yield replace(frame, pose=pose or frame.pose, camera=camera)

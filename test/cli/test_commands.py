@@ -111,7 +111,7 @@ def test_keyframes_by_odometry_without_odometry_are_warned_about(drive, tmp_path
     assert main(['build-map', str(drive), str(path), '--keyframe-distance-m', '1.5']) == 0
     assert len(open_map(path)) == COUNT
     assert main(['replay', str(drive), '--map', str(path), '--output', str(output)]) == 0
-    assert 'a place every 1.5 m; without --odom every frame' in capsys.readouterr().err
+    assert 'a place every 1.5 m; without --odom or --poses every frame' in capsys.readouterr().err
     reasons = {row['reason'] for row in read_results(output)}
     assert 'between_keyframes' not in reasons
 

@@ -4,11 +4,13 @@
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import cell_histograms, describe, salient_regions
-from convseq_ros.core.encoding.entropy import entropy_map, image_entropy
+from convseq_ros.core.encoding.entropy import image_entropy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+
+from test.core.entropy_map import entropy_map
 
 
 def noise(seed, shape=(64, 96)):

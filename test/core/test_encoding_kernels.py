@@ -5,7 +5,7 @@
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core import compiled
 from convseq_ros.core.encoding.descriptor import cell_histograms, describe, salient_regions
-from convseq_ros.core.encoding.entropy import cell_entropies, entropy_map
+from convseq_ros.core.encoding.entropy import cell_entropies
 import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from skimage.filters.rank import entropy as rank_entropy
 from skimage.morphology import disk
+
+from test.core.entropy_map import entropy_map
 
 WAYS = ['compiled', 'plain']
 SIZES = [64, 112, 512, 528]

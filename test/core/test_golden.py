@@ -13,7 +13,6 @@ from convseq_ros.config import (
     SequenceConfig,
 )
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.entropy import entropy_map
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -24,6 +23,8 @@ from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Frame
 import numpy as np
 import pytest
+
+from test.core.entropy_map import entropy_map
 
 GOLDEN = Path(__file__).resolve().parents[1] / 'golden'
 COUNT = 8

@@ -3,30 +3,27 @@
 """The best few places among all scores, whether the best is a match, and how sure that is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Rows, Values
-from convseq_ros.core.types import Candidate, Reason
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, Values
+from convseq_ros.core.types import Candidate, Indices, Reason
 import numpy as np
 
 Candidates = Sequence[Candidate]
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
 
 
-@dataclass(frozen=True, slots=True)
-class ConfidenceConstants:
+@constants
+class CONFIDENCE:
     """Between what fits drawn streets that repeat, and dark images (scripts/fit_acceptance.py)."""
 
     offset: float = -0.2  # of a logistic function: log odds at an evidence of 1
     slope: float = 2.1  # log odds per e-fold
     least_evidence: float = 0.1  # added, so that none has a logarithm
-
-
-CONFIDENCE = ConfidenceConstants()
 
 
 class Acceptance:

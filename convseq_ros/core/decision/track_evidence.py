@@ -11,13 +11,14 @@ track ends where its newest frame ends it: where a road forks, nine of ten show 
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.decision.usual_scores import UsualScores
-from convseq_ros.core.sequence.diagonals import Indices, Rows, Values
+from convseq_ros.core.constants import constants
+from convseq_ros.core.sequence.diagonals import diagonal, pairs_along, Rows, Values
+from convseq_ros.core.types import Indices, Row
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class TrackConstants:
+@constants
+class TRACK:
     """Chosen on the drawn drives of scripts/fit_acceptance.py and on real images made dark."""
 
     # The first three say what a place is.
@@ -28,6 +29,7 @@ class TrackConstants:
     memory: int = 30  # frames over which margins are summed
     fewest_rivals: int = 8  # other places, without which a margin says nothing
     chance: float = 6.0  # scatters by which the best of one rival's neighbours leads by chance
+    prior_frames: int = 5  # that the mean of all counts for in what a reference usually scores
     prior_windows: int = 2  # that the usual scatter counts for
     usual_scatter: float = 0.006  # of sequence scores of other places
     least_scatter: float = 0.001  # added to it, as sets of few places scatter too little
@@ -35,7 +37,39 @@ class TrackConstants:
     doubt_of_other_velocities: float = 1.5  # by which evidence is divided, as there are many
 
 
-TRACK = TrackConstants()
+class UsualScores:
+    """What references usually score on a drive: means over frames that hardly show them."""
+
+    def __init__(self) -> None:
+        self._sums, self._counts = np.zeros(0), np.zeros(0)
+        self._total, self._pairs = 0.0, 0
+
+    def __len__(self) -> int:
+        return len(self._sums)
+
+    def above(self, rows: Rows, ends: Indices, velocity: float) -> Values:
+        """Return pair scores (k, n) above what their references usually score, and their mean."""
+        if rows[0] is not None and len(rows[0]) > len(self):
+            more = np.zeros(len(rows[0]) - len(self))
+            self._sums, self._counts = np.append(self._sums, more), np.append(self._counts, more)
+        steps = diagonal(len(rows), velocity)
+        prior = TRACK.prior_frames * self._total / max(self._pairs, 1)
+        pairs = pairs_along(rows, ends, steps, np.float64)
+        for values, step in zip(pairs, steps, strict=True):
+            known = np.flatnonzero(np.isfinite(values))
+            met = ends[known] - step
+            usual = (self._sums[met] + prior) / (self._counts[met] + TRACK.prior_frames)
+            above = values[known] - usual
+            values[known] = above - above.mean() if len(above) else above
+        return pairs
+
+    def learn(self, row: Row, ends: Indices) -> None:
+        """Take in the scores of some references in a row (R,), NaN where there is none."""
+        known = ends[np.isfinite(row[ends])]
+        self._sums[known] += row[known]
+        self._counts[known] += 1
+        self._total += float(row[known].sum(dtype=np.float64))
+        self._pairs += len(known)
 
 
 @dataclass(frozen=True, slots=True)

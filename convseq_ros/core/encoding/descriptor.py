@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From an image to its descriptor: histograms of cells, salient regions (paper III-B, III-C)."""
 
-from dataclasses import dataclass
-
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY, image_entropy
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -13,17 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 
-@dataclass(frozen=True, slots=True)
-class HogConstants:
+@constants
+class HOG:
     """Of the histograms (paper III-C; where it is silent, the released script)."""
 
     cell_px: int = 16  # W2 = H2 in the paper
     bins: int = 8  # L in the paper
     margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
     strip_cells: int = 4  # rows of cells at a time; measured: they stay in the processor's cache
-
-
-HOG = HogConstants()
 
 
 def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local entropy: which parts of an image carry information (paper III-B)."""
 
-from dataclasses import dataclass
 from functools import cache
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.constants import constants
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,8 @@ import numpy.typing as npt
 Numbers = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class EntropyConstants:
+@constants
+class ENTROPY:
     """Of the local entropy (paper III-B; where it is silent, the released script)."""
 
     max_bits: float = 8.0  # bits of a pixel of 256 levels; entropy is told as a share of them
@@ -25,12 +25,9 @@ class EntropyConstants:
     step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
 
 
-ENTROPY = EntropyConstants()
-
-
-def entropy_map(gray: npt.NDArray[np.uint8]) -> Numbers:
+def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
     """
-    Return the local entropy of a square image at every pixel, (S, S), in [0, 6.34] bits.
+    Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
 
     Notes
     -----
@@ -39,13 +36,8 @@ def entropy_map(gray: npt.NDArray[np.uint8]) -> Numbers:
     disk of 81 pixels lies beyond the image's edge does not count.
 
     """
-    return cv2.resize(_local_entropy(gray), gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
-
-
-def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
-    """Return the mean of an image's entropy map over each of C x C cells, in bits, (C, C)."""
     enlarged = _enlarged_means(gray.shape[0], cells)
-    return enlarged @ _local_entropy(gray) @ enlarged.T
+    return enlarged @ local_entropy(gray) @ enlarged.T
 
 
 def image_entropy(bits: Numbers) -> float:
@@ -61,9 +53,9 @@ def _enlarged_means(side: int, cells: int) -> Numbers:
     return rows.reshape(cells, side // cells, size).mean(axis=1)
 
 
-def _local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
+def local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
     """
-    Return the entropy over a disk around every pixel of a 100 x 100 copy.
+    Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
 
     With c pixels of each level and n in all it is log2 n - sum(c log2 c) / n. Beyond the edge lies
     one more level, whose part of the sum is known.

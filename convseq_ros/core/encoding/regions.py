@@ -7,11 +7,11 @@ The paper's are of 2 x 2 cells (III-C); ours, of 3 x 3 cells, are projected from
 The global descriptor, made of the latter, is an image at a coarse glance, in half a kilobyte.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from math import isqrt
 
+from convseq_ros.core.constants import constants
 import numpy as np
 import numpy.typing as npt
 
@@ -19,17 +19,14 @@ Cells = npt.NDArray[np.float32]
 Regions = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class RegionConstants:
+@constants
+class REGION:
     """Sizes; ours were chosen on real image pairs, by pair and by recall (docs/MATCHING.md)."""
 
     paper_span: int = 2  # cells in a row of a region of the paper (III-C)
     span: int = 3  # cells in a row of a projected region; of 32 numbers (projection.md)
     frequencies: int = 6  # of a global descriptor, down and across together; 21 pairs of them
     axes: int = 12  # of a global descriptor; channels, of 32
-
-
-REGION = RegionConstants()
 
 
 def unit(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
-import os
+from contextlib import closing
 from pathlib import Path
-import tempfile
 from typing import Self
 from uuid import uuid4
 
@@ -21,10 +18,10 @@ from convseq_ros.core.map.format import (
     SCHEMA,
     Settings,
 )
-from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.replacing import replaced
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
@@ -184,46 +181,3 @@ def save_map(reference_map: ReferenceMap, path: Path) -> None:
     with replaced(path) as part:
         with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
             writer.copy(reference_map, len(reference_map))
-
-
-@contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """
-    Give a name under which a map is made, which takes its place at the end, or is deleted.
-
-    MapError if another program adds to the map, or the file cannot be written.
-    """
-    target = path.resolve()
-    prefix, folder = f'{target.name}.', target.parent
-    with MapLock(path):
-        try:
-            with tempfile.TemporaryDirectory('.part', prefix, folder) as own:
-                part = Path(own, target.name)
-                try:
-                    yield part
-                except MapError as error:
-                    raise MapError(str(error).replace(str(part), str(path))) from error
-                _delete_journal(target)
-                os.replace(part, target)
-            _sync(folder)
-        except OSError as error:
-            raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
-
-
-def _sync(folder: Path) -> None:
-    """Have the names of files be on disk, as their content is."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def _delete_journal(path: Path) -> None:
-    """Delete what a crash left beside a file: it would be taken for what replaces the file."""
-    beside = [path.with_name(path.name + end) for end in ('-journal', '-wal', '-shm')]
-    if any(one.exists() for one in beside):
-        with suppress(MapError), explained(path), closing(open_to_write(path)) as database:
-            database.number('PRAGMA page_count')  # mends the file, if it can be
-        for one in beside:
-            one.unlink(missing_ok=True)

@@ -2,19 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: how alike a query and all references are by their global descriptors."""
 
-from dataclasses import dataclass
-
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.diagonals import Row
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves, products, widened
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Row
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class CoarseConstants:
+@constants
+class COARSE:
     """Of the whitening; chosen by recall on 14 sets, by day and darkened (docs/MATCHING.md)."""
 
     prior_frames: int = 2  # that the map's mean counts for in the drive's
@@ -23,9 +21,6 @@ class CoarseConstants:
     power: float = 1 / 8  # of a variance; 1/2 takes off all spread, and costs single frames by day
     averaged_anew: float = 1.02  # growth of the map after which its mean is taken anew
     least_distance: float = 1e-6  # squared, from the mean; nearer ones have no direction
-
-
-COARSE = CoarseConstants()
 
 
 class CoarseScores:

@@ -5,12 +5,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
-Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
 Rows = Sequence[Row | None]  # newest first; None for an uninformative frame
-Indices = npt.NDArray[np.int64]
 Values = npt.NDArray[Any]
 
 
@@ -52,28 +51,14 @@ def sequence_scores(
     partial: bool = False,
 ) -> Values:
     """
-    Return how well a sequence of frames matches each reference, in order.
+    Return how well a sequence of k frames matches each reference, (R,), or those at `ends`, (n,).
 
-    Parameters
-    ----------
-    rows : sequence of k ndarrays of float32, shape (R,), or None
-        Pair scores; the newest frame has some, older rows may be shorter.
-    velocity : float
-        References that pass while one frame does; 1, one to one, in the paper.
-    ends : ndarray of int64, shape (n,), optional
-        Sequence end indices, ascending; all R references by default.
-    dtype : type
-        What is summed up in; float32 is faster where scores are only compared.
-    partial : bool
-        Whether up to half of a window's pairs may lie off the map or lack scores, and then count
-        as the mean of their row's known ones: a place is found sooner after the start.
-
-    Returns
-    -------
-    ndarray of `dtype`, shape (R,) or (n,)
-        The mean of pair scores along each diagonal; -inf where it leaves the map (not `partial`),
-        the newest pair has no score, or less than half of the pairs have one.
-
+    The mean of pair scores along each diagonal (III-G), -inf where it leaves the map, the newest
+    pair has no score, or less than half of the pairs have one. `velocity` is how many references
+    pass while one frame does, 1 in the paper; `ends` are ascending; float32 as a `dtype` is faster
+    where scores are only compared. If `partial`, up to half of the pairs may lie off the map or
+    lack scores, and then count as the mean of their row's known ones: a place is found sooner
+    after the start. ValueError if the newest frame has no scores; older rows may be shorter.
     """
     if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')

@@ -3,12 +3,13 @@
 """How many frames of a steady stream were dropped, by their stamps."""
 
 from collections import deque
-from dataclasses import dataclass
 import statistics
 
+from convseq_ros.core.constants import constants
 
-@dataclass(frozen=True, slots=True)
-class FrameDropConstants:
+
+@constants
+class FRAME_DROPS:
     """Of a steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
 
     memory: int = 20  # intervals that are remembered
@@ -17,30 +18,20 @@ class FrameDropConstants:
     steady_share: float = 0.8  # of the intervals that must be such multiples
 
 
-FRAME_DROPS = FrameDropConstants()
+class FrameDropDetector:
+    """
+    Knows the usual time between two frames, if most times are multiples of a short one.
 
+    With a `memory` of fewer than 8 intervals nothing is said: no frame is missing.
+    """
 
-class NoFrameDrops:
-    """Stands in where nobody asks for dropped frames."""
-
-    def reset(self) -> None: ...
-
-    def update(self, _stamp_ns: int) -> int:
-        return 0
-
-    def update_keyframe(self) -> int:
-        return 0
-
-
-class FrameDropDetector(NoFrameDrops):
-    """Knows the usual time between two frames, if most times are multiples of a short one."""
-
-    def __init__(self) -> None:
+    def __init__(self, memory: int = FRAME_DROPS.memory) -> None:
+        self._memory = memory
         self.reset()
 
     def reset(self) -> None:
         self._last_ns: int | None = None
-        self._intervals_ns: deque[int] = deque(maxlen=FRAME_DROPS.memory)
+        self._intervals_ns: deque[int] = deque(maxlen=self._memory)
         self._frames, self._missing, self._stride = 0, 0, 1
 
     def update(self, stamp_ns: int) -> int:

@@ -15,19 +15,11 @@ def choose_length(
     config: SequenceConfig,
 ) -> int | None:
     """
-    Return the length k of the sequence that starts at an anchor frame.
+    Return the length k of the sequence of frames outward from the first, the informative anchor.
 
-    It grows while its outermost frame still overlaps the anchor (little information gain), then
-    while it holds too little entropy. None is returned if that takes more frames than there are.
-
-    Parameters
-    ----------
-    outward : sequence of Descriptor
-        The frames in order outward from the anchor, which is the first and informative.
-    similarity : callable
-        Pair score of two descriptors, in [0, 1].
-    config : SequenceConfig
-        Thresholds and bounds.
+    It grows while its outermost frame still overlaps the anchor (little information gain), by
+    their pair score in [0, 1], then while it holds too little entropy. None is returned if that
+    takes more frames than there are.
 
     Notes
     -----

@@ -7,24 +7,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Row, sequence_scores, Values
-from convseq_ros.core.types import Candidate, Descriptor
+from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores, Values
+from convseq_ros.core.types import Candidate, Descriptor, Indices, Row
 import numpy as np
 
 Coarse = Callable[[Descriptor, int], Row | None]  # takes in a frame, and how many are usable
 
 
-@dataclass(frozen=True, slots=True)
-class BufferConstants:
+@constants
+class BUFFER:
     """Of the buffer; engineering, but for the error, which was measured."""
 
     longest_gap: int = 5  # missing frames that hold their places
     most_rescored: int = 8  # sequences
     error: float = 0.02  # of a score; ten times the largest that was seen, of single pairs
-
-
-BUFFER = BufferConstants()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,22 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which sequences are scored: all of them, as in the paper, or those of a shortlist."""
 
-from dataclasses import dataclass
-
 from convseq_ros.config import Config
+from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.diagonals import diagonal, Indices, Rows, sequence_scores, Values
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, sequence_scores, Values
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.velocity import ConstantVelocity, VelocitySearch
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Indices
 import numpy as np
 
 _NONE = np.zeros(0, np.int64)
 
 
-@dataclass(frozen=True, slots=True)
-class ShortlistConstants:
+@constants
+class SHORTLIST:
     """Of the choice; by recall of the right place on halves of real maps (docs/MATCHING.md)."""
 
     elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
@@ -26,9 +25,6 @@ class ShortlistConstants:
     verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
     group: int = 64  # scores of which only the best is looked at first
     closer: int = 20  # likeliest sequences that are scored for a second velocity; a few ms
-
-
-SHORTLIST = ShortlistConstants()
 
 
 class ExhaustiveSearch:

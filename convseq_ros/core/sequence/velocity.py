@@ -3,14 +3,14 @@
 """How fast the query drives, compared with the map: the slope of the diagonals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.sequence.diagonals import Rows, sequence_scores, Values, window_sums
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class VelocityConstants:
+@constants
+class VELOCITY:
     """Of the search; chosen on drawn drives and halves of real maps (docs/MATCHING.md)."""
 
     velocities: tuple[float, ...] = (1.0, 0.5, 0.57, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
@@ -20,9 +20,6 @@ class VelocityConstants:
     close_memory: int = 10  # the same where pairs are scored
     power: int = 3  # of the prominence; frames that know their place outvote the others
     preference: float = 0.95**3  # for one to one: another velocity stands out by a twentieth more
-
-
-VELOCITY = VelocityConstants()
 
 
 class ConstantVelocity:

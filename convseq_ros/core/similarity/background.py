@@ -9,25 +9,22 @@ of queries their own drive's, since the same scene looks otherwise at night.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, Regions, unit
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.pair_score import ShowRegions
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class BackgroundConstants:
+@constants
+class BACKGROUND:
     """Chosen on 29 sets, by day and darkened (docs/MATCHING.md), but for the sample."""
 
     fewest_places: int = 20  # a map of fewer has no background
     sample: int = 256  # places of the map that are read; more make no difference
     prior_frames: int = 5  # that the map's background counts for in the drive's
     still_alike: float = 0.8  # mean cosine of two frames, above which the later does not count
-
-
-BACKGROUND = BackgroundConstants()
 
 
 def subtracted(regions: Regions, background: Regions | None) -> Regions:

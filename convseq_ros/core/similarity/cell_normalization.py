@@ -2,23 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Normalised cells: noise and the strength of edges count for less."""
 
-from dataclasses import dataclass
-
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells
 import cv2
 import numpy as np
 
 
-@dataclass(frozen=True, slots=True)
-class NormalizationConstants:
+@constants
+class NORMALIZATION:
     """Chosen among 50 variants on real and darkened image pairs (docs/MATCHING.md)."""
 
     side: float = 0.0404  # share of a neighbour; a Gaussian of 0.4 cells
     middle: float = 1 - 2 * 0.0404  # share of the cell itself
     saturation: float = 6.0  # means of the image at which a number counts half
-
-
-NORMALIZATION = NormalizationConstants()
 
 
 def normalized(cells: Cells) -> Cells:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The global similarity of two images, one of which may have moved to the side."""
 
-from dataclasses import dataclass
 from math import isqrt
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Regions, unit
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +12,13 @@ import numpy.typing as npt
 Blocks = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class GlobalSimilarityConstants:
+@constants
+class GLOBAL_SIMILARITY:
     """Chosen on real and darkened image pairs (docs/MATCHING.md)."""
 
     block: int = 3  # regions in a row that are summed up
     most_shift: int = 4  # blocks to either side
     length: float = 2.0**24  # of the vector; products of whole numbers are exact in any order
-
-
-GLOBAL_SIMILARITY = GlobalSimilarityConstants()
 
 
 def region_blocks(regions: Regions) -> Blocks:

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How similar two images of one drive are, by the paper's pair score (III-D)."""
 
-from collections import OrderedDict
-from typing import Any
+from functools import lru_cache
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -16,17 +15,11 @@ class PaperSimilarity:
     """Scores pairs of descriptors by the definition, with any kernel; prepares each once."""
 
     def __init__(self, kernel: str = 'auto') -> None:
-        _, self._pair = chosen_kernels(MatchingConfig(matching='regional', kernel=kernel))
-        self._query: tuple[Descriptor | None, Any] = None, None
-        self._prepared: OrderedDict[int, tuple[Descriptor, Any]] = OrderedDict()
+        _, pair = chosen_kernels(MatchingConfig(matching='regional', kernel=kernel))
+        self._compare = pair.compare
+        self._extract = lru_cache(_KEPT)(lambda query: pair.extract(query, 0.0, None))
+        self._prepare = lru_cache(_KEPT)(lambda other: pair.prepare(other.cells, None))
 
     def __call__(self, query: Descriptor, other: Descriptor) -> float:
         """Return the pair score of an informative query and another descriptor, in [0, 1]."""
-        if self._query[0] is not query:
-            self._query = query, self._pair.extract(query, 0.0, None)
-        if id(other) not in self._prepared:
-            self._prepared[id(other)] = other, self._pair.prepare(other.cells, None)
-        while len(self._prepared) > _KEPT:
-            self._prepared.popitem(last=False)
-        self._prepared.move_to_end(id(other))
-        return float(self._pair.compare(self._query[1], [self._prepared[id(other)][1]])[0][0])
+        return float(self._compare(self._extract(query), [self._prepare(other)])[0][0])

@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A camera from a file: a calibration of ROS, or KITTI's calib.txt."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from convseq_ros.core.types import Camera
+from convseq_ros.errors import SourceError
+from convseq_ros.sources.camera_info import camera_from_info
+import yaml
+
+_MOST_BYTES = 1_000_000  # of a file; calibrations have one or two thousand
+_PROJECTION = 12  # numbers of a 3 x 4 matrix
+
+
+def read_camera_file(path: Path, height: int, width: int) -> Camera:
+    """
+    Return the camera that a file describes.
+
+    Parameters
+    ----------
+    path : Path
+        YAML as `camera_calibration` writes it (image_width, camera_matrix, ...), or lines of
+        KITTI's calib.txt: the first projection in it counts.
+    height, width : int
+        Of the images, pixels, which KITTI's file does not say.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, is neither, or its camera is not calibrated.
+
+    """
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise SourceError(f'{path}: a calibration has at most {_MOST_BYTES} bytes')
+        text = path.read_text('utf-8')
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check the name and permissions') from None
+    except UnicodeDecodeError:
+        raise SourceError(f'{path}: not a text file; give a calibration') from None
+    try:
+        camera = camera_from_info(_projection(text, height, width) or _calibration(text))
+    except (KeyError, TypeError, ValueError, yaml.YAMLError, RecursionError) as error:
+        reason = ' '.join(str(error).split())[:80]
+        raise SourceError(
+            f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI ({reason})'
+        ) from None
+    if camera is None:
+        raise SourceError(f'{path}: the camera is not calibrated: its matrices are zero')
+    return camera
+
+
+def _projection(text: str, height: int, width: int) -> Any:
+    """Return the first line that ends with a 3 x 4 matrix, as a CameraInfo, if there is one."""
+    for line in text.splitlines():
+        words = line.rpartition(':')[2].split()
+        if len(words) == _PROJECTION:
+            return _info(width, height, [0.0] * 9, [float(word) for word in words])
+    return None
+
+
+def _calibration(text: str) -> Any:
+    said = yaml.safe_load(text)
+    matrix = [float(value) for value in said['camera_matrix']['data']]
+    projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
+    size = int(said['image_width']), int(said['image_height'])
+    return _info(*size, matrix, [float(value) for value in projection])
+
+
+def _info(width: int, height: int, k: list[float], p: list[float]) -> Any:
+    if (len(k), len(p)) != (9, _PROJECTION):
+        raise ValueError(f'matrices of {len(k)} and {len(p)} numbers')
+    part = SimpleNamespace(width=0, height=0, x_offset=0, y_offset=0)
+    return SimpleNamespace(
+        width=width, height=height, k=k, p=p, roi=part, binning_x=1, binning_y=1
+    )

@@ -1,0 +1,141 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses of frames from a text file, as benchmarks give them: TUM's and KITTI's formats."""
+
+from collections.abc import Callable
+from decimal import Decimal, InvalidOperation
+import math
+from pathlib import Path
+
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import SourceError
+from convseq_ros.sources.pose_track import PoseTrack
+import numpy as np
+import numpy.typing as npt
+
+PoseAt = Callable[[int, int], Pose | None]  # from a frame's number and stamp in nanoseconds
+_TUM, _KITTI = 8, 12  # numbers in a line
+_MOST_BYTES = 200_000_000  # of a file; two million lines
+# KITTI's axes are those of a lens (x right, y down, z ahead), ours those of a robot (REP-103: x
+# ahead, y left, z up).
+_TO_ROBOT = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
+
+
+def read_pose_file(path: Path, frames: int) -> PoseAt:
+    """
+    Return the poses of a file, one a line; empty lines and those that begin with # are left out.
+
+    Parameters
+    ----------
+    path : Path
+        A line of 8 numbers is TUM's: the stamp in seconds, position, quaternion x, y, z, w; poses
+        are taken as they are, and frames between two stamps lie between their poses. A line of 12
+        is KITTI's: the 3 x 4 matrix of the camera, rows first, in the order of the frames; its
+        axes, those of a lens, become those of a robot.
+    frames : int
+        That there are; KITTI's format has one line for each.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, is neither, a line is not a pose, or there are not as many.
+
+    """
+    rows = _rows(path)
+    size = len(rows[0][1])
+    if size == _TUM:
+        stamped = [
+            (_stamp_ns(path, line, row[0]), _tum(path, line, row[1:])) for line, row in rows
+        ]
+        track = PoseTrack(sorted(stamped, key=lambda one: one[0]))
+        return lambda _index, stamp_ns: track.at(stamp_ns)
+    if len(rows) != frames:
+        raise SourceError(
+            f"{path}: {len(rows)} poses for {frames} images; KITTI's format has one for each"
+        )
+    poses = [_kitti(path, line, row) for line, row in rows]
+    return lambda index, _stamp_ns: poses[index]
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return the lines' numbers, from 1, and their words; all alike many."""
+    try:
+        if not path.is_file():
+            raise SourceError(f'{path}: no such file of poses; give a text file, a pose a line')
+        if path.stat().st_size > _MOST_BYTES:
+            raise SourceError(f'{path}: a file of poses has at most {_MOST_BYTES} bytes')
+        text = path.read_text('utf-8')
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+    except UnicodeDecodeError:
+        raise SourceError(f'{path}: not a text file; give poses, one a line') from None
+    lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
+    rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
+    if not rows:
+        raise SourceError(f'{path}: holds no pose; give one a line')
+    size = len(rows[0][1])
+    for number, words in rows:
+        if len(words) != size or size not in (_TUM, _KITTI):
+            raise SourceError(
+                f'{path}, line {number}: {len(words)} numbers; expected {_TUM} (TUM: stamp, '
+                f'position, quaternion) or {_KITTI} (KITTI: a 3 x 4 matrix) in every line'
+            )
+    return rows
+
+
+def _stamp_ns(path: Path, line: int, word: str) -> int:
+    try:
+        # Exact: a double rounds the stamps of today.
+        stamp_ns = int(Decimal(word) * 1_000_000_000)
+    except (InvalidOperation, ValueError, OverflowError):
+        stamp_ns = -1
+    if not 0 <= stamp_ns < 2**63:
+        raise SourceError(f'{path}, line {line}: {word} is no stamp in seconds')
+    return stamp_ns
+
+
+def _numbers(path: Path, line: int, words: list[str]) -> npt.NDArray[np.float64]:
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise SourceError(f'{path}, line {line}: {error}') from None
+    if not np.isfinite(numbers).all():
+        raise SourceError(f'{path}, line {line}: a number is not finite; leave the line out')
+    return numbers
+
+
+def _tum(path: Path, line: int, words: list[str]) -> Pose:
+    x, y, z, *turn = _numbers(path, line, words).tolist()
+    length = math.hypot(*turn)
+    if not length:
+        raise SourceError(f'{path}, line {line}: the quaternion is zero; leave the line out')
+    qx, qy, qz, qw = (value / length for value in turn)
+    return Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def _kitti(path: Path, line: int, words: list[str]) -> Pose:
+    matrix = _numbers(path, line, words).reshape(3, 4)
+    rotation = _TO_ROBOT @ matrix[:, :3] @ _TO_ROBOT.T
+    error = abs(rotation @ rotation.T - np.eye(3)).max()
+    if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
+        raise SourceError(f'{path}, line {line}: its first three columns are not a rotation')
+    x, y, z = (_TO_ROBOT @ matrix[:, 3]).tolist()
+    return Pose((x, y, z), _quaternion(rotation))
+
+
+def _quaternion(rotation: npt.NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Return x, y, z, w, of unit length, w not negative, of a rotation matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    # Each column is the quaternion, times four of one of its numbers; the largest is exact.
+    products = np.array(
+        [
+            [1 + a - e - i, b + d, c + g, h - f],
+            [b + d, 1 - a + e - i, f + h, c - g],
+            [c + g, f + h, 1 - a - e + i, d - b],
+            [h - f, c - g, d - b, 1 + a + e + i],
+        ]
+    )
+    best = products[:, products.diagonal().argmax()]
+    x, y, z, w = (best / np.linalg.norm(best) * (1 if best[3] >= 0 else -1)).tolist()
+    return x, y, z, w

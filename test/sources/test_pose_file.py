@@ -1,0 +1,161 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses out of text files of TUM and KITTI."""
+
+import math
+
+from convseq_ros.errors import SourceError
+from convseq_ros.sources import open_annotated
+from convseq_ros.sources.pose_file import read_pose_file
+import cv2
+from hypothesis import given, strategies
+import numpy as np
+import pytest
+
+AHEAD = '1 0 0 0 0 1 0 0 0 0 1 2.5'  # of a lens: 2.5 m along its axis
+# Turned by 90 degrees to the right, about the axis that points down; 1 m to the right and 3 down.
+RIGHT = '0 0 1 1 0 1 0 3 -1 0 0 0'
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return a function that writes lines to a file and names it."""
+
+    def write(*lines):
+        path = tmp_path / 'poses.txt'
+        path.write_text('\n'.join(lines) + '\n')
+        return path
+
+    return write
+
+
+def test_the_axes_of_kitti_become_those_of_a_robot(file):
+    pose_at = read_pose_file(file(AHEAD, '', RIGHT), 2)
+    assert pose_at(0, 0).position == (2.5, 0.0, 0.0)
+    assert pose_at(0, 0).orientation == (0.0, 0.0, 0.0, 1.0)
+    assert pose_at(1, 0).position == (0.0, -1.0, -3.0)
+    # To the right is clockwise from above: a negative turn about the axis that points up.
+    half = math.sqrt(0.5)
+    assert pose_at(1, 0).orientation == pytest.approx((0.0, 0.0, -half, half))
+
+
+def test_stamps_of_tum_are_exact_and_frames_lie_between_them(file):
+    pose_at = read_pose_file(
+        file(
+            '# timestamp tx ty', '1700000000.000000003 2 0 0 0 0 0 2', '1700000000.5 1 0 0 0 0 0 1'
+        ),
+        7,
+    )
+    assert pose_at(0, 1_700_000_000_000_000_003).position == (2.0, 0.0, 0.0)
+    assert pose_at(0, 1_700_000_000_000_000_003).orientation == (0.0, 0.0, 0.0, 1.0)
+    assert pose_at(9, 1_700_000_000_250_000_001).position[0] == pytest.approx(1.5)
+    assert pose_at(0, 1_700_000_000_000_000_002) is None
+    assert pose_at(0, 1_700_000_002_000_000_000) is None
+
+
+@given(strategies.lists(strategies.floats(-1, 1), min_size=4, max_size=4))
+def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
+    length = math.hypot(*numbers)
+    if length < 0.1:
+        return
+    x, y, z, w = (value / length for value in numbers)
+    angle = 2 * math.atan2(math.hypot(x, y, z), w)
+    vector = np.array([x, y, z]) / (math.hypot(x, y, z) or 1) * angle
+    rotation, _ = cv2.Rodrigues(vector)
+    path = tmp_path_factory.mktemp('poses') / 'poses.txt'
+    path.write_text(' '.join(repr(float(v)) for row in rotation for v in (*row, 0.0)))
+    found = read_pose_file(path, 1)(0, 0).orientation
+    # The same turn about the same axis, with the axes named as a robot does.
+    wanted = (z, -x, -y, w)
+    assert abs(sum(a * b for a, b in zip(found, wanted, strict=True))) == pytest.approx(1)
+    assert found[3] >= 0
+
+
+@pytest.mark.parametrize(
+    ('lines', 'said'),
+    [
+        ((), 'holds no pose'),
+        (('# nothing',), 'holds no pose'),
+        (('1 2 3',), 'line 1: 3 numbers'),
+        ((AHEAD, '1 2 3'), 'line 2: 3 numbers'),
+        ((AHEAD, AHEAD.replace('2.5', 'x')), "line 2: could not convert string to float: 'x'"),
+        ((AHEAD, AHEAD.replace('2.5', 'nan')), 'line 2: a number is not finite'),
+        ((AHEAD, '2' + AHEAD[1:]), 'line 2: its first three columns are not a rotation'),
+        ((AHEAD, '-' + AHEAD), 'line 2: its first three columns are not a rotation'),
+        ((AHEAD,), '1 poses for 2 images'),
+        (('1 0 0 0 0 0 0 0',), 'line 1: the quaternion is zero'),
+        (('-1 0 0 0 0 0 0 1',), 'line 1: -1 is no stamp'),
+        (('1e99 0 0 0 0 0 0 1',), 'line 1: 1e99 is no stamp'),
+        (('nan 0 0 0 0 0 0 1',), 'line 1: nan is no stamp'),
+        (('inf 0 0 0 0 0 0 1',), 'line 1: inf is no stamp'),
+        (('x 0 0 0 0 0 0 1',), 'line 1: x is no stamp'),
+    ],
+)
+def test_what_is_no_pose_is_named_with_its_line(file, lines, said):
+    with pytest.raises(SourceError, match=said):
+        read_pose_file(file(*lines), 2)
+
+
+def test_files_that_hold_no_text_are_refused(tmp_path):
+    with pytest.raises(SourceError, match='no such file of poses'):
+        read_pose_file(tmp_path, 1)
+    path = tmp_path / 'binary'
+    path.write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(SourceError, match='not a text file'):
+        read_pose_file(path, 1)
+
+
+CALIBRATION = """
+image_width: 64
+image_height: 48
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 30, 0, 51, 20, 0, 0, 1]}
+"""
+KITTI = 'P0: 50 0 30 0 0 51 20 0 0 0 1 0\nP1: 9 0 9 0 0 9 9 0 0 0 1 0'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a folder of two pictures, 48 px high and 64 wide."""
+    (tmp_path / 'images').mkdir()
+    for name in 'ab':
+        cv2.imwrite(str(tmp_path / 'images' / f'{name}.png'), np.zeros((48, 64), np.uint8))
+    return tmp_path / 'images'
+
+
+@pytest.mark.parametrize('text', [CALIBRATION, KITTI])
+def test_frames_of_a_folder_know_their_poses_and_their_camera(folder, file, tmp_path, text):
+    (tmp_path / 'camera').write_text(text)
+    source = open_annotated(folder, camera_info=str(tmp_path / 'camera'), poses=file(AHEAD, RIGHT))
+    first, second = source
+    assert first.pose.position == (2.5, 0.0, 0.0) and second.pose.position == (0.0, -1.0, -3.0)
+    assert first.camera == second.camera
+    assert (first.camera.width_px, first.camera.height_px) == (64, 48)
+    assert (first.camera.fx_px, first.camera.fy_px) == (50.0, 51.0)
+    assert (first.camera.cx_px, first.camera.cy_px) == (30.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('', 'neither a calibration of ROS'),
+        ('image_width: 64', 'neither a calibration of ROS'),
+        ('[' * 5000, 'neither a calibration of ROS'),
+        ('!!python/object/apply:os.system [true]', 'neither a calibration of ROS'),
+        (CALIBRATION.replace('50, 0,', '50,'), 'matrices of 8 and 12 numbers'),
+        (CALIBRATION.replace('50, 0, 30, 0, 51, 20', '0, 0, 0, 0, 0, 0').replace(', 1]', ', 0]'),
+         'not calibrated'),
+        (CALIBRATION.replace('50', '-50'), 'are not those of a camera'),
+        (KITTI.replace('50', 'nan'), 'are not those of a camera'),
+    ],
+)  # fmt: skip
+def test_what_is_no_camera_is_refused(folder, tmp_path, text, said):
+    (tmp_path / 'camera').write_text(text)
+    with pytest.raises(SourceError, match=said):
+        list(open_annotated(folder, camera_info=str(tmp_path / 'camera')))
+
+
+def test_a_folder_has_no_topics_and_one_source_of_poses(folder, file):
+    with pytest.raises(SourceError, match='a folder of pictures has no topics'):
+        open_annotated(folder, camera_info='/camera_info')
+    with pytest.raises(SourceError, match='give one of them'):
+        open_annotated(folder, odom='/odom', poses=file(AHEAD, AHEAD))
