@@ -36,7 +36,7 @@ OPTIONAL = (
     'yaml',
     'zstandard',
 )
-STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py')
+STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.
 IMPORT_WITHOUT = """

@@ -48,7 +48,12 @@ def run(chosen: argparse.Namespace) -> int:
         print(f'warning: {line}', file=sys.stderr)
     try:
         source = open_annotated(
-            chosen.recording, chosen.topic, chosen.odom, chosen.camera_info, chosen.poses
+            chosen.recording,
+            chosen.topic,
+            chosen.odom,
+            chosen.camera_info,
+            chosen.poses,
+            session.recognizer.config.reading,
         )
         if session.keyframes_m and not (chosen.odom or chosen.poses):
             print(

@@ -190,6 +190,20 @@ def test_a_flipped_bit_in_the_settings_is_never_another_answer(path):
     assert refused == 8 * (end - start) > 1000
 
 
+@pytest.mark.parametrize(
+    ('table', 'column', 'key'),
+    [('about', 'value', "name = 'encoding'"), ('sessions', 'camera', 'session = 0')],
+)
+@pytest.mark.parametrize('text', ['[' * 100_000, '[]', '7', '{"a": 1}', '{'])
+def test_json_that_no_map_has_is_damage(path, table, column, key, text):
+    with sqlite3.connect(path) as database:
+        database.execute(f'UPDATE {table} SET {column} = ? WHERE {key}', (text,))
+        (row,) = database.execute(f'SELECT * FROM {table} WHERE {key}')
+        database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key}', (row_crc(row[:-1]),))
+    database.close()
+    assert 'damaged map (' in refusal(open_map, path)
+
+
 @pytest.mark.parametrize('name', ['map_id', 'encoding', 'keyframes'])
 def test_a_setting_that_is_lost_is_never_a_default(path, name):
     change(path, f"DELETE FROM about WHERE name = '{name}'")

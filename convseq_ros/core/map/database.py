@@ -134,7 +134,7 @@ def explained(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise MapError(f'{path}: cannot be read ({error.strerror})') from error
-    except (sqlite3.Error, OverflowError, ValueError, TypeError) as error:
+    except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
         code = getattr(error, 'sqlite_errorcode', 0)
         words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, _DAMAGED)
         raise MapError(f'{path}: {words.format(" ".join(str(error).split()))}') from error

@@ -19,6 +19,7 @@ Packed = npt.NDArray[np.float16]
 
 _SCALE = np.float32(64.0)  # of stored cells; sums of strengths would overflow float16 otherwise
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
+_TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
 _FEWEST_ROWS = 64  # room of a new array
 _ROW = np.dtype(
@@ -136,9 +137,15 @@ def unpack_cells(packed: Packed) -> Cells:
 
 
 def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:
-    """Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0."""
+    """
+    Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0.
+
+    Of an image that is narrower than a quarter of its height, the height is four times the width.
+    """
     if not width_px:
         return b''
-    height_px = max(1, round(gray.shape[0] * width_px / gray.shape[1]))
-    small = cv2.resize(gray, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    height, width = gray.shape
+    scale = min(width_px / width, _TALLEST * width_px / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
     return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
