@@ -149,7 +149,7 @@ def database(folder: Path, draw: random.Random) -> Path:
         "'sensor_msgs/msg/Image' AS type FROM n;",
         'UPDATE messages SET data = zeroblob(200000000);',
         "UPDATE topics SET name = CAST(zeroblob(1000000) AS TEXT), type = x'ff';",
-        "UPDATE messages SET timestamp = 'soon'; UPDATE topics SET id = NULL;",
+        "UPDATE messages SET timestamp = 'soon';",
     )
     with sqlite3.connect(path) as connection:
         connection.executescript(draw.choice(changes))

@@ -22,6 +22,7 @@ COMMANDS = {
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'play': 'publish a recording to live topics, with /clock',
     'info': 'say what a map holds',
+    'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'turn results into one page: tables, charts, pairs of images',

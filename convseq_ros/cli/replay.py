@@ -63,6 +63,8 @@ def run(chosen: argparse.Namespace) -> int:
             )
         session.warm_up()
         with ResultWriter(chosen.output) as table:
+            if table.kept:
+                print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
             for match, duration_ms in replay(source, session.recognizer):
                 table.write(match, duration_ms)
                 matches.append(match)

@@ -11,28 +11,6 @@ _TOO_SMALL = 2.0**112
 
 
 @compiled
-def join_bytes(stored: npt.NDArray[np.uint8], halves: npt.NDArray[np.uint16]) -> None:
-    """
-    Fill in the bits of stored cells; see `map_format`.
-
-    Parameters
-    ----------
-    stored : ndarray of uint8, shape (15, n)
-        Lower bytes of all 8 bins, then upper ones of 7, which have the eighth's bits on top.
-    halves : ndarray of uint16, shape (n, 8)
-        The result.
-
-    """
-    for cell in range(halves.shape[0]):
-        last = np.int32(0)
-        for number in range(7):
-            upper = np.int32(stored[8 + number, cell])
-            halves[cell, number] = (upper & 127) << 8 | stored[number, cell]
-            last |= upper >> 7 << number
-        halves[cell, 7] = last << 8 | stored[7, cell]
-
-
-@compiled
 def widen(
     halves: npt.NDArray[np.uint16], scale: np.float32, numbers: npt.NDArray[np.float32]
 ) -> None:
