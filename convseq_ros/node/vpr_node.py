@@ -11,11 +11,11 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.process import hand_over, ignore, run, stand
+from convseq_ros.process import hand_over, ignore, run_node, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    sys.exit(run('convseq_ros.node.vpr_node', 0))
+    run_node('convseq_ros.node.vpr_node')
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session

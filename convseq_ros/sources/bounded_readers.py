@@ -19,6 +19,7 @@ from convseq_ros.files import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, LIMITS
 
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
+_BAG_MAGIC = b'#ROSBAG V2.0\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _MOST_METADATA_BYTES = 1 << 24  # metadata.yaml of 10,000 files has 4 MB
 # A row takes 4 bytes of its file and some 20 steps of SQLite's machine to be counted.
@@ -48,6 +49,8 @@ def open_bounded(path: Path) -> Any:
         refuse_irregular(file)
         if file.suffix.lower() == '.db3':
             _check_database(file)
+        elif file.suffix.lower() == '.bag':
+            _check_magic(file, _BAG_MAGIC)
         elif file.name == 'metadata.yaml':
             _check_metadata(file)
         elif file.suffix.lower() == '.zstd':
@@ -157,6 +160,13 @@ def _bounded_bag() -> type:
             return chunk._replace(decompressor=bounded)
 
     return BoundedBag
+
+
+def _check_magic(path: Path, magic: bytes) -> None:
+    """Refuse what is no recording before its first line is looked for, of whatever length."""
+    with path.open('rb') as file:
+        if file.read(len(magic)) != magic:
+            raise SourceError(f'{path}: does not begin as a recording does')
 
 
 def _check_metadata(path: Path) -> None:

@@ -213,3 +213,9 @@ def test_inflating_ends_where_it_may(compression):
     assert inflate(packed, compression, 1000) == bytes(1000)
     with pytest.raises(SourceError, match='hold more than 999'):
         inflate(packed, compression, 999)
+
+
+def test_a_bag_without_lines_is_refused_before_it_is_read(tmp_path):
+    with (tmp_path / 'drive.bag').open('wb') as file:
+        file.truncate(10**12)
+    assert 'does not begin as a recording does' in in_time(lambda: read(tmp_path / 'drive.bag'))[1]
