@@ -13,6 +13,7 @@ import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
+from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
@@ -181,6 +182,9 @@ def _refuse_target(target: Path) -> None:
         raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
     if exists(target) and not isfile(target):
         raise MapError(f'{target}: is not a file; set save_map_path to one')
+    # Whoever is on the network may set the path.
+    if exists(target) and not is_map_or_empty(target):
+        raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
 
 
 def _told(error: Exception) -> str:

@@ -68,9 +68,13 @@ class VprNode(Node):
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(
-            'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
-        )
+        try:
+            super().__init__(
+                'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
+            )
+        except RuntimeError as error:
+            # Such as security that the middleware does not have.
+            raise ConvseqError(str(error)) from None
         logger = self.get_logger()
         try:
             self._config, config = declare(self, self._on_parameters)

@@ -233,3 +233,13 @@ def test_every_call_of_a_quick_caller_is_answered(client, vpr, held_up):
         futures = [service.call_async(Trigger.Request()) for _ in range(200)]
     client.wait_for(lambda: all(future.done() for future in futures), 'all answers')
     assert all(future.result().success for future in futures)
+
+
+def test_a_file_that_is_no_map_is_not_replaced(client, vpr, map_path, tmp_path):
+    target = tmp_path / 'notes.txt'
+    target.write_text('precious')
+    vpr(map_path=map_path)
+    assert set_parameter(client, 'save_map_path', str(target)).successful
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert not answer.success and 'is no map, and is not replaced' in answer.message
+    assert target.read_text() == 'precious'
