@@ -106,7 +106,7 @@ class Matcher:
         return pair.inliers(query.exact, pair.regions(cells, self._background.of_map)[0], shift)
 
     def warm_up(self) -> None:
-        """Compile or load what frames need, so that the first is not late."""
+        """Make what frames need, so that the first is not late."""
         self._follow_map()
         shape, regions = self._map.cell_shape, self._exact.pair.regions
         cells = unpack_cells(pack_cells(np.random.default_rng(0).random(shape, np.float32)))
