@@ -8,13 +8,14 @@
 
 PYTHON ?= python3
 SOURCES := setup.py setup.cfg pyproject.toml package.xml \
-	$(shell find convseq_ros config launch resource scripts -type f -not -path '*/__pycache__/*')
+	$(shell find convseq_ros config launch resource scripts -type f \
+	-not -path '*/__pycache__/*' -not -name '*.so')
 INSTALL := bin/python -m pip install -qq --no-input
 # setuptools would install what an earlier build left behind.
-CLEAN_BUILD := rm -rf build/lib build/bdist.* *.egg-info
+CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
 # Two processes share the tests; one that is done takes over tests from the other.
 PYTEST := bin/pytest --quiet --timeout=240 --numprocesses=2 --dist=worksteal
-# Ubuntu's versions of NumPy, OpenCV, scikit-image and numba may compute other numbers. All the rest,
+# Ubuntu's versions of NumPy, OpenCV and scikit-image may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once.
 NUMERICAL := test/core test/baselines test/sources/test_images.py test/sources/test_video.py \
 	test/sources/test_folder.py test/evaluation/test_metrics.py \
@@ -74,7 +75,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/demo.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,plot,fast]'
+	.venv/$(INSTALL) '.[ros,plot]'
 	touch $@
 
 .venv/slam.stamp: $(SOURCES) | .venv/bin/python
@@ -84,7 +85,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/bench.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,evaluation,fast]'
+	.venv/$(INSTALL) '.[ros,evaluation]'
 	touch $@ .venv/demo.stamp
 
 .venv/test.stamp: $(SOURCES) | .venv/bin/python

@@ -6,10 +6,29 @@ from glob import glob
 from pathlib import Path
 import re
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = 'convseq_ros'
+CORE = Path(NAME, 'core')
 VERSION = re.search(r"__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1]
+
+# A compiler that is missing or fails is no error: NumPy computes what C would have. Python loads
+# the library by ctypes, so that it needs no headers of Python's and serves all versions of it.
+NATIVE = Extension(
+    f'{NAME}.core._native',
+    sorted(map(str, CORE.glob('native/*.c'))),
+    depends=sorted(
+        map(str, [*CORE.glob('native/*.h'), *CORE.rglob('kernels*/*.c'), *CORE.rglob('kernels.c')])
+    ),
+    # The same sums on all processors: products are fused with sums only where the source says so.
+    extra_compile_args=[
+        *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
+        *('-fvisibility=hidden', '-Wall', '-Wextra', '-Wno-psabi'),
+    ],
+    extra_link_args=['-lm'],
+    py_limited_api=True,
+    optional=True,
+)
 
 setup(
     name=NAME,
@@ -32,6 +51,7 @@ setup(
         ],
         f'{NAME}.evaluation.report': ['*.css', '*.html', '*.js'],
     },
+    ext_modules=[NATIVE],
     include_package_data=False,
     zip_safe=False,
     data_files=[
@@ -56,13 +76,11 @@ setup(
         # The unversioned wheel `ros-rclpy` would be a newer ROS than Jazzy.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
-        'fast': ['numba>=0.61'],  # LLVM before 15 does not vectorise the loops
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
             'hypothesis>=6.98',
-            'numba>=0.61',
             'onnx',
             'onnxruntime',
             'pytest>=7.4',

@@ -5,7 +5,7 @@
 import os
 from typing import Any
 
-from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
+from convseq_ros.core.compiled import library
 from convseq_ros.evaluation.provenance import provenance
 import numpy as np
 
@@ -14,12 +14,10 @@ def described() -> dict[str, Any]:
     """Return machine, kernels, libraries and date, ready for JSON."""
     found = provenance()
     blas = np.show_config(mode='dicts')['Build Dependencies']['blas']
-    int8, float32 = int8_tile(), float_tile()
     found['machine'] |= {
         'cores': len(os.sched_getaffinity(0)),
         'memory_gb': round(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 1e9, 1),
-        'int8': int8.name if int8 else 'none',
-        'float32': float32.name if float32 else 'none',
+        'kernels': library().variant or 'none',
         'blas': f'{blas["name"]} {blas["version"]}',
         'load': round(os.getloadavg()[0], 2),
     }

@@ -96,24 +96,21 @@ _ADVICE = """\
 * `OPENBLAS_NUM_THREADS=1`, also around a program of your own: threads of BLAS wait for each other
   by spinning, and take what they wait with from everybody else. `vpr_node` and `convseq` set it
   for themselves if it is not set.
-* `pip install 'convseq_ros[fast]'` brings numba; `ros2 topic echo /diagnostics` tells the kernel
-  that is in use. Without numba everything works, more slowly.
+* Install a C compiler (`apt install gcc`) before the package; `ros2 topic echo /diagnostics` tells
+  the kernel that is in use. Without one everything works, more slowly.
 * `threads: 0` takes the cores that the process may use, two at most; *pair scores* and *the
   paper's row* show what the second one is worth. `taskset -c 3` keeps the node to one.
 * Give camera and node `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`: raw images
   then go through shared memory.
 * `search: shortlist` is the default; the cost of `exhaustive`, the paper's, grows with the map as
   the picture shows.
-* The first start compiles for some seconds; later ones load what was compiled. The node says
-  *warming up* on /diagnostics until it is ready, and does not listen before.
 
 ## Limits
 
 * Coarse scores take one short product for every place. Above about a million places that alone
   would fill a frame's time, and an index is needed: `CoarseScores` in
   `convseq_ros/core/sequence/coarse_scores.py` is the only place that would know of it.
-* Measured on one machine. Its instructions are named above; a processor older than AVX2 has no
-  8-bit kernel, and neither has ARM, which has not been measured.
+* Measured on one machine. Its instructions are named above; ARM has not been measured.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.
 """
 
@@ -153,8 +150,8 @@ def _machine(about: Mapping[str, Any]) -> str:
     versions = ', '.join(f'{name} {version}' for name, version in about['versions'].items())
     return _wrapped(
         f'{about["date"][:10]}, {machine["cpu"]}, {machine["cores"]} cores, '
-        f'{number(machine["memory_gb"])} GB; 8-bit kernels: {machine["int8"]}, float32 kernels: '
-        f'{machine["float32"]}; {versions}; BLAS: {machine["blas"]}. It took '
+        f'{number(machine["memory_gb"])} GB; kernels: {machine["kernels"]}; '
+        f'{versions}; BLAS: {machine["blas"]}. It took '
         f'{about["seconds"] / 60:.0f} minutes; load before it started: {machine["load"]}.'
     )
 

@@ -31,7 +31,7 @@ class Setting:
     pinned : bool
         Whether the process has no more cores than that.
     compiled : bool
-        Whether numba may compile.
+        Whether compiled kernels may be used.
 
     """
 
@@ -61,7 +61,7 @@ def run(
         return [_failed(name, setting, f'needs {setting.threads} cores')]
     environment = os.environ | {key: str(setting.threads) for key in BLAS}
     if not setting.compiled:
-        environment['NUMBA_DISABLE_JIT'] = '1'
+        environment['CONVSEQ_KERNELS'] = 'numpy'
     command = [
         sys.executable,
         '-m',

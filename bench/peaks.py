@@ -4,15 +4,12 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-from typing import Any
 
-from convseq_ros.core.compiled import emitted
-from convseq_ros.core.similarity.kernels.instructions import int8_tile, Tile
+from convseq_ros.core.compiled import array, available, kernel, SIZE
 import numpy as np
 
 _SIDE = 1024
-_ACCUMULATORS = 12
+_ACCUMULATORS = 12  # of the kernel `peak`
 _LOOPS = 2_000_000
 
 
@@ -25,66 +22,15 @@ def sgemm_work() -> tuple[Callable[[], object], float]:
 
 
 def int8_work(threads: int) -> tuple[Callable[[], object], float] | None:
-    """
-    Return dot products of bytes that stay in registers, and how many operations they are.
-
-    None if numba is absent, or the processor has no such instructions: others need three of them
-    for what these do in one, so that no peak can be named.
-    """
-    tile = int8_tile()
-    if tile is None or not tile.name.endswith('vnni'):
+    """Return dot products of bytes that stay in registers, and operations; None if not built."""
+    if not available():
         return None
-    run = _compiled()
+    run, shape = kernel('peak', SIZE, array('i4')), np.empty(4, np.int32)
+    kernel('shape', array('i4'))(shape)
     pool = ThreadPoolExecutor(threads)
 
-    def work() -> list[int]:
-        return list(pool.map(run, [_LOOPS] * threads))
+    def work() -> list[None]:
+        return list(pool.map(run, [_LOOPS] * threads, np.empty((threads, 1), np.int32)))
 
-    operations = 2 * 4 * tile.lanes * _ACCUMULATORS * _LOOPS * threads
+    operations = 2 * int(shape[3]) * _ACCUMULATORS * _LOOPS * threads
     return work, operations / 1e9
-
-
-@cache
-def _compiled() -> Callable[[int], int]:
-    import numba
-
-    @numba.njit(nogil=True)
-    def run(loops: int) -> int:
-        return _dot_products(loops)
-
-    run(1)
-    return run
-
-
-@emitted('int64')
-def _dot_products(builder: Any, loops: Any) -> Any:
-    """Return the sum of accumulators that gained a product of four bytes in every loop."""
-    from llvmlite import ir
-    from numba.core import cgutils
-
-    tile = int8_tile()
-    assert isinstance(tile, Tile)
-    word, wide = ir.IntType(32), ir.IntType(64)
-    vector = ir.VectorType(word, tile.lanes)
-    kind = ir.FunctionType(vector, [vector] * 3)
-    name = f'llvm.x86.avx512.vpdpbusd.{32 * tile.lanes}'
-    function = cgutils.get_or_insert_function(builder.module, kind, name)
-    number = builder.trunc(loops, word)
-    sums, factors = [], []
-    for place in range(_ACCUMULATORS + 2):
-        value = builder.add(number, ir.Constant(word, 0x01030507 * (place + 1)))
-        filled = ir.Constant(vector, ir.Undefined)
-        for lane in range(tile.lanes):
-            filled = builder.insert_element(filled, value, ir.Constant(word, lane))
-        if place < _ACCUMULATORS:
-            sums.append(cgutils.alloca_once_value(builder, filled))
-        else:
-            factors.append(filled)
-    with cgutils.for_range(builder, loops):
-        for one in sums:
-            builder.store(builder.call(function, [builder.load(one), *factors]), one)
-    total = ir.Constant(wide, 0)
-    for one in sums:
-        lane = builder.extract_element(builder.load(one), ir.Constant(word, 0))
-        total = builder.add(total, builder.sext(lane, wide))
-    return total

@@ -67,8 +67,8 @@ class MatchingConfig(Checked):
         'makes up for dropped frames, which gaps between stamps tell.',
     )
     kernel: str = parameter(
-        'auto', 'Implementation of pair scores: int8 and float32 are compiled by numba, numpy is '
-        'not; auto takes the fastest that this machine has.',
+        'auto', 'Implementation of pair scores: int8 and float32 are compiled C, numpy is not; '
+        'auto takes the fastest that this machine has.',
         choices=('auto', 'int8', 'float32', 'numpy'),
     )
     threads: int = parameter(

@@ -1,6 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The result table: one row for every frame read, in order, for the node and the commands."""
+"""
+The result table: one row for every frame read, in order, for the node and the commands.
+
+And other files of results, which are complete or absent.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,6 +14,7 @@ import fcntl
 from itertools import count
 import os
 from pathlib import Path
+import tempfile
 from typing import IO, Self
 
 from convseq_ros.core.types import Match
@@ -141,6 +146,14 @@ class ResultWriter:
             self.close()
         else:
             self.abandon()
+
+
+@contextmanager
+def complete_or_absent(path: Path) -> Iterator[Path]:
+    """Give a name that nobody has, under which a file is written; it takes its own at the end."""
+    with tempfile.TemporaryDirectory('.part', f'{path.name}.', path.parent) as own:
+        yield (part := Path(own, path.name))
+        os.replace(part, path)
 
 
 def _free_name(path: Path) -> Path:

@@ -25,17 +25,7 @@ MOST_LINES = 300
 # Kernels apart, a file of the core is one noun that fits on few screens, the algorithm on one.
 MOST_LINES_OF_CORE = 220
 MOST_LINES_OF_THE_ALGORITHM = 150
-OPTIONAL = (
-    'lz4',
-    'matplotlib',
-    'mcap',
-    'numba',
-    'rosbags',
-    'skimage',
-    'tqdm',
-    'yaml',
-    'zstandard',
-)
+OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml', 'zstandard')
 STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.

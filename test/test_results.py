@@ -4,7 +4,7 @@
 
 from convseq_ros.core.types import Candidate, Match, Reason, Status
 from convseq_ros.errors import SourceError
-from convseq_ros.results import COLUMNS, read_results, ResultWriter
+from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
 import pytest
 
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0))
@@ -125,3 +125,16 @@ def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
     with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
         table.close()
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
+
+
+def test_another_file_of_results_is_complete_or_absent_and_touches_no_other(tmp_path):
+    path, part = tmp_path / 'page.html', tmp_path / 'page.html.part'
+    part.write_text('of the user')
+    with pytest.raises(RuntimeError), complete_or_absent(path) as own:
+        own.write_text('half')
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == [part]
+    with complete_or_absent(path) as own:
+        own.write_text('whole')
+    assert (path.read_text(), part.read_text()) == ('whole', 'of the user')
+    assert path.stat().st_mode == part.stat().st_mode and len(list(tmp_path.iterdir())) == 2

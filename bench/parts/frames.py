@@ -121,13 +121,13 @@ def _frames(work: Work, size: int) -> list[Finding]:
 
 
 def _uncompiled(work: Work, size: int) -> Finding:
-    """Measure frames without numba, with fewer candidates."""
+    """Measure frames by NumPy alone, with fewer candidates."""
     drive = _Drive(work, size, 'shortlist', _FEWER_LISTED)
     drive.warm_up()
     times = Times(tuple(drive.frame_ms() for _ in range(3 if work.quick else _ROUNDS)))
     finding = Finding(
         what=f'frame, k = {LENGTH}, R = {size:,}, {_FEWER_LISTED} candidates',
-        side='coherent, shortlist, no numba',
+        side='coherent, shortlist, NumPy alone',
         threads=work.threads,
         note=drive.note(),
     )
@@ -137,7 +137,7 @@ def _uncompiled(work: Work, size: int) -> Finding:
 def _obstacle(kernel: str, size: int) -> str:
     """Return why a map of a size cannot be compared as a whole; empty if it can."""
     if kernel == 'numpy' and size > _MOST_UNCOMPILED:
-        return 'takes too long without numba'
+        return 'takes too long by NumPy'
     told = Path('/proc/meminfo').read_text(encoding='ascii')
     free_kb = int(told.partition('MemAvailable:')[2].split()[0])
     needed_kb = size * (_INT8_KB if kernel.startswith('int8') else _FLOAT32_KB)

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A disk that fails at the n-th call that changes it; a library in C, preloaded, does so."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import ctypes
 from enum import IntEnum
 import functools
+import mmap
 import os
 from pathlib import Path
 import shutil
@@ -48,3 +51,17 @@ def arm(call: int, how: How) -> None:
 def calls() -> int:
     """Return how many there were since."""
     return int(_library().disk_calls())
+
+
+@contextmanager
+def recorded(path: Path, number: mmap.mmap) -> Iterator[None]:
+    """Record every call that changes a disk in a file, and the 8 bytes of a number with it."""
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    watched = ctypes.c_int64.from_buffer(number)
+    arm(0, How.COUNT)
+    _library().disk_record(file, ctypes.byref(watched))
+    try:
+        yield
+    finally:
+        _library().disk_record(-1, None)
+        os.close(file)

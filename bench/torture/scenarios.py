@@ -39,22 +39,22 @@ GOLDEN = Path(__file__).parents[2] / 'test' / 'golden' / 'format3.db'
 _GOLDEN_PLACES = 3
 _MOST_PLACES = 40  # in a commit: some pages of every table
 _DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
-_NEVER_S = 1e6
+NEVER_S = 1e6
 
 
 class Acknowledged:
     """A number that a child leaves behind, whatever becomes of it."""
 
     def __init__(self) -> None:
-        self._shared = mmap.mmap(-1, 8)
+        self.shared = mmap.mmap(-1, 8)
 
     @property
     def value(self) -> int:
-        return int.from_bytes(self._shared[:], 'little', signed=True)
+        return int.from_bytes(self.shared[:], 'little', signed=True)
 
     @value.setter
     def value(self, number: int) -> None:
-        self._shared[:] = number.to_bytes(8, 'little', signed=True)
+        self.shared[:] = number.to_bytes(8, 'little', signed=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +306,7 @@ def _act(
 def main() -> None:
     """Make the tries."""
     count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    autosave._COMMIT_EVERY_S = _NEVER_S  # what is written is asked for, one thing after another
+    autosave._COMMIT_EVERY_S = NEVER_S  # what is written is asked for, one thing after another
     for found in tries(count, seed, folder):
         print(json.dumps(found), flush=True)
 

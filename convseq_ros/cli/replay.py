@@ -76,7 +76,8 @@ def run(chosen: argparse.Namespace) -> int:
         print(f'warning: {warning}', file=sys.stderr)
     summary = summarize(matches, durations)
     if chosen.json:
-        print(json.dumps({'output': str(chosen.output), 'added': session.added, **summary}))
+        about = {'output': str(chosen.output), 'added': session.added, 'slow': session.slow}
+        print(json.dumps(about | summary))
     else:
         if session.is_growing:
             print(f'{chosen.map}: {session.added} references added, {session.persisted} in all')
@@ -85,6 +86,7 @@ def run(chosen: argparse.Namespace) -> int:
             f'{chosen.output}: {summary["frames"]} frames ({reasons}); '
             f'mean sequence length {summary["mean_sequence_length"]:.1f}, '
             f'median {summary["median_ms"]:.1f} ms a frame'
+            f'{f" ({session.slow})" if session.slow else ""}'
         )
     return 0
 

@@ -1,122 +1,101 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Functions compiled by numba, where a numba that vectorises well is installed."""
+"""The library of compiled kernels, C in `native`, which setup.py builds where it can."""
 
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cache, wraps
+import ctypes
+from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
-import re
-import stat
-import tempfile
+import sys
 from typing import Any
 
-_LEAST_NUMBA = (0, 61)
+import numpy as np
+
+VERSION = 2  # of the kernels' arguments; native/cpu.c has the same
+# Kinds of processors that there are kernels for, best first; the two architectures share none.
+VARIANTS = ('avx512', 'avxvnni', 'avx2', 'sse4', 'dotprod', 'neon')
+_FOLDER = Path(__file__).parent
+_OVERRIDE = 'CONVSEQ_KERNELS'  # environment: the kind of kernels to use, or numpy
+_REBUILD = 'install a C compiler (apt install gcc) and build convseq_ros again'
+
+SIZE, INT, FLOAT, DOUBLE = ctypes.c_ssize_t, ctypes.c_int, ctypes.c_float, ctypes.c_double
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """What was found: the kernels of one kind, or why there are none, with the remedy."""
+
+    variant: str = ''
+    problem: str = ''
+    functions: Any = None
 
 
 @cache
-def available() -> bool:
-    """Return whether functions are compiled; numba before 0.61 is slower than NumPy."""
+def library() -> Library:
+    """Return the kernels for this processor, or as CONVSEQ_KERNELS asks."""
+    asked = os.environ.get(_OVERRIDE, '')
+    if asked == 'numpy':
+        return Library(problem=f'{_OVERRIDE} is numpy; unset it')
+    # Run from a clone, sources have no library beside them, but the installed package has one.
+    installed = [Path(entry, *__name__.split('.')[:-1]) for entry in sys.path]
+    found = [path for folder in (_FOLDER, *installed) for path in folder.glob('_native*.so')]
+    if not found:
+        return Library(problem=f'they were not built; {_REBUILD}')
     try:
-        found = re.match(r'(\d+)\.(\d+)', version('numba'))
-        if not found or tuple(map(int, found.groups())) < _LEAST_NUMBA:
-            return False
-        return not import_module('numba').config.DISABLE_JIT
-    except (ImportError, PackageNotFoundError):
-        return False
+        functions = ctypes.CDLL(str(found[0]))
+        version = functions.convseq_version()
+    except (OSError, AttributeError) as error:
+        return Library(problem=f'{error}; {_REBUILD}')
+    if version != VERSION:
+        return Library(problem=f'{found[0]} is of another release; {_REBUILD}')
+    there = [name for name in VARIANTS if _has(functions, name)]
+    if asked and asked not in there:
+        known = ', '.join([*there, 'numpy'])
+        return Library(problem=f'{_OVERRIDE} is {asked}; this processor has {known}')
+    if not there:
+        return Library(problem='this processor lacks SSE4.1; use another')
+    return Library(asked or there[0], '', functions)
+
+
+def _has(functions: Any, variant: str) -> bool:
+    tells = getattr(functions, f'convseq_has_{variant}', None)
+    return bool(tells and tells())
+
+
+def available() -> bool:
+    """Return whether there are compiled kernels for this processor."""
+    return not library().problem
+
+
+def slow_path() -> str:
+    """Return a line that says why NumPy computes all, and what to do about it; empty if not."""
+    problem = library().problem
+    return problem and f'no compiled kernels, frames take about 3 times longer: {problem}'
 
 
 def kernels_of(package: str) -> Any:
-    """Return a package's `kernels`, or `numpy_kernels`, the same functions, if none compile."""
+    """Return a package's `kernels`, or `numpy_kernels`, the same functions, if none are there."""
     return _module(f'{package}.{"kernels" if available() else "numpy_kernels"}')
 
 
 _module = cache(import_module)
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """
-    Return a function that numba compiles when it is called first; itself where numba is not.
-
-    Compiled code is kept beside the source, or in the user's cache, or in a folder of the user's
-    among the temporary ones: the first of these that can be written, else in memory alone. It is
-    made anew when any module in the function's folder has changed. Callers may run in threads.
-    """
-    if not available():
-        return function
-    numba: Any = import_module('numba')
-    usual = numba.config.CACHE_DIR
-    for folder in (usual, _private_folder(), None):
-        numba.config.CACHE_DIR = folder or usual
-        try:
-            made = numba.njit(
-                cache=folder is not None, nogil=True, boundscheck=False, error_model='numpy'
-            )(function)
-            break
-        except RuntimeError:
-            continue
-        finally:
-            numba.config.CACHE_DIR = usual
-    with suppress(AttributeError):
-        # numba looks at the function's own file only, not at those it takes code from.
-        made._cache._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
-    return made
+def array(dtype: Any) -> Any:
+    """Return the type of an argument that is a C-contiguous array of numbers of a type."""
+    return np.ctypeslib.ndpointer(np.dtype(dtype), flags='C_CONTIGUOUS')
 
 
-@cache
-def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
-    """Return what tells one state of the modules of a folder from another."""
-    states = ((path.name, path.stat()) for path in sorted(folder.glob('*.py')))
-    return tuple((name, state.st_mtime_ns, state.st_size) for name, state in states)
+def kernel(name: str, *arguments: Any) -> Callable[..., None]:
+    """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
+    function = library().functions[f'convseq_{name}_{library().variant}']
+    function.argtypes, function.errcheck = arguments, _check
+    return function
 
 
-@cache
-def _private_folder() -> str | None:
-    """Return a temporary folder that only this user can write, if there is one."""
-    try:
-        folder = Path(tempfile.gettempdir(), f'convseq_ros-{os.getuid()}')
-        folder.mkdir(mode=stat.S_IRWXU, exist_ok=True)
-        state = folder.lstat()
-    except OSError:
-        return None
-    private = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid()
-    return str(folder) if private and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else None
-
-
-def emitted(result: str) -> Callable[[Callable[..., Any]], Any]:
-    """
-    Return a decorator for functions that write LLVM instructions into compiled ones.
-
-    Parameters
-    ----------
-    result : str
-        Name of the numba type that is returned; `none` for nothing.
-
-    Returns
-    -------
-    callable
-        Takes a function of an IR builder and integers (addresses, mostly) and returns one of these
-        integers alone, for compiled functions to call.
-
-    """
-
-    def decorated(emit: Callable[..., Any]) -> Any:
-        if not available():
-            return emit
-        numba: Any = import_module('numba')
-        number, kind = numba.types.int64, getattr(numba.types, result)
-
-        @wraps(emit)
-        def typed(_context: Any, *arguments: Any) -> Any:
-            def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-                value = emit(builder, *values)
-                return context.get_dummy_value() if value is None else value
-
-            return kind(*[number] * len(arguments)), generate
-
-        return import_module('numba.extending').intrinsic(typed)
-
-    return decorated
+def _check(result: int, function: Any, _arguments: Any) -> None:
+    if result:
+        raise MemoryError(f'no memory for {function.__name__}')

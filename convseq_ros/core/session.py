@@ -5,7 +5,9 @@
 from pathlib import Path
 
 from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -42,6 +44,8 @@ class Session:
             self.close()
             raise
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
+        # Why that is slow, with the remedy, if nobody asked for it.
+        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
         # Way between the map's keyframes, and so between queries if there is odometry; or 0.
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 
@@ -68,9 +72,9 @@ class Session:
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
-        """Compile what is compiled at its first use, which may take seconds."""
+        """Load tables, and prepare a small map, so that the first frame is not late."""
         drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-        self.recognizer.gate.warm_up(describe(drawn, self.recognizer.config.encoding))
+        global_descriptor(describe(drawn, self.recognizer.config.encoding).cells)
         self.recognizer.matcher.warm_up()
 
     @property

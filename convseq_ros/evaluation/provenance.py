@@ -11,14 +11,7 @@ from typing import Any
 
 from convseq_ros import __version__
 
-_LIBRARIES = (
-    'numpy',
-    'opencv-python-headless',
-    'opencv-python',
-    'scikit-image',
-    'onnxruntime',
-    'numba',
-)
+_LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'scikit-image', 'onnxruntime')
 
 
 def provenance() -> dict[str, Any]:

@@ -27,7 +27,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.truth import Truth
 from convseq_ros.files import read_array, refuse_irregular
-from convseq_ros.results import COLUMNS, row
+from convseq_ros.results import COLUMNS, complete_or_absent, row
 import numpy as np
 import numpy.typing as npt
 
@@ -99,20 +98,17 @@ class Run:
 def write_text(path: Path, text: str) -> None:
     """Write a file in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + '.part')
-    part.write_text(text, encoding='utf-8')
-    os.replace(part, path)
+    with complete_or_absent(path) as part:
+        part.write_text(text, encoding='utf-8')
 
 
 def write_table(path: Path, columns: Iterable[str], rows: Iterable[Mapping[str, object]]) -> None:
     """Write a CSV table in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + '.part')
-    with part.open('w', newline='', encoding='utf-8') as file:
+    with complete_or_absent(path) as part, part.open('w', newline='', encoding='utf-8') as file:
         table = csv.DictWriter(file, list(columns), lineterminator='\n', extrasaction='ignore')
         table.writeheader()
         table.writerows(rows)
-    os.replace(part, path)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -123,10 +119,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 def write_truth(folder: Path, truth: Truth) -> None:
     """Write truth.npz into a set's folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    part = folder / 'truth.npz.part'
-    with part.open('wb') as file:
-        np.savez_compressed(file, right=truth.right)
-    os.replace(part, folder / 'truth.npz')
+    with complete_or_absent(folder / 'truth.npz') as part:
+        np.savez_compressed(part, right=truth.right)
 
 
 def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
@@ -155,10 +149,8 @@ def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
 
 def write_scores(path: Path, outcome: Outcome) -> None:
     """Write scores.npy."""
-    part = path.with_name(path.name + '.part')
-    with part.open('wb') as file:
-        np.save(file, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
-    os.replace(part, path)
+    with complete_or_absent(path) as part:
+        np.save(part, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
 
 
 def write_curve(path: Path, curve: Curve) -> None:

@@ -135,7 +135,7 @@ class VprNode(Node):
         super().destroy_node()
 
     def _warm_up(self) -> None:
-        """Compile what is compiled at its first use, in the worker's thread."""
+        """Make what the first frame needs, in the worker's thread."""
         start_s = time.monotonic()
         session = self._recognition.session
         try:
@@ -143,6 +143,8 @@ class VprNode(Node):
         except ConvseqError as error:
             self.get_logger().error(str(error))
         took_s = time.monotonic() - start_s
+        if session.slow:
+            self.get_logger().warning(session.slow)
         self.get_logger().info(f'kernel {session.kernel}, ready after {took_s:.1f} s')
         try:
             self._answers.follow(session.recognizer.reference_map)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq convert`: maps of format 3, of which `golden/format3.db` is one, stay in use."""
 
+import json
 from pathlib import Path
 import shutil
 import sqlite3
@@ -9,7 +10,7 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map.place import pack_cells
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest
@@ -38,6 +39,8 @@ def test_all_that_the_old_map_held_is_in_the_new_one(old, convert, tmp_path):
     before = old.read_bytes()
     code, said = convert()
     assert (code, said) == (0, f'{tmp_path / "new.db"}: 3 references, format 4\n')
+    made = json.loads(MapReader(tmp_path / 'new.db').about()['encoding'])
+    assert made == {'image_size_px': 64, 'resize': 'linear'}
     opened, rng = open_map(tmp_path / 'new.db'), np.random.default_rng(0)
     assert opened.keyframes == KeyframeConfig(keyframe_interval_s=0.5)
     for index, place in enumerate(opened.places):

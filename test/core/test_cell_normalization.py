@@ -54,10 +54,10 @@ def test_cells_without_direction_show_nothing(cells):
     assert not normalized(cells.astype(np.float32)).any()
 
 
-@pytest.mark.skipif(not available(), reason='numba is not installed, or compiles nothing')
+@pytest.mark.skipif(not available(), reason='no compiled kernels')
 @pytest.mark.parametrize('side', [1, 2, 7, 32])
 def test_compiled_normalisation_is_the_definition(side):
-    from convseq_ros.core.similarity.kernels.normalization import normalized as compiled
+    from convseq_ros.core.similarity.kernels.regions import normalized as compiled
 
     for cells in (drawn()[:side, :side], np.zeros((side, side, 8), np.float32)):
         assert compiled(cells) == pytest.approx(normalized(cells), abs=1e-6)

@@ -28,7 +28,7 @@ def way(request, monkeypatch):
 
 def choose(way, monkeypatch):
     if way == 'compiled' and not compiled.available():
-        pytest.skip('needs numba')
+        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
     monkeypatch.setattr(compiled, 'available', lambda: way == 'compiled')
 
 

@@ -8,16 +8,16 @@ import subprocess
 import sys
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.compiled import available, compiled
+from convseq_ros.core import compiled
+from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.encoding.regions import paper_regions, projected_regions
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.coherent import CoherentQuery
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.instructions import features, float_tile, int8_tile
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, shown_regions
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+INSTALLED_IN = Path(compiled.__file__).parents[2]  # which need not be the repository
 TOLERANCE = {
     ('coherent', 'float32'): 1e-6, ('regional', 'float32'): 1e-6,
     ('coherent', 'int8'): 1e-2, ('regional', 'int8'): 1e-3,
@@ -34,18 +34,16 @@ TOLERANCE = {
 RESCORED = 5
 
 
-def needs(kernel):
-    if not float_tile():
-        pytest.skip('needs numba, and AVX or ARM')
-    if kernel == 'int8' and not int8_tile():
-        pytest.skip('needs a processor with 8-bit products')
+def needs_library():
+    if not available():
+        pytest.skip(f'no compiled kernels: {library().problem}')
 
 
 @pytest.fixture(params=TOLERANCE, ids=' '.join)
 def pair(request):
     """Return a compiled kernel, the definition, and how far they may be apart."""
     way, kernel = request.param
-    needs(kernel)
+    needs_library()
     made = chosen_kernels(MatchingConfig(matching=way, kernel=kernel))[0]
     definition = chosen_kernels(MatchingConfig(matching=way, kernel='numpy'))[0]
     return made, definition, TOLERANCE[request.param]
@@ -87,7 +85,7 @@ def test_scores_are_those_of_the_definition(pair):
 @example(side=4, share=0.0, seed=567, which=('regional', 'float32'))
 def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, which):
     way, name = which
-    needs(name)
+    needs_library()
     kernels = [
         chosen_kernels(MatchingConfig(matching=way, kernel=one))[0] for one in (name, 'numpy')
     ]
@@ -110,7 +108,7 @@ def test_the_largest_image_is_scored_too(pair):
 
 
 def test_shifts_are_those_of_the_definition():
-    needs('float32')
+    needs_library()
     wide = drawn(7, 40)
     entropy = wide.cell_entropy[2:34, 5:37]
     query = Descriptor(wide.cells[2:34, 5:37], np.ones(961, bool), entropy, 0.5)
@@ -118,7 +116,7 @@ def test_shifts_are_those_of_the_definition():
         np.ascontiguousarray(wide.cells[row : row + 32, column : column + 32])
         for row, column in ((2, 5), (4, 0), (0, 8))
     ]
-    for name in ('numpy', 'float32', 'int8') if int8_tile() else ('numpy', 'float32'):
+    for name in ('numpy', 'float32', 'int8'):
         kernel = chosen_kernels(MatchingConfig(matching='coherent', kernel=name))[0]
         assert compared(kernel, query, references)[1].tolist() == [[0, 0], [-2, 5], [2, -3]]
 
@@ -136,8 +134,8 @@ def test_a_reference_half_of_which_is_flat_is_scored(pair):
 
 @pytest.mark.parametrize('side', [3, 4, 5, 14, 15, 31, 32, 128])
 def test_compiled_regions_are_those_of_the_definition(side):
-    needs('float32')
-    from convseq_ros.core.similarity.kernels.projection import projected
+    needs_library()
+    from convseq_ros.core.encoding.kernels import project as projected
 
     cells = np.random.default_rng(side).random((side, side + 1, 8), np.float32)[:, 1:] ** 3
     cells[side // 2 :, : side // 2] = 0
@@ -152,8 +150,8 @@ def test_compiled_regions_are_those_of_the_definition(side):
 
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
-    needs('float32')
-    from convseq_ros.core.similarity.kernels.projection import shown_regions as compiled
+    needs_library()
+    from convseq_ros.core.similarity.kernels.regions import shown_regions as compiled
 
     cells, background = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
     found, expected = (show(cells, background) for show in (compiled, shown_regions))
@@ -163,22 +161,24 @@ def test_compiled_regions_less_their_background_are_those_of_the_definition(side
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
-def test_compiled_bytes_are_the_regions_quantised(side):
-    needs('int8')
-    from convseq_ros.core.similarity.kernels.panel import quantised, reference_words
-    from convseq_ros.core.similarity.kernels.projection import BYTES, packed_bytes, projected
+def test_8_bit_scores_are_those_of_whole_numbers(side):
+    needs_library()
+    from convseq_ros.core.similarity.kernels.regional import _SCALE
 
-    cells = drawn(side, side).cells
-    for scale in (160, 1000):
-        found = packed_bytes(projected(cells), scale, 63, 64).array
-        rows = quantised(projected(cells), scale, 63, 64)
-        assert np.array_equal(found, reference_words(rows, BYTES).array)
+    kernel = chosen_kernels(MatchingConfig(matching='regional', kernel='int8'))[0]
+    query, reference = drawn(side, side), drawn(1, side).cells
+    found, _ = compared(kernel, query, [reference])
+    own, other = (
+        np.rint(paper_regions(cells) * np.float32(_SCALE)) for cells in (query.cells, reference)
+    )
+    best = (own[query.salient] @ other.T).max(axis=1)
+    assert found[0] == np.float32(min(best.sum() / (len(best) * _SCALE**2), 1.0))
 
 
 def test_of_equal_counterparts_the_first_is_taken():
-    needs('float32')
-    from convseq_ros.core.similarity.kernels.coherent import _compare_floats, _float_query, FLOATS
-    from convseq_ros.core.similarity.kernels.panel import reference_words
+    needs_library()
+    from convseq_ros.core.similarity.kernels.coherent import _compared, _float_query
+    from convseq_ros.core.similarity.kernels.panel import reference_floats
 
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -187,7 +187,7 @@ def test_of_equal_counterparts_the_first_is_taken():
         own[:, 4:] = 0
         index = np.sort(rng.permutation(900)[:100])
         query = CoherentQuery(own[index], index, 30)
-        scores, shifts = _compare_floats(_float_query(query), [reference_words(other, FLOATS)])
+        scores, shifts = _compared(_float_query(query), [reference_floats(other)])
         expected, shift = coherent_score(query, other)
         assert scores[0] == pytest.approx(expected, abs=1e-6)
         assert tuple(shifts[0]) == shift
@@ -206,7 +206,7 @@ def corridor(shared_data):
 
 @pytest.mark.parametrize('way', ['coherent', 'regional'])
 def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way):
-    needs('int8')
+    needs_library()
     queries, references = corridor
     reference_map = ReferenceMap()
     for index, one in enumerate(references):
@@ -227,13 +227,6 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         assert best[exact.argmax()] == expected.argmax()
 
 
-# What other machines have, by NUMBA_CPU_NAME, and what is to be used there.
-MACHINES = {
-    'alderlake': ('avx avx2 fma avxvnni', 'avx-vnni'),
-    'haswell': ('avx avx2 fma', 'avx2-maddubs'),
-    'skylake-avx512': ('avx avx2 fma avx512f avx512bw avx512dq avx512vl', 'avx512-maddubs'),
-    'x86-64': ('', ''),
-}
 SCORE_ONE = """
 import numpy as np
 from convseq_ros.config import MatchingConfig
@@ -257,62 +250,93 @@ for way in ('coherent', 'regional'):
     assert abs(found[0] - found[1]) < 1e-2, found
 assert abs(PaperSimilarity()(one, one) - 1) < 1e-6
 """
+# Prints what must not depend on the processor, to the last bit.
+ENCODE_AND_SCORE = """
+import hashlib
+import cv2
+import numpy as np
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.numpy_halves import products
+
+def told(*found):
+    joined = b''.join(np.ascontiguousarray(one).tobytes() for one in found)
+    print(hashlib.sha256(joined).hexdigest())
+
+noise = np.random.default_rng(5).integers(0, 256, (6, 512, 512), np.uint8)
+shown = [describe(cv2.GaussianBlur(one, (0, 0), 5)) for one in noise]
+told(*(one.cells for one in shown))
+for way in ('coherent', 'regional'):
+    for name in ('int8', 'float32'):
+        kernel = chosen_kernels(MatchingConfig(matching=way, kernel=name))[0]
+        background = kernel.regions(shown[5].cells, None)[0] if kernel.regions else None
+        query = kernel.extract(shown[0], 4.0, background)
+        prepared = [kernel.prepare(one.cells, background) for one in shown[:5]]
+        if kernel.normalize:
+            told(kernel.normalize(shown[0].cells), kernel.regions(shown[0].cells, background)[0])
+        scores, shifts = kernel.compare(query, prepared)
+        told(scores, np.zeros(0) if shifts is None else shifts)
+rows = np.random.default_rng(2).normal(0, 1, (100, 252)).astype(np.float16)
+told(products(rows, rows[0].astype(np.float32)))
+"""
 
 
-def names_in_process(lines, **environment):
+def in_process(lines, **environment):
     result = subprocess.run(
         [sys.executable, '-c', lines],
-        cwd=REPOSITORY,
+        cwd=INSTALLED_IN,
         capture_output=True,
         text=True,
         check=False,
         env={**os.environ, **environment},
     )
     assert result.returncode == 0, result.stderr
-    return set(result.stdout.splitlines())
+    return result.stdout.split('\n')[:-1]
 
 
-@pytest.mark.parametrize('machine', MACHINES)
-def test_an_instruction_that_the_processor_lacks_is_never_used(machine, tmp_path):
-    needs('int8')
-    there, kernel = MACHINES[machine]
-    if not set(there.split()) <= features():
-        pytest.skip(f'needs a processor with {there}')
-    names = names_in_process(
-        SCORE_ONE,
-        NUMBA_CPU_NAME=machine,
-        NUMBA_CACHE_DIR=str(tmp_path),
-        NUMBA_CPU_FEATURES=','.join(f'+{name}' for name in there.split()),
+def has(variant):
+    """Return whether this processor has kernels of a kind."""
+    tells = getattr(library().functions, f'convseq_has_{variant}', None)
+    return available() and bool(tells and tells())
+
+
+@pytest.fixture(params=VARIANTS)
+def variant(request):
+    """Return a kind of kernels that this processor can run."""
+    needs_library()
+    if not has(request.param):
+        pytest.skip(f'this processor has no {request.param}')
+    return request.param
+
+
+def test_every_kind_of_kernels_can_be_asked_for(variant):
+    names = in_process(SCORE_ONE, CONVSEQ_KERNELS=variant)
+    assert set(names) == {f'int8 {variant}', 'numpy'}
+
+
+def test_all_kinds_of_kernels_find_the_same_to_the_last_bit(variant):
+    best = next(each for each in VARIANTS if has(each))
+    found, expected = (
+        in_process(ENCODE_AND_SCORE, CONVSEQ_KERNELS=each) for each in (variant, best)
     )
-    assert names == {f'int8 {kernel}' if kernel else 'numpy', 'numpy'}
+    # Without fused products, rounding differs: only cells and products of bytes are the same.
+    same = [0, 2, 5] if variant == 'sse4' else range(len(expected))
+    assert len(expected) == 8
+    assert [found[each] for each in same] == [expected[each] for each in same]
 
 
-def test_without_numba_the_definition_is_used():
-    absent = "import sys\nsys.modules['numba'] = None\n"
-    assert names_in_process(absent + SCORE_ONE) == {'numpy'}
-
-
-def test_where_no_folder_can_be_written_code_is_compiled_all_the_same(monkeypatch):
-    if not available():
-        pytest.skip('needs numba')
-    import numba
-
-    compile_ = numba.njit
-
-    def unwritable(cache, **options):
-        if cache:
-            raise RuntimeError('no locator available')
-        return compile_(**options)
-
-    monkeypatch.setattr(numba, 'njit', unwritable)
-    assert compiled(lambda number: number + 1)(2) == 3
+def test_numpy_can_be_asked_for():
+    assert set(in_process(SCORE_ONE, CONVSEQ_KERNELS='numpy')) == {'numpy'}
 
 
 @pytest.mark.parametrize('numbers', [1, 12, 15, 16, 17, 31, 32, 252])
 @pytest.mark.parametrize('compiled', [True, False])
 def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypatch):
-    if not compiled:
-        monkeypatch.setattr(numpy_halves, 'float_tile', lambda: None)
+    if compiled:
+        needs_library()
+    else:
+        monkeypatch.setattr(numpy_halves, 'available', lambda: False)
     rng = np.random.default_rng(numbers)
     rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
     rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]

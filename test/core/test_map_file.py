@@ -269,7 +269,7 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statemen
 def way(request, monkeypatch):
     """Have cells widened by compiled code, or without it."""
     if request.param == 'compiled' and not compiled.available():
-        pytest.skip('needs numba')
+        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
     monkeypatch.setattr(compiled, 'available', lambda: request.param == 'compiled')
 
 

@@ -3,20 +3,19 @@
 """The matcher: references, kernels and threads behind one interface."""
 
 from concurrent.futures import ThreadPoolExecutor
-import weakref
 
 from convseq_ros.config import MatchingConfig
+from convseq_ros.core.compiled import available, Library
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.kernels import choice
-from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError
 import numpy as np
 import pytest
 
-KERNELS = ['numpy', *(['float32'] if float_tile() else []), *(['int8'] if int8_tile() else [])]
+KERNELS = ['numpy', *(['float32', 'int8'] if available() else [])]
 
 
 def drawn(seed):
@@ -214,19 +213,12 @@ def test_two_matchers_may_work_at_once(made):
         assert list(pool.map(scored, range(8))) == list(range(8))
 
 
-@pytest.mark.parametrize(
-    ('missing', 'kernel', 'remedy'),
-    [
-        ('available', 'float32', 'numba'),
-        ('available', 'int8', 'numba'),
-        ('int8_tile', 'int8', 'AVX2'),
-        ('float_tile', 'float32', 'AVX'),
-    ],
-)
-def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, missing, kernel, remedy):
-    for name in ('available', 'float_tile', 'int8_tile'):
-        monkeypatch.setattr(choice, name, lambda there=name != missing: there)
-    with pytest.raises(ConfigError, match=rf'kernel: {kernel} .*{remedy}.*choose auto'):
+@pytest.mark.parametrize('kernel', ['float32', 'int8'])
+def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, kernel):
+    monkeypatch.setattr(choice, 'available', lambda: False)
+    monkeypatch.setattr(choice, 'library', lambda: Library(problem='not built; install gcc'))
+    refusal = rf'kernel: no {kernel}: .*install gcc.*choose auto'
+    with pytest.raises(ConfigError, match=refusal):
         Matcher(ReferenceMap(), MatchingConfig(kernel=kernel), 0.5)
 
 
@@ -236,34 +228,6 @@ def test_auto_takes_the_fastest_kernel_that_there_is(way):
 
 
 def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
-    monkeypatch.setattr(choice, 'float_tile', lambda: None)
+    monkeypatch.setattr(choice, 'available', lambda: False)
     kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
     assert kernel == 'numpy'
-
-
-def test_what_compiled_code_reads_is_held_while_it_reads(monkeypatch):
-    if not int8_tile():
-        pytest.skip('needs numba, and a processor with 8-bit products')
-    from convseq_ros.core.similarity.kernels import coherent
-
-    kernel, places, score = coherent.int8(), coherent._places.__wrapped__, coherent._byte_scores
-    shown = drawn(0)
-    query, reference, made = (
-        kernel.extract(shown, 3.5, None),
-        kernel.prepare(shown.cells, None),
-        [],
-    )
-
-    def uncached(side):
-        panel = places(side)
-        made.append(weakref.ref(panel.array))
-        return panel
-
-    def checked(*arguments):
-        assert all(array() is not None for array in made)
-        score(*arguments)
-
-    monkeypatch.setattr(coherent, '_places', uncached)
-    monkeypatch.setattr(coherent, '_byte_scores', checked)
-    kernel.compare(query, [reference])
-    assert made

@@ -19,7 +19,6 @@ class HOG:
     cell_px: int = 16  # W2 = H2 in the paper
     bins: int = 8  # L in the paper
     margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
-    strip_cells: int = 4  # rows of cells at a time; measured: they stay in the processor's cache
 
 
 def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:
@@ -68,26 +67,11 @@ def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     is kept, for a region of such cells only is scaled to unit length like any other.
 
     """
-    kernels, (side, _, bins) = kernels_of(__package__), cell_shape(len(gray))
-    cells = np.zeros((side, side, bins), np.float32)
+    cells = np.zeros(cell_shape(len(gray)), np.float32)
     brightest = float(gray.max())
-    if brightest == 0.0:
-        return cells
-    gamma = np.sqrt(np.arange(256) / brightest) * 255.0
-    framed = cv2.copyMakeBorder(gray, *(HOG.margin_px,) * 4, borderType=cv2.BORDER_REFLECT_101)
-    for first in range(0, side, HOG.strip_cells):
-        strip = cells[first : first + HOG.strip_cells]
-        start, height = first * HOG.cell_px, len(strip) * HOG.cell_px
-        rows = cv2.LUT(framed[start : start + height + 2 * HOG.margin_px], gamma)
-        gx, gy = np.empty((2, height, gray.shape[1]), np.float32)
-        kernels.gradients(rows, gx, gy)
-        orientation = cv2.phase(gx, gy, angleInDegrees=True)
-        orientation *= np.float32(bins / 360.0)
-        strength = cv2.absdiff(gx, -gy)
-        strength *= np.float32(0.5)
-        votes = np.empty((len(strip), bins + 1, gray.shape[1]), np.float32)
-        kernels.column_votes(strength, orientation, votes)
-        votes[:, 0] += votes[:, bins]
-        of_cells = votes[:, :bins].reshape(len(strip), bins, side, HOG.cell_px).sum(axis=3)
-        strip[:] = of_cells.transpose(0, 2, 1)
+    if brightest > 0:
+        gamma = np.sqrt(np.arange(256) / brightest) * 255.0
+        margin = (HOG.margin_px,) * 4
+        framed = cv2.copyMakeBorder(gray, *margin, borderType=cv2.BORDER_REFLECT_101)
+        kernels_of(__package__).histograms(framed, gamma, cells)
     return cells

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `kernels` computes, by NumPy: the oracle, and the fallback without numba."""
+"""What `kernels` computes, by NumPy: the oracle, and the fallback where it is not built."""
 
 import numpy as np
 import numpy.typing as npt

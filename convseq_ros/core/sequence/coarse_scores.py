@@ -40,7 +40,6 @@ class CoarseScores:
         self._mean, self._variance = np.zeros(numbers, np.float32), np.ones(numbers, np.float32)
         self._nearness = GrowingArray(np.zeros(0, np.float32))  # inverse distances from the mean
         self.reset()
-        products(reference_map.global_descriptors[:0], self._mean)  # compiled before frames come
 
     def reset(self) -> None:
         self._own_sums, self._frames = np.zeros_like(self._sums), 0

@@ -4,13 +4,13 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-import os
 from pathlib import Path
 
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.report.accuracies import accuracy
 from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
+from convseq_ros.results import complete_or_absent
 
 MOST_MEGABYTES = 20.0
 
@@ -62,6 +62,5 @@ def write_report(runs: list[Run], output: Path, most_megabytes: float = MOST_MEG
 
     """
     page = report_page(runs, round(most_megabytes * 1e6))
-    part = output.with_name(output.name + '.part')
-    part.write_text(page, encoding='utf-8')
-    os.replace(part, output)
+    with complete_or_absent(output) as part:
+        part.write_text(page, encoding='utf-8')

@@ -3,8 +3,7 @@
 """Which kernels score pairs on this machine."""
 
 from convseq_ros.config import MatchingConfig
-from convseq_ros.core.compiled import available
-from convseq_ros.core.similarity.kernels.instructions import float_tile, int8_tile
+from convseq_ros.core.compiled import available, library
 from convseq_ros.core.similarity.kernels.numpy_coherent import COHERENT_PAIR
 from convseq_ros.core.similarity.kernels.numpy_regional import REGIONAL
 from convseq_ros.core.similarity.pair_score import PairScore
@@ -21,19 +20,13 @@ def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
     """
     definition = _DEFINITIONS[matching.matching]
     wanted = matching.kernel
-    if wanted in ('int8', 'float32') and not available():
-        raise ConfigError(f'kernel: {wanted} needs numba 0.61 or later; install it or choose auto')
-    if wanted == 'int8' and not int8_tile():
-        raise ConfigError('kernel: int8 needs a processor with AVX2 or later; choose auto')
-    if wanted == 'float32' and not float_tile():
-        raise ConfigError('kernel: float32 needs a processor with AVX, or ARM; choose auto')
-    if wanted == 'numpy' or not float_tile():
+    if wanted == 'numpy' or (wanted == 'auto' and not available()):
         return definition, definition
-    # Importing these imports numba, which not everybody has.
+    if not available():
+        raise ConfigError(f'kernel: no {wanted}: {library().problem}; or choose auto')
+    # There is no library to import them from everywhere.
     from convseq_ros.core.similarity.kernels import coherent, regional
 
     kernels = {'coherent': coherent, 'regional': regional}[matching.matching]
     exact = kernels.float32()
-    if wanted == 'float32' or not int8_tile():
-        return exact, exact
-    return kernels.int8(), exact
+    return (exact if wanted == 'float32' else kernels.int8()), exact

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without numba."""
+"""Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from collections.abc import Sequence
 from threading import local

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Products of many rows of numbers in half precision with one: by NumPy, if not compiled."""
+"""Products of many rows of numbers in half precision with one: by NumPy, where not compiled."""
 
 from collections.abc import Iterator
 
-from convseq_ros.core.similarity.kernels.instructions import float_tile
+from convseq_ros.core.compiled import available
 import numpy as np
 import numpy.typing as npt
 
@@ -16,12 +16,10 @@ _AT_ONCE = 4096  # rows in float32, for 4 MB of memory
 
 def products(rows: Halves, direction: Floats) -> Floats:
     """Return the products, in float32, of rows (R, n) and a direction (n,), shape (R,)."""
-    tile = float_tile()
-    if tile and len(direction) >= tile.lanes:
-        # Importing this imports numba, which not everybody has.
-        from convseq_ros.core.similarity.kernels import halves
+    if available():
+        from convseq_ros.core.similarity.kernels import regions
 
-        return halves.products(rows, direction)
+        return regions.products(rows, direction)
     found = [some @ direction for some in widened(rows)]
     return np.concatenate(found) if found else np.zeros(0, np.float32)
 

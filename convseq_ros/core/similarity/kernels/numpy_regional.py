@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's pair score (III-D) by NumPy: the definition, and the fallback without numba."""
+"""The paper's pair score (III-D) by NumPy: the definition, and the fallback without C."""
 
 from collections.abc import Iterable, Sequence
 

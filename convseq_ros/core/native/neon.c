@@ -1,0 +1,20 @@
+// Copyright 2026 The convseq_ros authors
+// SPDX-License-Identifier: Apache-2.0
+// Any 64-bit ARM processor, such as Cortex-A53 and A72 of Raspberry Pi 3 and 4.
+#ifdef __aarch64__
+#define VARIANT neon
+#define LANES 4
+#define ROWS 12
+#define WIDENED // products of bytes, two and two, are added up in 16 bits
+#include "vectors.h"
+
+static inline Words dot(Words sum, Words reference, QueryStep query)
+{
+    int8x16_t bytes = (int8x16_t)reference;
+    int16x8_t twos = vmull_s8(vget_low_s8(bytes), vget_low_s8((int8x16_t)query.first));
+    twos = vmlal_high_s8(twos, bytes, (int8x16_t)query.second);
+    return (Words)vpadalq_s16((int32x4_t)sum, twos);
+}
+
+#include "kernels.h"
+#endif

@@ -1,0 +1,89 @@
+// Copyright 2026 The convseq_ros authors
+// SPDX-License-Identifier: Apache-2.0
+// What is done to cells and regions before they are compared, and coarse scores.
+
+// Fill in the normalised cells [size][size][8]; see `normalized`. Return 0, or -1 if there is no
+// memory. typical: means of the image at which a number counts half.
+KERNEL(normalize)(const float *cells, intptr_t size, float middle, float side,
+                      double typical, float *found)
+{
+    intptr_t line = size * BINS, count = size * line;
+    float *above = malloc((size_t)(2 * count) * sizeof *above), *across = above + count;
+    for (intptr_t cell = 0; cell < size * size && above; cell++) {
+        const float *own = cells + cell * BINS;
+        float lowest = own[0];
+        for (int bin = 1; bin < BINS; bin++)
+            lowest = own[bin] < lowest ? own[bin] : lowest;
+        for (int bin = 0; bin < BINS; bin++)
+            above[cell * BINS + bin] = own[bin] - lowest;
+    }
+    for (intptr_t cell = 0; cell < size * size && above; cell++) {
+        intptr_t column = cell % size;
+        const float *own = above + cell * BINS;
+        const float *left = own - (column > 0 ? BINS : 0);
+        const float *right = own + (column < size - 1 ? BINS : 0);
+        for (int bin = 0; bin < BINS; bin++)
+            across[cell * BINS + bin] = middle * own[bin] + side * (left[bin] + right[bin]);
+    }
+    double total = 0;
+    for (intptr_t cell = 0; cell < size * size && above; cell++) {
+        const float *own = across + cell * BINS;
+        const float *upper = own - (cell >= size ? line : 0);
+        const float *lower = own + (cell < count / BINS - size ? line : 0);
+        float here = 0;
+        for (int bin = 0; bin < BINS; bin++) {
+            float number = middle * own[bin] + side * (upper[bin] + lower[bin]);
+            found[cell * BINS + bin] = number;
+            here += number;
+        }
+        total += here;
+    }
+    float half = (float)(typical * total / (double)count);
+    for (intptr_t place = 0; place < count && above && half > 0; place++)
+        found[place] /= found[place] + half;
+    free(above);
+    return above ? 0 : -1;
+}
+
+// Subtract the background from regions [side * side][32], to unit length, and add them up in
+// square blocks, [blocks][blocks][32].
+KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_t block,
+                      float *sums)
+{
+    intptr_t blocks = (side + block - 1) / block;
+    for (intptr_t place = 0; place < side * side; place++) {
+        float *own = regions + place * NUMBERS;
+        float *sum = sums + (place / side / block * blocks + place % side / block) * NUMBERS;
+        place_region(own, 1, background + place * NUMBERS, own);
+        for (int number = 0; number < NUMBERS; number++)
+            sum[number] += own[number];
+    }
+    return 0;
+}
+
+// Write the products of rows [count][numbers] in half precision with one vector, which has zeros
+// behind it up to a multiple of 16. All processors add alike, to 16 sums.
+KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers,
+                      const float *direction, float *products)
+{
+    for (intptr_t row = 0; row < count; row++) {
+        Floats sums[16 / LANES] = {0};
+        float total[16];
+        for (intptr_t first = 0; first < numbers; first += 16) {
+            const uint16_t *own = rows + row * numbers + first;
+            uint16_t last[16] = {0};
+            if (first + 16 > numbers) // what lies behind may be no memory of ours, or no number
+                own = memcpy(last, own, (size_t)(numbers - first) * sizeof *last);
+            for (int part = 0; part < 16 / LANES; part++)
+                sums[part] = fused(widened(own + part * LANES),
+                                   floats(direction + first + part * LANES), sums[part]);
+        }
+        for (int part = 0; part < 16 / LANES; part++)
+            store(total + part * LANES, sums[part]);
+        for (int half = 8; half; half /= 2)
+            for (int lane = 0; lane < half; lane++)
+                total[lane] += total[lane + half];
+        products[row] = total[0];
+    }
+    return 0;
+}

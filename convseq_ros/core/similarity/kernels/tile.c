@@ -1,0 +1,124 @@
+// Copyright 2026 The convseq_ros authors
+// SPDX-License-Identifier: Apache-2.0
+// Tiles of dot products: ROWS regions of a query by two vectors of a reference's, COLUMNS. All
+// sums stay in registers while the numbers of the regions stream by.
+//
+// A query lies as [rows][numbers], up to full tiles; a reference as [blocks][numbers][COLUMNS], or
+// for bytes as [blocks][numbers / 4][2][4 * LANES]. In both, the last region is repeated.
+#define INLINE static inline __attribute__((always_inline))
+
+// Add dot products of bytes. A product is exact, so all processors find the same.
+INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words sums[ROWS][2])
+{
+    for (int step = 0; step < STEPS; step++) {
+        Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
+#pragma GCC unroll 16
+        for (int row = 0; row < ROWS; row++) {
+            QueryStep own = query_step(query + row * NUMBERS, step);
+            sums[row][0] = dot(sums[row][0], left, own);
+            sums[row][1] = dot(sums[row][1], right, own);
+        }
+    }
+}
+
+// Write dot products of floats, which all processors but the oldest add alike.
+INLINE void float_dots(const float *query, const float *block, int numbers, Floats sums[ROWS][2])
+{
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        sums[row][0] = sums[row][1] = spread(0);
+    for (int number = 0; number < numbers; number++) {
+        Floats left = floats(block + number * COLUMNS);
+        Floats right = floats(block + number * COLUMNS + LANES);
+#pragma GCC unroll 16
+        for (int row = 0; row < ROWS; row++) {
+            Floats own = spread(query[row * numbers + number]);
+            sums[row][0] = fused(left, own, sums[row][0]);
+            sums[row][1] = fused(right, own, sums[row][1]);
+        }
+    }
+}
+
+static inline intptr_t rounded_up(intptr_t count, intptr_t step)
+{
+    return (count + step - 1) / step * step;
+}
+
+// Quantise a number to a signed byte.
+static inline int8_t quantised(float number, float scale)
+{
+    float whole = rintf(number * scale);
+    return (int8_t)(whole > 127 ? 127 : whole < -127 ? -127 : whole);
+}
+
+// Tell regions of a query and of a reference in a tile, bytes of a query's number, and how many
+// products a step of a tile adds to a vector of sums.
+KERNEL(shape)(int32_t shape[4])
+{
+    shape[0] = ROWS, shape[1] = COLUMNS, shape[2] = sizeof(QueryNumber);
+    shape[3] = LANES * NUMBERS / STEPS;
+    return 0;
+}
+
+// Lay out the regions [count][32] of a query as bytes. start: what its sums begin with.
+KERNEL(pack_query)(const float *regions, intptr_t count, float scale, QueryNumber *packed,
+                        int32_t *start)
+{
+    for (intptr_t place = 0; place < rounded_up(count, ROWS); place++) {
+        const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
+        start[place] = 0;
+        for (int number = 0; number < NUMBERS; number++) {
+            int8_t byte = quantised(own[number], scale);
+            packed[place * NUMBERS + number] = (QueryNumber)(byte * QUERY_SCALE);
+            start[place] -= OFFSET * byte;
+        }
+    }
+    return 0;
+}
+
+// Lay out the regions [count][32] of a reference as bytes.
+KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int8_t *packed)
+{
+    for (intptr_t place = 0; place < rounded_up(count, COLUMNS); place++) {
+        const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
+        int8_t *vectors = packed + place / COLUMNS * COLUMNS * NUMBERS;
+        int half = place % COLUMNS / LANES, lane = place % LANES;
+        int8_t bytes[NUMBERS];
+        for (int number = 0; number < NUMBERS; number++)
+            bytes[number] = quantised(own[number], scale);
+        for (int number = 0; number < NUMBERS; number++)
+            vectors[(number / 4 * 2 + half) * 4 * LANES + byte_place(lane, number % 4)] =
+                (int8_t)(bytes[number] + OFFSET);
+    }
+    return 0;
+}
+
+// Lay out rows [count][numbers] of a query, in the first tiles, or of a reference, in blocks.
+KERNEL(pack_floats)(const float *rows, intptr_t count, intptr_t numbers, int reference,
+                         float *packed)
+{
+    intptr_t step = reference ? COLUMNS : 1, all = rounded_up(count, reference ? COLUMNS : ROWS);
+    for (intptr_t place = 0; place < all; place++)
+        for (intptr_t number = 0; number < numbers; number++)
+            packed[(place / step * numbers + number) * step + place % step] =
+                rows[(place < count ? place : count - 1) * numbers + number];
+    return 0;
+}
+
+// Add dot products in registers alone, 12 in every loop: the most that the processor can do.
+KERNEL(peak)(intptr_t loops, int32_t *found)
+{
+    QueryNumber numbers[NUMBERS] = {1, 2, 3, 4};
+    Words sums[12] = {0}, reference = splat(0x01020304);
+    QueryStep query = query_step(numbers, 0);
+    for (intptr_t loop = 0; loop < loops; loop++)
+#pragma GCC unroll 12
+        for (int one = 0; one < 12; one++) {
+            __asm__ volatile("" : REGISTER(reference)); // every product is made
+            sums[one] = dot(sums[one], reference, query);
+        }
+    for (int one = 1; one < 12; one++)
+        sums[0] += sums[one];
+    *found = sums[0][0];
+    return 0;
+}
