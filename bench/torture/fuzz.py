@@ -46,7 +46,7 @@ ABOUT = (
     'poses, recordings, result tables, truth, YAML; so many executions each'
 )
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
-COUNT, SHORT, SEED = 20_000, 40, 16
+COUNT, SHORT, SEED = 20_000, 4, 16
 _BATCH = 250
 _NUMBERS = ('0', '-1', '1e308', 'nan', 'inf', '9' * 30, '1e99999999', '', '[]', '0x', '~', "'")
 
