@@ -13,6 +13,7 @@
 
 #include "../encoding/kernels.c"
 #include "../map/kernels.c"
+#include "../sequence/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
