@@ -53,7 +53,7 @@ def change(path, *statements):
 def refusal(function, *args, **kwargs):
     with pytest.raises(MapError) as found:
         function(*args, **kwargs)
-    assert '\n' not in str(found.value) and 'map.db: ' in str(found.value)
+    assert str(found.value).isprintable() and 'map.db: ' in str(found.value)
     return str(found.value)
 
 
@@ -64,6 +64,7 @@ def refusal(function, *args, **kwargs):
         'CREATE TRIGGER own AFTER INSERT ON pictures BEGIN DELETE FROM about; END',
         f'CREATE VIEW own AS {ENDLESS} * FROM c',
         'CREATE TABLE own (x)',
+        'CREATE TABLE "\n\x1b[2Jown\x7f" (x)',
         'CREATE INDEX own ON places (stamp_ns)',
         'ALTER TABLE pictures ADD COLUMN own INTEGER DEFAULT 7',
     ],
