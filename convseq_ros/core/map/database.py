@@ -12,7 +12,7 @@ import tempfile
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, PAGE_BYTES, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -176,7 +176,7 @@ def open_to_write(path: Path) -> Database:
     _refuse_other_files(path)
     database = Database(path, 'rwc')
     # The folder is synced as well, so that a power cut does not bring a journal back to life.
-    for pragma in ('journal_mode = DELETE', 'synchronous = EXTRA'):
+    for pragma in (f'page_size = {PAGE_BYTES}', 'journal_mode = DELETE', 'synchronous = EXTRA'):
         database.rows(f'PRAGMA {pragma}')
     return database
 
