@@ -11,7 +11,7 @@ import sqlite3
 import tempfile
 
 from convseq_ros.cli import main as convseq
-from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.writer import save_map
 import cv2
 import numpy as np
@@ -157,31 +157,32 @@ def _holes(path: Path, draw: random.Random) -> None:
     """Declare terabytes, most of which are a hole."""
     size = draw.choice((10**10, 10**12))
     data = bytearray(path.read_bytes())
-    data[28:32] = (size // 4096).to_bytes(4, 'big')
+    data[28:32] = (size // PAGE_BYTES).to_bytes(4, 'big')
     path.write_bytes(data)
     with path.open('r+b') as file:
-        file.truncate(size // 4096 * 4096)
+        file.truncate(size // PAGE_BYTES * PAGE_BYTES)
 
 
 def _pages(path: Path, draw: random.Random) -> None:
     """Have pages be copies of others, so that a tree leads to itself."""
     data = bytearray(path.read_bytes())
     for _ in range(draw.choice((1, 2, 8))):
-        one, other = (draw.randrange(1, len(data) // 4096) * 4096 for _ in range(2))
-        data[one : one + 4096] = data[other : other + 4096]
+        one, other = (draw.randrange(1, len(data) // PAGE_BYTES) * PAGE_BYTES for _ in range(2))
+        data[one : one + PAGE_BYTES] = data[other : other + PAGE_BYTES]
     path.write_bytes(data)
 
 
 def _journal(path: Path, draw: random.Random) -> None:
     """Leave a journal that is hot and names another file, which SQLite would delete."""
     name = bytes(path.with_name('victim'))
-    page = draw.randbytes(4096)
+    page = draw.randbytes(PAGE_BYTES)
     head = bytes.fromhex('d9d505f920a163d7') + b''.join(
-        number.to_bytes(4, 'big') for number in (1, 7, path.stat().st_size // 4096, 512, 4096)
+        number.to_bytes(4, 'big')
+        for number in (1, 7, path.stat().st_size // PAGE_BYTES, 512, PAGE_BYTES)
     )
-    crc = (7 + sum(page[at] for at in range(4096 - 200, 0, -200))) & 0xFFFFFFFF
+    crc = (7 + sum(page[at] for at in range(PAGE_BYTES - 200, 0, -200))) & 0xFFFFFFFF
     body = (2).to_bytes(4, 'big') + page + crc.to_bytes(4, 'big')
-    end = draw.choice((b'', (2**30 // 4096 + 1).to_bytes(4, 'big') + name))
+    end = draw.choice((b'', (2**30 // PAGE_BYTES + 1).to_bytes(4, 'big') + name))
     if end:
         end += len(name).to_bytes(4, 'big') + sum(name).to_bytes(4, 'big') + head[:8]
     path.with_name('map.db-journal').write_bytes(head.ljust(512, b'\0') + body + end)

@@ -58,6 +58,5 @@ def _readable(name: str, fact: object) -> str:
         return f'{fact}  ({time:%Y-%m-%d %H:%M:%S} UTC)'
     if isinstance(fact, float):
         return f'{fact:.1f}'
-    if isinstance(fact, list):
-        return ', '.join(fact)
-    return str(fact)
+    text = ', '.join(fact) if isinstance(fact, list) else str(fact)
+    return ''.join(one if one.isprintable() else '?' for one in text)

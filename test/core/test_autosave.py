@@ -173,8 +173,8 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
     reference_map, database = autosave.reference_map, autosave._writer._database
     grow(reference_map, 1)
     autosave.flush()
-    database.rows('PRAGMA max_page_count = 7')
-    grow(reference_map, 40)
+    database.rows('PRAGMA max_page_count = 6')
+    grow(reference_map, 400)
     full = told(autosave)
     wait_for(full)
     assert 'map.db: cannot write' in full.text and 'make room on the disk' in full.text
@@ -183,10 +183,10 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
     autosave.save()
     assert holds(path, 1) and (reference_map.packed(40) == cells(40)).all()
     database.rows('PRAGMA max_page_count = 1000000')
-    wait_for(lambda: autosave.committed == 41)
-    assert holds(path, 41)
-    database.rows('PRAGMA max_page_count = 7')
-    grow(reference_map, 40)
+    wait_for(lambda: autosave.committed == 401)
+    assert holds(path, 401)
+    database.rows('PRAGMA max_page_count = 6')
+    grow(reference_map, 400)
     with pytest.raises(MapError, match='make room'):
         autosave.close()
 

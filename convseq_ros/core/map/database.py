@@ -12,7 +12,7 @@ import tempfile
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, PAGE_BYTES, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -25,6 +25,7 @@ _SAFELY = (  # https://sqlite.org/security.html
 _LONGEST_BYTES = 1 << 26  # of a row or a value; the largest image of a camera is some 20 MB
 _LIMIT_S = 4.0  # of a statement; 1,024 rows take 10 ms from a disk, 1 s from a slow card
 _STEPS = 1000  # of SQLite's machine, between two looks at the clock: some 20 us
+_MOST_SAID = 200  # characters of an error
 _TRIES = 5  # to read what a crash left behind while another program mends it
 # The end of a journal that names further files, which SQLite would delete.
 _NAMES_OTHERS = bytes.fromhex('d9d505f920a163d7')
@@ -111,7 +112,7 @@ class Database:
     def check(
         self, path: Path, version: int = FORMAT_VERSION, schema: Mapping[str, str | None] = SCHEMA
     ) -> None:
-        """Raise MapError if this is no map of a format, or holds more or less than one does."""
+        """Raise MapError if this is no map of a format; ValueError if it holds more, or less."""
         if self.number('PRAGMA application_id') != APPLICATION_ID:
             raise MapError(f'{path}: not a convseq map but another SQLite file')
         own = self.number('PRAGMA user_version')
@@ -122,9 +123,8 @@ class Database:
             raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
         found = self.rows('SELECT name, sql FROM sqlite_master')
         if len(found) != len(schema) or dict(found) != schema:
-            others = ', '.join(sorted({str(name) for name, _ in found} - schema.keys()))
-            what = f'{others} in it' if others else 'its tables are not those of a map'
-            raise MapError(f'{path}: {_DAMAGED.format(what[:99])}')
+            others = sorted({str(name) for name, _ in found} - schema.keys())
+            raise ValueError(f'{others or "tables"} that no map has')
 
 
 @contextmanager
@@ -137,7 +137,9 @@ def explained(path: Path) -> Iterator[None]:
     except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
         code = getattr(error, 'sqlite_errorcode', 0)
         words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, _DAMAGED)
-        raise MapError(f'{path}: {words.format(" ".join(str(error).split()))}') from error
+        # A stranger's words may be long, and more than text to a terminal.
+        said = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
+        raise MapError(f'{path}: {words.format(said)}') from error
 
 
 def open_to_read(path: Path) -> Database:
@@ -174,7 +176,7 @@ def open_to_write(path: Path) -> Database:
     _refuse_other_files(path)
     database = Database(path, 'rwc')
     # The folder is synced as well, so that a power cut does not bring a journal back to life.
-    for pragma in ('journal_mode = DELETE', 'synchronous = EXTRA'):
+    for pragma in (f'page_size = {PAGE_BYTES}', 'journal_mode = DELETE', 'synchronous = EXTRA'):
         database.rows(f'PRAGMA {pragma}')
     return database
 

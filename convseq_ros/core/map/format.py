@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 FORMAT_VERSION = 4  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
+PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
 RESIZE = 'linear'  # how an image became the square of cells
 TABLES = {
     'about': '(name TEXT PRIMARY KEY, value TEXT NOT NULL, crc32 INTEGER NOT NULL) WITHOUT ROWID',

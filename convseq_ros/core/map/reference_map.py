@@ -25,7 +25,7 @@ class ReferenceMap:
     Cells are held as they are stored, in half precision, so that a map answers alike before it is
     saved and after it is opened. Those in a file are read when they are asked for, and not
     remembered; MapError if they are damaged. One thread may add places while others read: what has
-    an index is complete. A place takes 0.6 kB of memory, and 16 kB more until it is stored.
+    an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
     `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
     is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place.
     """
