@@ -90,6 +90,7 @@ setup(
             'scikit-learn',
         ],
         'dev': [
+            'bandit>=1.7',
             'catkin_pkg',
             'colcon-common-extensions',
             'import-linter>=2.1',
@@ -99,6 +100,9 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'convseq = {NAME}.cli:main', f'vpr_node = {NAME}.node.vpr_node:main']
+        'console_scripts': [
+            f'convseq = {NAME}.cli.__main__:main',
+            f'vpr_node = {NAME}.node.__main__:main',
+        ]
     },
 )

@@ -217,6 +217,17 @@ class KeyframeConfig(Checked):
         }
 
 
+@dataclass(frozen=True, slots=True)
+class ReadingConfig(Checked):
+    """What is too large to be decoded, whoever sent it."""
+
+    max_image_mpx: float = parameter(
+        64.0, 'An image that declares more pixels than this is unreadable: it is not decoded, '
+        'and takes no memory. Decoding takes 4 to 10 bytes a pixel.',
+        unit='Mpx', low=0.01, high=1000.0,
+    )
+
+
 # fmt: on
 EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
@@ -232,6 +243,7 @@ class Config:
     motion: MotionConfig = MotionConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    reading: ReadingConfig = ReadingConfig()
 
 
 def _groups(kind: type) -> dict[str, type]:

@@ -6,13 +6,7 @@ from convseq_ros.core.compiled import array, FLOAT, kernel, SIZE
 import numpy as np
 import numpy.typing as npt
 
-_join_bytes = kernel('join_bytes', array('u1'), SIZE, array('u2'))
 _widen = kernel('widen', array('u2'), SIZE, FLOAT, array('f4'))
-
-
-def join_bytes(stored: npt.NDArray[np.uint8], halves: npt.NDArray[np.uint16]) -> None:
-    """Fill in the bits (n, 8) of stored cells (15, n); see `format`."""
-    _join_bytes(stored, len(halves), halves)
 
 
 def widen(
