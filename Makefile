@@ -3,6 +3,7 @@
 # make demo-slam          loop closures into a pose graph, and what false ones cost
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make torture [HOURS=24] [ATTACKS='signals ...']   attack it, write docs/RELIABILITY.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3
@@ -28,7 +29,7 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-slam results bench test lint types contract test-newest test-noble clean
+.PHONY: demo demo-slam results bench torture test lint types contract test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -42,6 +43,9 @@ results: .venv/bench.stamp
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
+
+torture: .venv/test.stamp
+	.venv/bin/python -m bench.torture $(ATTACKS) $(if $(HOURS),--hours $(HOURS)) --docs docs
 
 test: lint types contract test-newest test-noble
 	@echo 'passed: $^'

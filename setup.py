@@ -99,6 +99,9 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'convseq = {NAME}.cli:main', f'vpr_node = {NAME}.node.vpr_node:main']
+        'console_scripts': [
+            f'convseq = {NAME}.cli.__main__:main',
+            f'vpr_node = {NAME}.node.__main__:main',
+        ]
     },
 )

@@ -67,3 +67,53 @@ def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_pa
         raise RuntimeError
     assert path.read_text() == 'older results'
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
+
+
+def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):
+    path = tmp_path / 'result.csv'
+    for run in range(3):
+        table = ResultWriter(path)
+        assert table.kept == (tmp_path / f'result.csv.{run}.part' if run else None)
+        for _ in range(run + 1):
+            table.write(ACCEPTED, 1.0)
+        table.abandon()
+    with ResultWriter(path):
+        pass
+    kept = [tmp_path / f'result.csv.{number}.part' for number in (1, 2, 3)]
+    assert [len(read_results(one)) for one in kept] == [1, 2, 3]
+    assert sorted(tmp_path.iterdir()) == [path, *kept]
+
+
+def test_a_run_that_crashed_before_its_first_row_leaves_nothing(tmp_path):
+    for _ in range(3):
+        ResultWriter(tmp_path / 'result.csv').abandon()
+    assert [one.name for one in tmp_path.iterdir()] == ['result.csv.part']
+
+
+@pytest.mark.parametrize('text', ['of the user', '\0' * 1000, 'caf\xe9'])
+def test_a_file_of_the_user_is_kept(tmp_path, text):
+    (tmp_path / 'result.csv.part').write_text(text, encoding='latin-1')
+    with ResultWriter(tmp_path / 'result.csv') as table:
+        assert table.kept.read_text(encoding='latin-1') == text
+
+
+def test_two_programs_do_not_write_the_same_table(tmp_path):
+    path = tmp_path / 'result.csv'
+    with ResultWriter(path) as table:
+        table.write(ACCEPTED, 1.0)
+        with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
+            ResultWriter(path)
+    assert len(read_results(path)) == 1
+
+
+def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
+    table = ResultWriter(tmp_path / 'result.csv')
+    table.write(ACCEPTED, 1.0)
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('convseq_ros.results.os.replace', full)
+    with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
+        table.close()
+    assert len(read_results(tmp_path / 'result.csv.part')) == 1

@@ -10,7 +10,6 @@ from typing import Any
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.feature_cache import FeatureCache, Threads
-from convseq_ros.core.map.format import decode_cells, encode_cells
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
@@ -110,8 +109,7 @@ class Matcher:
         """Make what frames need, so that the first is not late."""
         self._follow_map()
         shape, regions = self._map.cell_shape, self._exact.pair.regions
-        packed = pack_cells(np.random.default_rng(0).random(shape, np.float32))
-        cells = unpack_cells(decode_cells(encode_cells(packed), shape))
+        cells = unpack_cells(pack_cells(np.random.default_rng(0).random(shape, np.float32)))
         salient = np.ones((shape[0] - 1) ** 2, np.bool_)
         drawn = Descriptor(cells, salient, np.full(shape[:2], ENTROPY.max_bits), 0.5)
         mirrored = self._background.normalize(cells[::-1])

@@ -10,8 +10,8 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
                                   reference, source, base
     DIR/<set>/truth.npz           `right`: bool (Q, R), query by reference
     DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
-                                  160 px wide, quality 75; missing where a frame was unreadable; no
-                                  reference folder for a drive against its own past
+                                  160 px wide; missing where a frame was unreadable; no reference
+                                  folder for a drive against its own past
     DIR/<set>/<method>/frames.csv the result table's columns and those of `EXTRA_COLUMNS`
     DIR/<set>/<method>/summary.json
     DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
@@ -37,6 +37,7 @@ from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.truth import Truth
+from convseq_ros.files import read_array, refuse_irregular
 from convseq_ros.results import COLUMNS, row
 import numpy as np
 import numpy.typing as npt
@@ -70,24 +71,17 @@ class Run:
 
     def about_set(self) -> Mapping[str, Any]:
         """Return what set.json holds."""
-        about: Mapping[str, Any] = json.loads(
-            (self.folder.parent / 'set.json').read_text(encoding='utf-8')
-        )
-        return about
+        return _read_json(self.folder.parent / 'set.json')
 
     def scores(self) -> npt.NDArray[np.float32] | None:
         """Return the pair scores, query by reference, if the folder has them."""
         path = self.folder / 'scores.npy'
-        return np.load(path, allow_pickle=False) if path.exists() else None
+        return read_array(path) if path.exists() else None
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
         """Return which references are right, query by reference, with the whole map."""
         path = self._base() / 'truth.npz'
-        if not path.exists():
-            return None
-        with np.load(path, allow_pickle=False) as stored:
-            right: npt.NDArray[np.bool_] = stored['right']
-            return right
+        return read_array(path, 'right') if path.exists() else None
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
@@ -223,10 +217,10 @@ def read_run(folder: Path) -> list[Run]:
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
-            summary = json.loads(path.read_text(encoding='utf-8'))
+            summary = _read_json(path)
             with (path.parent / 'frames.csv').open(newline='', encoding='utf-8') as file:
                 frames = list(csv.DictReader(file))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, csv.Error) as error:
             raise SourceError(
                 f'{path.parent}: damaged results ({error}); evaluate again'
             ) from None
@@ -234,6 +228,18 @@ def read_run(folder: Path) -> list[Run]:
     if not runs:
         raise SourceError(f'{folder}: no results of `convseq evaluate` in this folder')
     return runs
+
+
+def _read_json(path: Path) -> Mapping[str, Any]:
+    """Return the object in a file; ValueError if there is none."""
+    refuse_irregular(path)
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+    except RecursionError:
+        raise ValueError(f'{path.name} is nested too deeply') from None
+    if not isinstance(content, Mapping):
+        raise ValueError(f'{path.name} holds no object')
+    return content
 
 
 def _margin_text(match: Match) -> str:

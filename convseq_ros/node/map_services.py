@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 Result = TypeVar('Result')
 
 _ANSWER_S = 30.0
-_COMMIT_S, _POLL_S = 5.0, 0.05
+_POLL_S = 0.05
 
 
 class MapServices:
@@ -115,10 +115,14 @@ class MapServices:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
-        session = Session(path, self._config())
+        session = Session(path, self._config(), make=False)
         for line in session.ignored:
             self._logger.warning(line)
-        session.warm_up()
+        try:
+            session.warm_up()
+        except BaseException:
+            session.close()
+            raise
         return session
 
     async def _on_save_map(
@@ -146,7 +150,7 @@ class MapServices:
             save_map(session.recognizer.reference_map, target)
             return self.save_path
         if session.is_persisted:
-            _complete(session)
+            session.flush()
             return str(session.path)
         raise MapError('save_map_path is empty; set it to the file to write')
 
@@ -183,14 +187,3 @@ def _told(error: Exception) -> str:
     if isinstance(error, ConvseqError | OSError):
         return str(error)
     return ''.join(traceback.format_exception(error))
-
-
-def _complete(session: Session) -> None:
-    """Wait until the file has what is in the map by now; it is written now and then anyway."""
-    wanted = len(session.recognizer.reference_map)
-    deadline_s = time.monotonic() + _COMMIT_S
-    while session.persisted < wanted:
-        session.save()
-        if time.monotonic() > deadline_s:
-            raise MapError(f'{session.path}: cannot be written; what it lacks is in memory')
-        time.sleep(_POLL_S)

@@ -4,11 +4,16 @@
 
 import os
 from pathlib import Path
-import signal
 import sys
 import threading
 import time
 from typing import Any
+
+from convseq_ros.process import hand_over, ignore, run, stand
+
+if __name__ == '__main__':
+    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
+    sys.exit(run('convseq_ros.node.vpr_node', 0))
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session
@@ -26,9 +31,10 @@ from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 from std_srvs.srv import SetBool, Trigger
 
@@ -106,9 +112,9 @@ class VprNode(Node):
 
     def destroy_node(self) -> None:
         """Finish the frame at hand, close the files and leave the graph."""
-        if self._worker.stop(_STOP_TIMEOUT_S):
+        if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
-        else:
+        elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
@@ -202,26 +208,19 @@ class VprNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    # rclpy's own handler, installed by init, ends the spinning and then calls this one, which
-    # keeps Python from raising KeyboardInterrupt in the middle of the tidying up.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    stand(0)
     try:
-        rclpy.init(args=args)
+        # Its own handlers would shut ROS down under whatever is at work.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         return _refuse(error)
     try:
         _run()
     except (ConvseqError, OSError) as error:
         return _refuse(error)
-    except (ExternalShutdownException, RuntimeError):
-        # Whatever is under way fails when a signal shuts ROS down.
-        if ok():
-            raise
     finally:
         try_shutdown()
-        # Python gives signals back their deadly default before it is gone.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        ignore()
     _leave_what_is_at_work()
     return 0
 
@@ -229,10 +228,12 @@ def main(args: list[str] | None = None) -> int:
 def _run() -> None:
     executor = SingleThreadedExecutor()
     node = VprNode()
+    ending = threading.Event()
+    hand_over(ending.set)
     executor.add_node(node)
     try:
-        # A signal just before the executor waits does not wake it: it looks up now and then.
-        while ok():
+        # A signal does not wake the executor: it looks up now and then.
+        while ok() and not ending.is_set():
             executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
@@ -249,7 +250,3 @@ def _leave_what_is_at_work() -> None:
 def _refuse(error: Exception) -> int:
     get_logger('vpr_node').error(' '.join(str(error).split()))
     return 1
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -43,7 +43,15 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
         raise SourceError(f'{path}: not a text file; give a calibration') from None
     try:
         camera = camera_from_info(_projection(text, height, width) or _calibration(text))
-    except (KeyError, TypeError, ValueError, yaml.YAMLError, RecursionError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        yaml.YAMLError,
+        RecursionError,
+    ) as error:
         reason = ' '.join(str(error).split())[:80]
         raise SourceError(
             f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI ({reason})'

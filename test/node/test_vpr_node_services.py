@@ -85,10 +85,10 @@ def test_another_map_takes_over_while_frames_come_and_none_is_lost(
     save_map(reverse, tmp_path / 'reverse.db')
     opening, frames_came = threading.Event(), threading.Event()
 
-    def open_slowly(*args):
+    def open_slowly(*args, **kwargs):
         opening.set()
         assert frames_came.wait(60)
-        return Session(*args)
+        return Session(*args, **kwargs)
 
     vpr(map_path=map_path, fixed_length=1)
     monkeypatch.setattr(map_services, 'Session', open_slowly)
@@ -149,7 +149,7 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
 ):
     vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)
 
-    def fail(*_):
+    def fail(*_, **__):
         raise ValueError('a surprise')
 
     monkeypatch.setattr(map_services, 'save_map', fail)

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 import os
 from pathlib import Path
-from zipfile import BadZipFile
 
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.report.accuracies import accuracy
 from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
@@ -46,7 +45,7 @@ def _check(run: Run) -> None:
         )
         for matrix in (run.truth(), run.scores()) if sound else ():
             sound &= matrix is None or matrix.ndim == 2
-    except (OSError, ValueError, LookupError, EOFError, BadZipFile):
+    except (OSError, ValueError, SourceError):
         sound = False
     if not sound:
         raise ConvseqError(f'{run.folder}: damaged results; run `convseq evaluate` again')
