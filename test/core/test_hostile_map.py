@@ -326,7 +326,9 @@ def test_a_read_only_file_is_not_called_a_full_disk(path, monkeypatch):
 
 
 def read_only(connect):
-    return lambda address, **kwargs: connect(address.replace('mode=rwc', 'mode=ro'), **kwargs)
+    return lambda address, *args, **own: connect(
+        address.replace('mode=rwc', 'mode=ro'), *args, **own
+    )
 
 
 def test_an_error_of_saving_names_the_map_and_not_a_passing_file(path, monkeypatch):
