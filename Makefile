@@ -59,6 +59,7 @@ test: lint types contract test-newest test-noble
 lint: .venv/test.stamp
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
+	.venv/bin/bandit --quiet --configfile pyproject.toml --recursive convseq_ros
 
 types: .venv/test.stamp
 	.venv/bin/mypy convseq_ros

@@ -89,6 +89,7 @@ setup(
             'scikit-learn',
         ],
         'dev': [
+            'bandit>=1.7',
             'catkin_pkg',
             'colcon-common-extensions',
             'import-linter>=2.1',

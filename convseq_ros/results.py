@@ -18,6 +18,7 @@ import tempfile
 from typing import IO, Self
 
 from convseq_ros.core.types import Match
+from convseq_ros.errors import SourceError
 
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
@@ -161,6 +162,9 @@ def _free_name(path: Path) -> Path:
 
 
 def read_results(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a result table; empty fields are empty strings."""
-    with path.open(newline='', encoding='utf-8') as file:
-        return list(csv.DictReader(file))
+    """Return the rows of a table, empty fields as empty texts; SourceError if it is none."""
+    try:
+        with path.open(newline='', encoding='utf-8') as file:
+            return list(csv.DictReader(file))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise SourceError(f'{path}: not a result table ({error}); write it again') from None

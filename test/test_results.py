@@ -3,6 +3,7 @@
 """The result table."""
 
 from convseq_ros.core.types import Candidate, Match, Reason, Status
+from convseq_ros.errors import SourceError
 from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
 import pytest
 
@@ -67,6 +68,13 @@ def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_pa
         raise RuntimeError
     assert path.read_text() == 'older results'
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
+
+
+@pytest.mark.parametrize('content', [b'query_index\n\xff\n', b'query_index\n' + b'1' * 200_000])
+def test_a_table_that_is_none_is_one_error(tmp_path, content):
+    (tmp_path / 'result.csv').write_bytes(content)
+    with pytest.raises(SourceError, match=r'result.csv: not a result table'):
+        read_results(tmp_path / 'result.csv')
 
 
 def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):

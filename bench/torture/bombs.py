@@ -147,9 +147,9 @@ def database(folder: Path, draw: random.Random) -> Path:
         "i AS timestamp, x'00' AS data FROM n;",
         f'DROP TABLE topics; CREATE VIEW topics AS {endless} SELECT i AS id, i AS name, '
         "'sensor_msgs/msg/Image' AS type FROM n;",
-        'UPDATE messages SET data = zeroblob(200000000);',
+        'UPDATE messages SET data = zeroblob(20000000);',
         "UPDATE topics SET name = CAST(zeroblob(1000000) AS TEXT), type = x'ff';",
-        "UPDATE messages SET timestamp = 'soon'; UPDATE topics SET id = NULL;",
+        "UPDATE messages SET timestamp = 'soon';",
     )
     with sqlite3.connect(path) as connection:
         connection.executescript(draw.choice(changes))

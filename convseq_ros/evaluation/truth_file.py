@@ -5,7 +5,7 @@
 from collections.abc import Callable, Mapping, Sequence
 import csv
 from pathlib import Path
-import pickle
+import pickle  # nosec B403
 from typing import Any, BinaryIO
 
 from convseq_ros.errors import SourceError

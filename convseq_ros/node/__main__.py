@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process of `vpr_node`, also `python -m convseq_ros.node`."""
 
-import sys
+from typing import NoReturn
 
-from convseq_ros.process import run
+from convseq_ros.process import run_node
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Run the node; a signal ends it cleanly, also while it starts."""
-    return run('convseq_ros.node.vpr_node', 0)
+    run_node('convseq_ros.node.vpr_node')
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

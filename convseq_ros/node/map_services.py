@@ -13,11 +13,12 @@ import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
+from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.services import Background, settle
+from convseq_ros.node.services import Background, SERVICE_QOS, settle
 from convseq_ros.node.worker import Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -68,8 +69,9 @@ class MapServices:
         self._background = Background()
         # Its own group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
-        node.create_service(LoadMap, '~/load_map', self._on_load_map, callback_group=group)
-        node.create_service(Trigger, '~/save_map', self._on_save_map, callback_group=group)
+        offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)
+        offer(LoadMap, '~/load_map', self._on_load_map)
+        offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
         """Log which map is in use."""
@@ -180,6 +182,9 @@ def _refuse_target(target: Path) -> None:
         raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
     if exists(target) and not isfile(target):
         raise MapError(f'{target}: is not a file; set save_map_path to one')
+    # Whoever is on the network may set the path.
+    if exists(target) and not is_map_or_empty(target):
+        raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
 
 
 def _told(error: Exception) -> str:

@@ -8,11 +8,11 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.process import hand_over, run, stand
+from convseq_ros.process import hand_over, run_node, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    sys.exit(run('convseq_ros.node.player', 0))
+    run_node('convseq_ros.node.player')
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_from_ns

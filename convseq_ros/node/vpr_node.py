@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
+from contextlib import suppress
+from ctypes import CDLL
 import os
 from pathlib import Path
 import sys
@@ -9,11 +11,11 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.process import hand_over, ignore, run, stand
+from convseq_ros.process import hand_over, ignore, run_node, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    sys.exit(run('convseq_ros.node.vpr_node', 0))
+    run_node('convseq_ros.node.vpr_node')
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session
@@ -26,6 +28,7 @@ from convseq_ros.node.parameters import declare
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.worker import Worker
@@ -41,6 +44,8 @@ from std_srvs.srv import SetBool, Trigger
 _STOP_TIMEOUT_S = 1.0
 _MAPS_TIMEOUT_S = 2.0
 _LOOK_UP_S = 0.2
+_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
+_MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
 
 
 class VprNode(Node):
@@ -63,9 +68,13 @@ class VprNode(Node):
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(
-            'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
-        )
+        try:
+            super().__init__(
+                'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
+            )
+        except RuntimeError as error:
+            # Such as security that the middleware does not have.
+            raise ConvseqError(str(error)) from None
         logger = self.get_logger()
         try:
             self._config, config = declare(self, self._on_parameters)
@@ -96,12 +105,16 @@ class VprNode(Node):
             logger,
             self.context.ok,
         )
-        self._worker = Worker(self._recognition.handle, config.queue_size, config.max_wait_s)
+        self._worker = Worker(
+            self._recognition.handle, config.queue_size, config.max_wait_s, config.queue_mb * 1e6
+        )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
         )
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/set_enabled', self._on_set_enabled)
+        self.create_service(Trigger, '~/reset', self._on_reset, qos_profile=SERVICE_QOS)
+        self.create_service(
+            SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
+        )
         self._images = ImageSubscription(self, config, self._on_image)
         self._diagnostics = Diagnostics(
             self,
@@ -165,7 +178,8 @@ class VprNode(Node):
                 f'{self._images.topic}: images have no stamp; using the time at which they arrive',
                 once=True,
             )
-        self._worker.put(Arrival(message, stamp_ns, arrival_ns, self._images.topic))
+        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic)
+        self._worker.put(arrival, len(message.data))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:
         self._config, self._node_config = config, node_config
@@ -213,6 +227,7 @@ class VprNode(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
     stand(0)
+    _have_memory_returned()
     try:
         # Its own handlers would shut ROS down under whatever is at work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -241,6 +256,12 @@ def _run() -> None:
             executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
+
+
+def _have_memory_returned() -> None:
+    """Have the C library give large images back to the system; else it keeps those of a burst."""
+    with suppress(AttributeError, OSError):
+        CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
 
 
 def _leave_what_is_at_work() -> None:

@@ -16,9 +16,10 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.files import refuse_irregular
-from convseq_ros.sources.inflate import inflate, inflated_size, LIMITS
+from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, LIMITS
 
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
+_BAG_MAGIC = b'#ROSBAG V2.0\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _MOST_METADATA_BYTES = 1 << 24  # metadata.yaml of 10,000 files has 4 MB
 # A row takes 4 bytes of its file and some 20 steps of SQLite's machine to be counted.
@@ -48,6 +49,8 @@ def open_bounded(path: Path) -> Any:
         refuse_irregular(file)
         if file.suffix.lower() == '.db3':
             _check_database(file)
+        elif file.suffix.lower() == '.bag':
+            _check_magic(file, _BAG_MAGIC)
         elif file.name == 'metadata.yaml':
             _check_metadata(file)
         elif file.suffix.lower() == '.zstd':
@@ -113,7 +116,10 @@ def _bound_chunks() -> None:
             raise SourceError(
                 f'a chunk of {size / 1e6:.0f} MB is larger than {LIMITS.chunk_bytes / 1e6:.0f} MB'
             )
-        return inflate(data, compression, size)
+        content = inflate(data, compression, size)
+        if end_of_records(content, len(data)) != len(content):
+            raise SourceError('a chunk holds something else than records')
+        return content
 
     for compression in ('zstd', 'lz4'):
         storage_mcap.DECOMPRESSORS[compression] = functools.partial(bounded, compression)
@@ -129,7 +135,7 @@ def _bounded_bag() -> type:
     class BoundedBag(Reader):
         """A .bag whose index is read once, and whose chunks are bounded."""
 
-        _indexed_bytes = 0
+        _indexed_bytes = _inflated_bytes = 0
 
         def read_index_data(self, pos: int, indexes: Any) -> None:
             """Read what a chunk's index says; ValueError once it is more than the file."""
@@ -143,13 +149,24 @@ def _bounded_bag() -> type:
         def read_chunk(self) -> Any:
             """Read the head of a chunk."""
             chunk = super().read_chunk()
-            return chunk._replace(
-                decompressor=lambda data: inflate(
-                    data, names[chunk.decompressor], LIMITS.chunk_bytes
-                )
-            )
+
+            def bounded(data: bytes) -> bytes:
+                content = inflate(data, names[chunk.decompressor], LIMITS.chunk_bytes)
+                # One chunk is held: messages of two in turn would have both inflated each time.
+                self._inflated_bytes += len(content)
+                LIMITS.refuse_bomb(self.path, self._inflated_bytes, self.path.stat().st_size)
+                return content
+
+            return chunk._replace(decompressor=bounded)
 
     return BoundedBag
+
+
+def _check_magic(path: Path, magic: bytes) -> None:
+    """Refuse what is no recording before its first line is looked for, of whatever length."""
+    with path.open('rb') as file:
+        if file.read(len(magic)) != magic:
+            raise SourceError(f'{path}: does not begin as a recording does')
 
 
 def _check_metadata(path: Path) -> None:

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.core.types import Camera
-from convseq_ros.errors import SourceError
+from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.files import read_yaml
 from convseq_ros.sources.camera_info import camera_from_info
-import yaml
 
 _MOST_BYTES = 1_000_000  # of a file; calibrations have one or two thousand
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
@@ -42,15 +42,14 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
     except UnicodeDecodeError:
         raise SourceError(f'{path}: not a text file; give a calibration') from None
     try:
-        camera = camera_from_info(_projection(text, height, width) or _calibration(text))
+        camera = camera_from_info(_projection(text, height, width) or _calibration(path))
     except (
         ArithmeticError,
         AttributeError,
+        ConfigError,
         LookupError,
         TypeError,
         ValueError,
-        yaml.YAMLError,
-        RecursionError,
     ) as error:
         reason = ' '.join(str(error).split())[:80]
         raise SourceError(
@@ -70,8 +69,8 @@ def _projection(text: str, height: int, width: int) -> Any:
     return None
 
 
-def _calibration(text: str) -> Any:
-    said = yaml.safe_load(text)
+def _calibration(path: Path) -> Any:
+    said = read_yaml(path)
     matrix = [float(value) for value in said['camera_matrix']['data']]
     projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
     size = int(said['image_width']), int(said['image_height'])

@@ -25,7 +25,7 @@ Pixels = npt.NDArray[np.uint8]
 
 _READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _MEGA = 1_000_000
-_MOST_BYTES = 16  # a pixel of four numbers of 32 bits, as TIFF may have
+_MOST_BYTES = 8  # a pixel of four numbers of 16 bits; larger ones belong to small pictures
 _USUAL_SCANS = 16  # scans; libjpeg's own progressive scripts have 10 at most (jcparam.c, 9e)
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
@@ -160,7 +160,7 @@ def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
 
     """
     encoded = np.frombuffer(data, np.uint8)
-    content = encoded.tobytes()
+    content = data if isinstance(data, bytes) else encoded.tobytes()
     asked = declared(content)
     if asked is None:
         raise ImageError(

@@ -68,6 +68,36 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     return content
 
 
+def end_of_records(content: bytes, packed_bytes: int) -> int:
+    """
+    Return where the whole records of an mcap chunk end.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the chunk, inflated; perhaps cut.
+    packed_bytes : int
+        What it takes in its file.
+
+    Raises
+    ------
+    SourceError
+        If there are more records than so few bytes can tell apart: to walk them would take hours.
+
+    """
+    at, left = 0, _FEW_RECORDS + packed_bytes // _LEAST_BYTES
+    while at + _HEAD_BYTES <= len(content):
+        length = int.from_bytes(content[at + 1 : at + _HEAD_BYTES], 'little')
+        opcode, end = content[at], at + _HEAD_BYTES + length
+        known = opcode >= _PRIVATE or (opcode in _IN_CHUNKS and length >= _SHORTEST_BYTES)
+        if not known or end > len(content):
+            break
+        at, left = end, left - 1
+        if left < 0:
+            raise SourceError(f'more records than a chunk of {packed_bytes} bytes can hold')
+    return at
+
+
 def inflated_size(path: Path, most_bytes: int) -> int:
     """Return how much a file compressed with zstd holds, or something above `most_bytes`."""
     import zstandard
@@ -98,6 +128,11 @@ def _lz4(data: bytes, most_bytes: int) -> bytes:
 
 
 _PIECE_BYTES = 1 << 20
+# The mcap specification: opcode and length; schema, channel and message alone lie in chunks, and
+# whatever is private.
+_HEAD_BYTES, _IN_CHUNKS, _PRIVATE = 9, (3, 4, 5), 0x80
+_SHORTEST_BYTES = 14  # ibid.: a schema, all of whose texts are empty
+_FEW_RECORDS, _LEAST_BYTES = 100, 2  # two stamps and a number differ from message to message
 _INFLATERS: dict[str, Callable[[bytes, int], bytes]] = {
     '': lambda data, _: data,
     'none': lambda data, _: data,

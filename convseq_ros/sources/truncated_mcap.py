@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.files import refuse_irregular
-from convseq_ros.sources.inflate import inflate, LIMITS
+from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic
 
@@ -155,12 +155,13 @@ def _records_of_chunk(chunk: Any) -> Iterator[Any]:
 
     try:
         most = min(chunk.uncompressed_size, LIMITS.chunk_bytes)
-        content = BytesIO(inflate(chunk.data, chunk.compression, most))
+        content = inflate(chunk.data, chunk.compression, most)
+        content = content[: end_of_records(content, len(chunk.data))]
     except SourceError:
         raise
     except Exception:
         return
-    records = iter(StreamReader(content, skip_magic=True).records)
+    records = iter(StreamReader(BytesIO(content), skip_magic=True).records)
     while True:
         try:
             yield next(records)

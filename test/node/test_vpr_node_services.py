@@ -18,6 +18,7 @@ from convseq_ros.node import map_services
 from nav_msgs.srv import LoadMap
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, UInt32
 from std_srvs.srv import SetBool, Trigger
@@ -218,3 +219,27 @@ def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, 
     assert node._worker.waiting == 19
     held.set()
     client.wait_for(lambda: node._statistics.processed == 20)
+
+
+def test_every_call_of_a_quick_caller_is_answered(client, vpr, held_up):
+    node = vpr()
+    client.service(Trigger, '/vpr_node/reset')
+    service = client.node.create_client(
+        Trigger, '/vpr_node/reset', qos_profile=QoSProfile(depth=1000)
+    )
+    client.wait_for(service.service_is_ready)
+    client.wait_until_known_to('/vpr_node')
+    with held_up(node):
+        futures = [service.call_async(Trigger.Request()) for _ in range(200)]
+    client.wait_for(lambda: all(future.done() for future in futures), 'all answers')
+    assert all(future.result().success for future in futures)
+
+
+def test_a_file_that_is_no_map_is_not_replaced(client, vpr, map_path, tmp_path):
+    target = tmp_path / 'notes.txt'
+    target.write_text('precious')
+    vpr(map_path=map_path)
+    assert set_parameter(client, 'save_map_path', str(target)).successful
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert not answer.success and 'is no map, and is not replaced' in answer.message
+    assert target.read_text() == 'precious'

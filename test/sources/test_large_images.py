@@ -86,6 +86,16 @@ def test_a_tile_that_is_larger_than_its_picture_counts(decoded):
     assert not decoded
 
 
+@pytest.mark.parametrize('length', [2**31 - 1, 2**32 - 1, 100_000])
+def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, decoded):
+    data = picture('png')
+    at = data.index(b'IDAT') - 4
+    data = data[:at] + length.to_bytes(4, 'big') + data[at + 4 :]
+    with pytest.raises(ImageError, match='cannot be decoded'):
+        decode_picture(data)
+    assert not decoded
+
+
 @pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'P6 x', b'II*\0'])
 def test_what_has_no_size_is_not_decoded(data, decoded):
     with pytest.raises(ImageError, match='cannot be decoded'):

@@ -11,6 +11,7 @@ that a flipped bit refuses an answer and never changes one.
 
 from dataclasses import asdict, dataclass
 import json
+from pathlib import Path
 import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
@@ -39,7 +40,17 @@ SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.ite
 # Of float16, read as a number: what is negative, infinite or no number is no less than this.
 _FIRST_NOT_FINITE = 0x7C00
 
+_MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
+
 Row = tuple[object, ...]
+
+
+def is_map_or_empty(path: Path) -> bool:
+    """Return whether a file begins as a map of any format does, or is empty."""
+    with path.open('rb') as file:
+        head = file.read(_ID_BYTES.stop)
+    of_ours = head[_ID_BYTES] == APPLICATION_ID.to_bytes(4, 'big')
+    return not head or (head.startswith(_MAGIC) and of_ours)
 
 
 @dataclass(frozen=True, slots=True)
