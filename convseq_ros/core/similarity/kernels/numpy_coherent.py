@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 
 def window() -> npt.NDArray[np.float64]:
-    """Return the Gaussian within which votes are counted together, 13 numbers."""
+    """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
     cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
-    return np.exp(-(cells**2) / (2 * COHERENT.sigma_cells**2))
+    return np.exp(-(cells**2) / (2 * COHERENT.sigma_cells**2)).astype(np.float32).astype(float)
 
 
 _WINDOW = window()
