@@ -10,7 +10,6 @@ from typing import Any
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.feature_cache import FeatureCache, Threads
-from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -106,17 +105,8 @@ class Matcher:
         return pair.inliers(query.exact, pair.regions(cells, self._background.of_map)[0], shift)
 
     def warm_up(self) -> None:
-        """Make what frames need, so that the first is not late."""
+        """Make what is compared of all references, if it is kept, so that no frame is late."""
         self._follow_map()
-        shape, regions = self._map.cell_shape, self._exact.pair.regions
-        cells = unpack_cells(pack_cells(np.random.default_rng(0).random(shape, np.float32)))
-        salient = np.ones((shape[0] - 1) ** 2, np.bool_)
-        drawn = Descriptor(cells, salient, np.full(shape[:2], ENTROPY.max_bits), 0.5)
-        mirrored = self._background.normalize(cells[::-1])
-        background = regions(mirrored, None)[0] if regions else None
-        for pair in (self._fast.pair, self._exact.pair):
-            query = pair.extract(drawn, self._least_bits, background)
-            pair.compare(query, [pair.prepare(cells, background)])
         if self._keeps_all:
             self._fast.of(range(len(self._map)))
 

@@ -12,6 +12,7 @@
 #endif
 
 #include "../encoding/kernels.c"
+#include "../sequence/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
