@@ -39,6 +39,7 @@ _IN_FLIGHT = 4  # frames on their way, when they go as fast as the node takes th
 _SAMPLE_S = 5.0
 _WARM_SHARE = 0.2  # of the samples, before what grows is taken for growth
 _MOST_GROWTH = 1.0  # percent an hour
+_STEADY = 0.98  # correlation of places and time
 _PATIENCE_S = 30.0
 _GRAIN = 3.0  # standard deviation of what differs from lap to lap, gray levels
 
@@ -95,37 +96,45 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table.writeheader()
         table.writerows(map(asdict, samples))
     hours = samples[-1].seconds / 3600
-    growth = grown_percent_an_hour(samples)
+    percent_an_hour, kb_a_place = growth(samples)
     text = (
         f'{chosen.mode}, {sent:,} frames in {hours * 60:.0f} min: {samples[-1].places:,} places, '
-        f'{samples[-1].resident_mb:.0f} MB, {growth:+.2f} % an hour beside the places; '
+        f'{samples[-1].resident_mb:.0f} MB, '
+        f'{percent_an_hour:+.2f} % an hour and {kb_a_place:.2f} kB a place; '
         f'{told.get("processed")} answered, {told.get("dropped")} dropped, '
         f'{told.get("lost_by_middleware")} lost, {told.get("failed")} failed, '
         f'{left} unaccounted for'
     )
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
-    return int(left != 0 or told.get('failed') != '0' or growth > _MOST_GROWTH)
+    return int(left != 0 or told.get('failed') != '0' or percent_an_hour > _MOST_GROWTH)
 
 
-def grown_percent_an_hour(samples: Sequence[Sample]) -> float:
+def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     """
-    Return by how much memory grows with time alone.
+    Return by how much memory grows with time alone, and with places, after the beginning.
 
-    A line is fitted to memory against time and places, after the beginning. Where places come at a
-    steady pace the two cannot be told apart: then it is what a place takes too much.
+    Returns
+    -------
+    percent_an_hour : float
+        0 if places come at so steady a pace that they and time cannot be told apart.
+    kb_a_place : float
+        0 if there are no new ones.
+
     """
     rows = samples[int(len(samples) * _WARM_SHARE) :]
     if len(rows) < 3:
-        return 0.0
+        return 0.0, 0.0
     hours = np.array([one.seconds for one in rows]) / 3600
     places = np.array([one.places for one in rows], float)
     memory = np.array([one.resident_mb for one in rows])
-    columns = [np.ones(len(rows)), hours - hours[0]]
-    if np.ptp(places):
-        columns.append(places - places[0])
-    (start, slope, *_), *_ = np.linalg.lstsq(np.stack(columns, 1), memory, rcond=None)
-    return float(100 * slope / start)
+    columns = [np.ones(len(rows)), hours - hours[0], places - places[0]]
+    if not np.ptp(places):
+        columns[2] *= 0
+    elif np.corrcoef(hours, places)[0, 1] > _STEADY:
+        columns[1] *= 0
+    (start, slope, of_places), *_ = np.linalg.lstsq(np.stack(columns, 1), memory, rcond=None)
+    return float(100 * slope / start), float(1e3 * of_places)
 
 
 def _lap(count: int) -> list[npt.NDArray[np.uint8]]:

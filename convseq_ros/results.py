@@ -19,6 +19,7 @@ from typing import IO, Self
 
 from convseq_ros.core.types import Match
 from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
 
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
@@ -163,6 +164,7 @@ def _free_name(path: Path) -> Path:
 
 def read_results(path: Path) -> list[dict[str, str]]:
     """Return the rows of a table, empty fields as empty texts; SourceError if it is none."""
+    refuse_irregular(path)
     try:
         with path.open(newline='', encoding='utf-8') as file:
             return list(csv.DictReader(file))

@@ -210,6 +210,7 @@ def read_run(folder: Path) -> list[Run]:
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
             summary = _read_json(path)
+            refuse_irregular(path.parent / 'frames.csv')
             with (path.parent / 'frames.csv').open(newline='', encoding='utf-8') as file:
                 frames = list(csv.DictReader(file))
         except (OSError, ValueError, csv.Error) as error:

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from bench.soak import grown_percent_an_hour, Sample
+from bench.soak import growth, Sample
 from bench.torture import forked, fuzz
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -74,5 +74,7 @@ def test_growth_is_told_from_places():
             made.append(Sample(minute * 60.0, 0, places, resident_mb, 9, 9, 1.0, 1.0))
         return made
 
-    assert grown_percent_an_hour(samples(0.0)) == pytest.approx(0.0, abs=0.01)
-    assert grown_percent_an_hour(samples(20.0)) == pytest.approx(9.3, abs=1.0)
+    assert growth(samples(0.0)) == pytest.approx((0.0, 1.0), abs=0.01)
+    percent_an_hour, kb_a_place = growth(samples(20.0))
+    assert percent_an_hour == pytest.approx(10.0, abs=1.0)
+    assert kb_a_place == pytest.approx(1.0, abs=0.1)
