@@ -45,7 +45,7 @@ sys.meta_path.insert(0, Absent())
 import convseq_ros
 
 for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
-    if module.name.split('.')[1] != 'node' and not module.name.endswith(('__main__', '_native')):
+    if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
         importlib.import_module(module.name)
         print(module.name)
 """
