@@ -54,21 +54,23 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
                    last - first, sums, known);
             for (intptr_t behind = last - first; behind < last - first + LANES; behind++)
                 sums[behind] = 0, known[behind] = 0;
-            Floats top = spread(-INFINITY), total = {0};
+            // 16 sums, whatever the vectors' width, so that all processors add alike.
+            Floats top = spread(-INFINITY), totals[16 / LANES] = {0};
             Words count = {0};
             for (intptr_t place = 0; place < last - first; place += LANES) {
                 Words pairs = *(const WordsAnywhere *)(known + place);
                 Words is_scored = pairs >= splat((int32_t)fewest);
                 Floats score = floats(sums + place) / __builtin_convertvector(pairs, Floats);
                 top = (Floats)chosen(is_scored & (score > top), (Words)score, (Words)top);
-                total += (Floats)((Words)score & is_scored);
+                totals[place / LANES % (16 / LANES)] += (Floats)((Words)score & is_scored);
                 count -= is_scored;
             }
             for (int lane = 0; lane < LANES; lane++) {
                 highest[velocity] = top[lane] > highest[velocity] ? top[lane] : highest[velocity];
-                means[velocity] += (double)total[lane];
                 counts[velocity] += count[lane];
             }
+            for (int sum = 0; sum < 16; sum++)
+                means[velocity] += (double)totals[sum / LANES][sum % LANES];
         }
     for (intptr_t velocity = 0; velocity < velocities; velocity++)
         if (counts[velocity])

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 
 def window() -> npt.NDArray[np.float64]:
-    """Return the Gaussian, 13 numbers, rounded so that all libraries agree in the last bit."""
+    """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
     cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
     return np.exp(-(cells**2) / (2 * COHERENT.sigma_cells**2)).astype(np.float32).astype(float)
 
