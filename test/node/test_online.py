@@ -156,7 +156,7 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
         assert good, answer
     stream(lambda: sent > 60)
     client.wait_for(lambda: node._statistics.processed == sent, 'every frame counted')
-    assert len(indices) == sent
+    client.wait_for(lambda: len(indices) == sent, 'every answer heard')
     assert node._worker.dropped == 0
     assert node._statistics.received == sent
     assert 10 < len(open_map(copy)) < sent

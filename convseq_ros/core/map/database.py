@@ -50,18 +50,10 @@ _WENT_WRONG = {  # by result code of SQLite, extended or primary
 
 class Database:
     """
-    A connection to a map file.
+    A connection to a map file: `mode` is ro, rw or, to make it if there is none, rwc.
 
     What a stranger put into the file is not executed, no statement takes for ever, no value takes
     more memory than an image may. Use it within `explained`.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    mode : str
-        ro, rw or, to make it if there is none, rwc.
-
     """
 
     def __init__(self, path: Path, mode: str) -> None:
