@@ -31,6 +31,10 @@ class EncodingConfig(Checked):
         0.5, 'A region of an image is salient, and compared, if its mean entropy is at least this '
         'share of 8 bits; ET in the paper.', low=0.0, high=1.0,
     )
+    resize: str = parameter(
+        'exact', 'How images are resized: exact is the same on every processor, linear as in maps '
+        'that were made before; a map keeps its own.', choices=('exact', 'linear'),
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)

@@ -133,7 +133,7 @@ def _hidden_view(database: sqlite3.Connection, draw: random.Random) -> None:
 
 
 def _index(database: sqlite3.Connection, draw: random.Random) -> None:
-    last = draw.choice(_NUMBERS)
+    last = draw.choice(_NUMBERS[1:])
     for table in draw.choice((_OF_A_PLACE, _OF_A_PLACE[:1])):
         which = f'WHERE reference_index = {_PLACES - 1}'
         database.execute(f'UPDATE {table} SET reference_index = {last} {which}')

@@ -82,7 +82,8 @@ def _settings(database: Database) -> tuple[EncodingConfig, KeyframeConfig]:
         keyframes = EVERY_FRAME
         if 'keyframes' in said:
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-        return EncodingConfig(**json.loads(said['encoding'])), keyframes
+        # Maps of format 3 do not say how images were resized.
+        return EncodingConfig(**json.loads(said['encoding']), resize='linear'), keyframes
     except (KeyError, TypeError, RecursionError, ConfigError) as error:
         raise ValueError(f'settings: {error}') from error
 

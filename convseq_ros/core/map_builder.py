@@ -50,7 +50,7 @@ class MapBuilder:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
         if (gray := frame.gray) is None:
             return False
-        encode = partial(describe, gray, self._config.encoding)
+        encode = partial(describe, gray, self.reference_map.encoding)
         verdict = self._gate.update(frame.stamp_ns, frame.pose, encode)
         if verdict.reason is None:
             self._mapping.add(frame, verdict.descriptor)

@@ -80,7 +80,11 @@ class VprNode(Node):
             self._config, config = declare(self, self._on_parameters)
             path = Path(config.map_path) if config.map_path else None
             session = Session(path, self._config)
-            self._results = ResultLog(config.result_file, logger)
+            try:
+                self._results = ResultLog(config.result_file, logger)
+            except ConvseqError:
+                session.close()
+                raise
         except (ConvseqError, OSError):
             super().destroy_node()
             raise

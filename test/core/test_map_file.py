@@ -11,7 +11,6 @@ import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core import compiled
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.format import decode_cells, FORMAT_VERSION
 from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
@@ -125,7 +124,7 @@ def test_opening_does_not_change_the_file(map_path):
 
 def test_the_file_says_what_made_it(map_path):
     about = MapReader(map_path).about()
-    assert json.loads(about['encoding']) == {'image_size_px': 64, 'resize': 'linear'}
+    assert json.loads(about['encoding']) == {'image_size_px': 64, 'resize': 'exact'}
     assert about['tool'] and (about['thumbnails'], about['images']) == (4, 0)
 
 
@@ -266,14 +265,6 @@ def test_one_bad_place_among_many_is_found_when_they_are_read(map_path, statemen
     assert len(opened.cells_of([0, 1])) == 2
 
 
-@pytest.fixture(params=['compiled', 'plain'])
-def way(request, monkeypatch):
-    """Have cells widened by compiled code, or without it."""
-    if request.param == 'compiled' and not compiled.available():
-        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
-    monkeypatch.setattr(compiled, 'available', lambda: request.param == 'compiled')
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_stored_cells_are_the_cells_whatever_they_are(seed):
     finite = np.random.default_rng(seed).permutation(0x7C00).astype(np.uint16)
@@ -295,7 +286,6 @@ def test_stored_cells_of_another_shape_are_refused(length):
         decode_cells(bytes(length), (4, 4, 8))
 
 
-@pytest.mark.usefixtures('way')
 def test_unpacked_cells_are_64_times_the_packed_ones():
     halves = np.arange(1 << 16, dtype=np.uint16).view(np.float16)
     packed = halves[np.isfinite(halves)]

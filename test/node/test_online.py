@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import MapError
+from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.node.conversions import candidates_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -202,6 +202,12 @@ def test_a_second_node_on_the_same_map_is_told_at_the_start(vpr, tmp_path):
     vpr(map_path=tmp_path / 'new.db', **ONLINE)
     with pytest.raises(MapError, match=r'new.db: another program adds to this map'):
         vpr(map_path=tmp_path / 'new.db', **ONLINE)
+
+
+def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):
+    with pytest.raises(ConfigError, match='result_file'):
+        vpr(map_path=tmp_path / 'new.db', result_file=tmp_path / 'absent' / 'rows.csv', **ONLINE)
+    vpr(map_path=tmp_path / 'new.db', **ONLINE)
 
 
 def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(

@@ -23,7 +23,8 @@ _SAFELY = (  # https://sqlite.org/security.html
     'PRAGMA mmap_size = 0',
 )
 _LONGEST_BYTES = 1 << 26  # of a row or a value; the largest image of a camera is some 20 MB
-_LIMIT_S = 4.0  # of a statement; 1,024 rows take 10 ms from a disk, 1 s from a slow card
+_LIMIT_S = 2.0  # of the processor's time, for a statement; 1,024 rows take some 10 ms
+_PATIENCE_S = 10.0  # for who holds the file; a slow card may take seconds to sync
 _STEPS = 1000  # of SQLite's machine, between two looks at the clock: some 20 us
 _MOST_SAID = 200  # characters of an error
 _TRIES = 5  # to read what a crash left behind while another program mends it
@@ -49,35 +50,27 @@ _WENT_WRONG = {  # by result code of SQLite, extended or primary
 
 class Database:
     """
-    A connection to a map file.
+    A connection to a map file: `mode` is ro, rw or, to make it if there is none, rwc.
 
     What a stranger put into the file is not executed, no statement takes for ever, no value takes
     more memory than an image may. Use it within `explained`.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    mode : str
-        ro, rw or, to make it if there is none, rwc.
-
     """
 
     def __init__(self, path: Path, mode: str) -> None:
         address = f'{path.absolute().as_uri()}?mode={mode}'
         self._database = sqlite3.connect(
-            address, uri=True, check_same_thread=False, isolation_level=None
+            address, _PATIENCE_S, isolation_level=None, check_same_thread=False, uri=True
         )
         self.close = self._database.close
         self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_BYTES)
         for pragma in _SAFELY:
             self._database.execute(pragma)
         self._until_s = 0.0
-        self._database.set_progress_handler(lambda: time.monotonic() > self._until_s, _STEPS)
+        self._database.set_progress_handler(lambda: time.thread_time() > self._until_s, _STEPS)
 
     def rows(self, statement: str, values: tuple[object, ...] = ()) -> Rows:
         """Execute a statement; return what it yields."""
-        self._until_s = time.monotonic() + _LIMIT_S
+        self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
 
     def number(self, statement: str) -> int:

@@ -23,7 +23,6 @@ import numpy.typing as npt
 FORMAT_VERSION = 4  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
-RESIZE = 'linear'  # how an image became the square of cells
 TABLES = {
     'about': '(name TEXT PRIMARY KEY, value TEXT NOT NULL, crc32 INTEGER NOT NULL) WITHOUT ROWID',
     # Camera: JSON of its intrinsics. Frame: what the poses are in. Both may be unknown.
@@ -86,12 +85,11 @@ class Settings:
     map_id: str  # a UUID
     encoding: EncodingConfig
     keyframes: KeyframeConfig
-    resize: str = RESIZE
 
     @property
     def rows(self) -> dict[str, str]:
         """Return what is stored of them, by name."""
-        size = {'image_size_px': self.encoding.image_size_px, 'resize': self.resize}
+        size = {'image_size_px': self.encoding.image_size_px, 'resize': self.encoding.resize}
         return {
             'map_id': self.map_id,
             'encoding': json.dumps(size),
@@ -102,10 +100,10 @@ class Settings:
     def of_rows(cls, said: dict[str, str]) -> 'Settings':
         """Return what was stored; ValueError if it is not what a map says."""
         try:
-            encoding = json.loads(said['encoding'])
-            resize = encoding.pop('resize')
+            made = json.loads(said['encoding'])
+            encoding = EncodingConfig(made['image_size_px'], resize=made['resize'])
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-            return cls(said['map_id'], EncodingConfig(**encoding), keyframes, str(resize))
+            return cls(said['map_id'], encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 

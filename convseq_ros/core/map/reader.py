@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import math
 from pathlib import Path
 from threading import Lock
@@ -62,7 +63,8 @@ class MapReader:
             self.settings = Settings.of_rows(self._about)
         if reason := self.settings.refused(encoding, keyframes):
             raise MapError(f'{path}: {reason}')
-        self.encoding = encoding or self.settings.encoding
+        own = self.settings.encoding
+        self.encoding = replace(encoding or own, resize=own.resize)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 

@@ -10,7 +10,6 @@ TELL(version) { return 3; }
 #ifdef __x86_64__
 // The compiler's run time asks the processor what it has, and the system what it keeps.
 #define HAS(name) __builtin_cpu_supports(name)
-TELL(has_sse4) { return HAS("sse4.1"); }
 TELL(has_avx2) { return HAS("avx2") && HAS("fma"); }
 TELL(has_avxvnni) { return convseq_has_avx2() && HAS("avxvnni"); }
 TELL(has_avx512)

@@ -94,7 +94,7 @@ class Background(NoBackground):
         """
         regions, _ = self._regions(cells, None)
         alike = BACKGROUND.still_alike * len(regions)
-        if self._last is None or np.vdot(regions, self._last) < alike:
+        if self._last is None or np.vdot(regions.astype(np.float64), self._last) < alike:
             self._last, self._sum = regions, self._sum + regions
             self._frames += 1
         if self.of_map is None:

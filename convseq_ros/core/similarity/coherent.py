@@ -30,9 +30,9 @@ class CoherentConstants:
 
     @property
     def window(self) -> npt.NDArray[np.float64]:
-        """The Gaussian, 13 numbers."""
+        """The Gaussian, 13 numbers, rounded so that all libraries agree in the last bit."""
         cells = np.arange(-self.reach_cells, self.reach_cells + 1)
-        return np.exp(-(cells**2) / (2 * self.sigma_cells**2))
+        return np.exp(-(cells**2) / (2 * self.sigma_cells**2)).astype(np.float32).astype(float)
 
 
 COHERENT = CoherentConstants()
