@@ -45,6 +45,8 @@ sys.meta_path.insert(0, Absent())
 import convseq_ros
 
 for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
+    if module.name.endswith('._native'):
+        continue  # a library for ctypes, not a module
     if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
         importlib.import_module(module.name)
         print(module.name)
