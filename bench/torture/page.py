@@ -17,6 +17,15 @@ same again. `make torture HOURS=24` goes on for a night.
 | attack | what is done | what must hold | tries | survived | seed |
 |---|---|---|---|---|---|
 """
+_TAIL = """
+Each file says how many tries `make torture` makes; the table says how many were made. For `fuzz`
+they are of all decoders together: `python -m bench.torture fuzz --count 200000` makes so many of
+each (*not run*).
+
+Memory, handles, threads and latency over hours, as a table and a picture:
+`python -m bench.soak --mode preloaded --rate 10 --minutes 100` and
+`python -m bench.soak --mode online --frames 288000` (*not run* at that length).
+"""
 
 
 def write_page(kept: Mapping[str, Any], docs: Path) -> None:
@@ -33,6 +42,7 @@ def write_page(kept: Mapping[str, Any], docs: Path) -> None:
         if one['problems']:
             lines += ['', f'What `{one["attack"]}` broke:', '']
             lines += [f'* {text}' for text in one['problems'][:_MOST_PROBLEMS]]
+    lines += _TAIL.rstrip().splitlines()
     lines += ['', 'Measured on: ' + ', '.join(f'{k} {v}' for k, v in kept['machine'].items())]
     (docs / 'RELIABILITY.md').write_text('\n'.join(lines) + '\n', encoding='utf-8')
 

@@ -107,6 +107,8 @@ class Worker(Generic[Item]):
     def _run(self) -> None:
         while (job := self._next_job()) is not None:
             job()
+            # Else it would hold its item, perhaps a large one, until the next comes.
+            del job
 
     def _next_job(self) -> Action | None:
         with self._changed:

@@ -5,6 +5,7 @@
 import threading
 import time
 from types import SimpleNamespace
+import weakref
 
 import pytest
 
@@ -187,3 +188,18 @@ def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(gate):
 
 def test_a_worker_that_never_started_stops():
     assert Worker(print, 1).stop(LIMIT_S)
+
+
+def test_an_item_that_was_handled_is_let_go_before_the_next_comes():
+    class Item:
+        pass
+
+    item = Item()
+    gone = weakref.ref(item)
+    handled = []
+    worker = Worker(lambda _: handled.append(1), 3)
+    worker.put(item)
+    del item
+    worker.start()
+    settled(lambda: handled and gone() is None)
+    assert worker.stop(LIMIT_S)
