@@ -163,16 +163,15 @@ def test_compiled_regions_less_their_background_are_those_of_the_definition(side
 @pytest.mark.parametrize('side', [3, 7, 32])
 def test_8_bit_scores_are_those_of_whole_numbers(side):
     needs_library()
-    from convseq_ros.core.similarity.kernels.regional import _SCALE
+    from convseq_ros.core.similarity.kernels.regional import _REFERENCE_SCALE, _SCALE
 
     kernel = chosen_kernels(MatchingConfig(matching='regional', kernel='int8'))[0]
     query, reference = drawn(side, side), drawn(1, side).cells
     found, _ = compared(kernel, query, [reference])
-    own, other = (
-        np.rint(paper_regions(cells) * np.float32(_SCALE)) for cells in (query.cells, reference)
-    )
+    own = np.rint(paper_regions(query.cells) * np.float32(_SCALE))
+    other = np.rint(paper_regions(reference) * np.float32(_REFERENCE_SCALE))
     best = (own[query.salient] @ other.T).max(axis=1)
-    assert found[0] == np.float32(min(best.sum() / (len(best) * _SCALE**2), 1.0))
+    assert found[0] == np.float32(min(best.sum() / (len(best) * _SCALE * _REFERENCE_SCALE), 1.0))
 
 
 def test_of_equal_counterparts_the_first_is_taken():

@@ -115,5 +115,5 @@ static inline int byte_place(int lane, int number)
 // Return what a sum begins with: what undoes the offset of the reference's bytes, or its label.
 static inline Words beginning(int32_t start, int32_t label)
 {
-    return splat(SUM_SHIFT ? label : start);
+    return splat(label * (SUM_SHIFT > 0) + (int32_t)((uint32_t)start << SUM_SHIFT));
 }

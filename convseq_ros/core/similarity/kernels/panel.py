@@ -15,8 +15,8 @@ Bytes = tuple[Panel, npt.NDArray[np.int32]]  # of a query, and what its sums beg
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _FLOATS, _BYTES = array('f4'), array('i1')
-_pack_query = kernel('pack_query', _FLOATS, SIZE, FLOAT, _BYTES, array('i4'))
-_pack_reference = kernel('pack_reference', _FLOATS, SIZE, FLOAT, _BYTES)
+_pack_query = kernel('pack_query', _FLOATS, SIZE, FLOAT, INT, _BYTES, array('i4'))
+_pack_reference = kernel('pack_reference', _FLOATS, SIZE, FLOAT, INT, _BYTES)
 _pack_floats = kernel('pack_floats', _FLOATS, SIZE, SIZE, INT, _FLOATS)
 
 _shape = np.empty(4, np.int32)
@@ -38,18 +38,18 @@ def addresses(panels: Sequence[Panel]) -> npt.NDArray[np.uint64]:
     return np.array([one.__array_interface__['data'][0] for one in panels], np.uint64)
 
 
-def query_bytes(regions: Regions, scale: float) -> Bytes:
+def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Bytes:
     """Return regions (G, 32), times a scale, as signed bytes."""
     count = rounded_up(len(regions), ROWS)
     packed, start = empty_panel(count * 32 * QUERY_BYTES, np.int8), np.empty(count, np.int32)
-    _pack_query(regions, len(regions), scale, packed, start)
+    _pack_query(regions, len(regions), scale, origin, packed, start)
     return packed, start
 
 
-def reference_bytes(regions: Regions, scale: float) -> Panel:
+def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
     """Return regions (N, 32), times a scale, as bytes in blocks."""
     packed = empty_panel(rounded_up(len(regions), COLUMNS) * 32, np.int8)
-    _pack_reference(regions, len(regions), scale, packed)
+    _pack_reference(regions, len(regions), scale, origin, packed)
     return packed
 
 

@@ -22,7 +22,8 @@ from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
-_SCALE = 127.0  # of a region's numbers as bytes, none of which is negative
+# Of a region's numbers as bytes; none is negative, so a reference's begin below zero.
+_SCALE, _REFERENCE_SCALE, _ORIGIN = 127.0, 254.0, 127
 
 _of_pairs = array('u8'), SIZE, array('f4')
 _score_bytes = kernel('score_bytes', array('i1'), array('i4'), SIZE, SIZE, DOUBLE, *_of_pairs)
@@ -85,18 +86,18 @@ def _extract_bytes(
     if not query.informative:
         return None
     salient = paper_regions(query.cells)[query.salient]
-    return query_bytes(salient, _SCALE), len(salient)
+    return query_bytes(salient, _SCALE, _ORIGIN), len(salient)
 
 
 def _bytes_of(cells: Cells, _background: object) -> Panel:
-    return reference_bytes(paper_regions(cells), _SCALE)
+    return reference_bytes(paper_regions(cells), _REFERENCE_SCALE, _ORIGIN)
 
 
 def _compare_bytes(query: tuple[Bytes, int], references: Sequence[Panel]) -> Scores:
     found, where = np.empty(len(references), np.float32), addresses(references)
     packed, count = query
     columns = references[0].size // 32
-    _score_bytes(*packed, count, columns, _SCALE**2, where, len(references), found)
+    _score_bytes(*packed, count, columns, _SCALE * _REFERENCE_SCALE, where, len(references), found)
     return found, None
 
 

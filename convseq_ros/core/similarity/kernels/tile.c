@@ -44,10 +44,10 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// Quantise a number to a signed byte.
-static inline int8_t quantised(float number, float scale)
+// Quantise a number to a signed byte, above an origin, which sums make up for.
+static inline int8_t quantised(float number, float scale, int origin)
 {
-    float whole = rintf(number * scale);
+    float whole = rintf(number * scale) - (float)origin;
     return (int8_t)(whole > 127 ? 127 : whole < -127 ? -127 : whole);
 }
 
@@ -61,23 +61,24 @@ KERNEL(shape)(int32_t shape[4])
 }
 
 // Lay out the regions [count][32] of a query as bytes. start: what its sums begin with.
-KERNEL(pack_query)(const float *regions, intptr_t count, float scale, QueryNumber *packed,
-                        int32_t *start)
+KERNEL(pack_query)(const float *regions, intptr_t count, float scale, int origin,
+                   QueryNumber *packed, int32_t *start)
 {
     for (intptr_t place = 0; place < rounded_up(count, ROWS); place++) {
         const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
         start[place] = 0;
         for (int number = 0; number < NUMBERS; number++) {
-            int8_t byte = quantised(own[number], scale);
+            int8_t byte = quantised(own[number], scale, 0);
             packed[place * NUMBERS + number] = (QueryNumber)(byte * QUERY_SCALE);
-            start[place] -= OFFSET * byte;
+            start[place] += (origin - OFFSET) * byte;
         }
     }
     return 0;
 }
 
 // Lay out the regions [count][32] of a reference as bytes.
-KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int8_t *packed)
+KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
+                       int8_t *packed)
 {
     for (intptr_t place = 0; place < rounded_up(count, COLUMNS); place++) {
         const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
@@ -85,7 +86,7 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int8_t
         int half = place % COLUMNS / LANES, lane = place % LANES;
         int8_t bytes[NUMBERS];
         for (int number = 0; number < NUMBERS; number++)
-            bytes[number] = quantised(own[number], scale);
+            bytes[number] = quantised(own[number], scale, origin);
         for (int number = 0; number < NUMBERS; number++)
             vectors[(number / 4 * 2 + half) * 4 * LANES + byte_place(lane, number % 4)] =
                 (int8_t)(bytes[number] + OFFSET);
