@@ -6,7 +6,7 @@
 // Raised whenever a kernel's arguments or a layout change; `compiled.py` has the same number.
 EXPORT int convseq_version(void)
 {
-    return 1;
+    return 2;
 }
 
 #ifdef __x86_64__
