@@ -195,7 +195,8 @@ def test_sequences_that_were_verified_stay_listed():
 def test_the_recogniser_tells_how_listed_sequences_scored(reference_map, run, monkeypatch):
     told = []
     monkeypatch.setattr(Shortlist, 'verify', lambda _, ends, scores: told.append((ends, scores)))
-    matches = run(reference_map, 'shortlist', range(20, 30), shortlist_length=12)
+    quiet = {'shortlist_length': 12, 'verification': False}
+    matches = run(reference_map, 'shortlist', range(20, 30), **quiet)
     answered = [match for match in matches if match.candidates]
     assert len(told) == len(answered) == 6
     for (ends, scores), match in zip(told, answered, strict=True):

@@ -4,7 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.core.decision.acceptance import best_candidates
+from convseq_ros.core.decision.candidates import best_candidates
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
