@@ -127,7 +127,7 @@ class PlaceRecognizer:
         if found:
             own = self.mapping.session_start
             reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
-        if not found or (length is None and reason is not Reason.ACCEPTED):
+        if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
