@@ -35,6 +35,7 @@ KNOWN_KEYS = {
     'std_srvs',
     'visualization_msgs',
     # rosdep keys that apt serves on Ubuntu 24.04
+    'build-essential',
     'python3-hypothesis',
     'python3-matplotlib',
     'python3-mypy',

@@ -138,12 +138,6 @@ class FrameGate:
         self._pose: Pose | None = None
         self._scene: Any = None
 
-    def warm_up(self, drawn: Descriptor) -> None:
-        """Compile or load what frames need, with an informative image; before the first frame."""
-        if self._by_scene:
-            self._overlap.since(self._overlap.prepare(drawn), drawn)
-        self._similarity(drawn, drawn)
-
     def update(
         self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor]
     ) -> Verdict:

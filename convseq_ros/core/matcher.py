@@ -13,8 +13,6 @@ from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.feature_cache import FeatureCache, Threads
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import NOTHING, Verification, verify
-from convseq_ros.core.map.format import decode_cells, encode_cells
-from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -129,18 +127,8 @@ class Matcher:
         return arranged(regions(cells, background)[0]) if self._verifies and regions else None
 
     def warm_up(self) -> None:
-        """Make what frames need, so that the first is not late."""
+        """Make what is compared of all references, if it is kept, so that no frame is late."""
         self._follow_map()
-        shape, regions = self._map.cell_shape, self._exact.pair.regions
-        packed = pack_cells(np.random.default_rng(0).random(shape, np.float32))
-        cells = unpack_cells(decode_cells(encode_cells(packed), shape))
-        salient = np.ones((shape[0] - 1) ** 2, np.bool_)
-        drawn = Descriptor(cells, salient, np.full(shape[:2], ENTROPY.max_bits), 0.5)
-        mirrored = self._background.normalize(cells[::-1])
-        background = regions(mirrored, None)[0] if regions else None
-        for pair in (self._fast.pair, self._exact.pair):
-            query = pair.extract(drawn, self._least_bits, background)
-            pair.compare(query, [pair.prepare(cells, background)])
         if self._keeps_all:
             self._fast.of(range(len(self._map)))
 

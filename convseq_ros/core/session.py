@@ -8,6 +8,7 @@ import time
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.online import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -67,9 +68,9 @@ class Session:
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
-        """Make what the first frame needs, so that it is not late."""
+        """Load tables, and prepare a small map, so that the first frame is not late."""
         drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-        self.recognizer.gate.warm_up(describe(drawn, self.recognizer.config.encoding))
+        global_descriptor(describe(drawn, self.recognizer.config.encoding).cells)
         self.recognizer.matcher.warm_up()
 
     def save(self) -> None:

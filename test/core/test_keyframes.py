@@ -104,12 +104,6 @@ def test_a_frame_whose_pose_is_not_known_is_a_keyframe():
     assert [taken(keyframes, 0, BLANK, pose) for pose in poses] == [True, True, True, False, False]
 
 
-def test_warming_up_is_no_keyframe():
-    keyframes = choosing(KeyframeConfig())
-    keyframes.warm_up(noise(0))
-    assert taken(keyframes, 0, noise(0)) and not taken(keyframes, 1, noise(0))
-
-
 def test_a_gate_that_was_reset_begins_with_a_keyframe_again():
     keyframes = choosing(by(keyframe_interval_s=1.0))
     assert [taken(keyframes, stamp_ns, BLANK) for stamp_ns in (0, 1)] == [True, False]

@@ -2,13 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // AVX2 with VNNI: Intel's small and desktop processors since Alder Lake, AMD since Zen 5.
 #ifdef __x86_64__
-#pragma GCC target("avx2,fma,f16c,avxvnni")
-#include <immintrin.h>
+#pragma GCC target("avx2,fma,avxvnni")
 #define VARIANT avxvnni
-#include "avx2.h"
-
-#define OFFSET 128 // the reference's bytes are unsigned
-#include "quads.h"
+#define LANES 8
+#define ROWS 6
+#define OFFSET 128 // dot products take a reference's bytes as unsigned
+#include "vectors.h"
 
 static inline Words dot(Words sum, Words reference, Words query)
 {

@@ -1,49 +1,25 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// What this processor, and its operating system, let a program use.
-#define EXPORT __attribute__((visibility("default")))
+// What this processor, and its operating system, let a program use: for each file named after a
+// kind of processors, whether its kernels can run.
+#define TELL(name) __attribute__((visibility("default"))) int convseq_##name(void)
 
-// Raised whenever a kernel's arguments or a layout change; `compiled.py` has the same number.
-EXPORT int convseq_version(void)
-{
-    return 2;
-}
+// Raised whenever a kernel's arguments or a layout change; compiled.py has the same number.
+TELL(version) { return 4; }
 
 #ifdef __x86_64__
-// The compiler's run time asks the processor which registers it has, and the system which it saves.
-EXPORT int convseq_has_avx512(void)
+// The compiler's run time asks the processor what it has, and the system what it keeps.
+#define HAS(name) __builtin_cpu_supports(name)
+TELL(has_sse4) { return HAS("sse4.1"); }
+TELL(has_avx2) { return HAS("avx2") && HAS("fma"); }
+TELL(has_avxvnni) { return convseq_has_avx2() && HAS("avxvnni"); }
+TELL(has_avx512)
 {
-    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
-           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-           __builtin_cpu_supports("avx512vnni") && __builtin_cpu_supports("avx512vbmi2") &&
-           __builtin_cpu_supports("f16c") && __builtin_cpu_supports("fma");
-}
-
-EXPORT int convseq_has_avx2(void)
-{
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-           __builtin_cpu_supports("f16c");
-}
-
-EXPORT int convseq_has_avxvnni(void)
-{
-    return convseq_has_avx2() && __builtin_cpu_supports("avxvnni");
-}
-
-EXPORT int convseq_has_sse4(void)
-{
-    return __builtin_cpu_supports("sse4.1");
+    return convseq_has_avx2() && HAS("avx512f") && HAS("avx512bw") && HAS("avx512dq") &&
+           HAS("avx512vl") && HAS("avx512vnni") && HAS("avx512vbmi2");
 }
 #elif defined(__aarch64__)
 #include <sys/auxv.h>
-
-EXPORT int convseq_has_dotprod(void)
-{
-    return getauxval(AT_HWCAP) >> 20 & 1; // HWCAP_ASIMDDP, which old headers lack
-}
-
-EXPORT int convseq_has_neon(void)
-{
-    return 1;
-}
+TELL(has_neon) { return 1; }
+TELL(has_dotprod) { return getauxval(AT_HWCAP) >> 20 & 1; } // HWCAP_ASIMDDP
 #endif

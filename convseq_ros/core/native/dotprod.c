@@ -1,13 +1,12 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// ARM with products of four bytes: Cortex-A76 and all since, so Raspberry Pi 5 and Jetson Orin.
+// ARM with dot products: Cortex-A76 and all since, so Raspberry Pi 5 and Jetson Orin.
 #ifdef __aarch64__
 #pragma GCC target("arch=armv8.2-a+dotprod")
 #define VARIANT dotprod
-#include "neon.h"
-
-#define OFFSET 0
-#include "quads.h"
+#define LANES 4
+#define ROWS 12
+#include "vectors.h"
 
 static inline Words dot(Words sum, Words reference, Words query)
 {

@@ -1,17 +1,19 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// All kernels, for one kind of processor: each of the files named after one includes this once.
+// All kernels, which return 0, or -1 if there is no memory.
 #define JOIN(name, variant) convseq_##name##_##variant
 #define NAMED(name, variant) JOIN(name, variant)
-// Kernels return 0, or -1 if there is no memory.
 #define KERNEL(name) __attribute__((visibility("default"))) int NAMED(name, VARIANT)
-
+#ifndef OFFSET
+#define OFFSET 0
+#endif
 #ifndef LABEL_SHIFT
 #define LABEL_SHIFT 0
 #endif
 
 #include "../encoding/kernels.c"
 #include "../map/kernels.c"
+#include "../sequence/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"

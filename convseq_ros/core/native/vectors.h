@@ -1,21 +1,25 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of LANES numbers of 32 bits, and how those of a reference lie in memory.
+// Vectors of LANES numbers of 32 bits, which GCC turns into instructions, and how bytes lie in
+// memory for the dot products of bytes, which it does not.
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef __x86_64__
+#include <immintrin.h>
+#define REGISTER "+x" // of vectors
+#else
+#include <arm_neon.h>
+#define REGISTER "+w"
+#endif
 
 typedef float Floats __attribute__((vector_size(4 * LANES)));
 typedef int32_t Words __attribute__((vector_size(4 * LANES)));
+typedef int16_t Shorts __attribute__((vector_size(2 * LANES)));
 typedef Floats FloatsAnywhere __attribute__((aligned(4), may_alias));
 typedef Words WordsAnywhere __attribute__((aligned(4), may_alias));
-
-#ifdef __x86_64__
-#define VECTOR_REGISTER "v"
-#else
-#define VECTOR_REGISTER "w"
-#endif
+typedef Shorts ShortsAnywhere __attribute__((aligned(2), may_alias));
 
 enum {
     COLUMNS = 2 * LANES, // regions of a reference that are compared at once
@@ -26,36 +30,104 @@ enum {
     VECTOR = (1 << ROW_BIT) - 1,
 };
 
-static inline Words splat(int32_t value)
+static inline Words splat(int32_t value) { return value - (Words){}; }
+static inline Floats spread(float value) { return value - (Floats){}; }
+static inline Floats floats(const float *from) { return *(const FloatsAnywhere *)from; }
+static inline void store(float *to, Floats values) { *(FloatsAnywhere *)to = values; }
+static inline Words chosen(Words mask, Words yes, Words no) { return (mask & yes) | (~mask & no); }
+
+static inline Words larger(Words one, Words other)
 {
-    return value - (Words){};
+    for (int lane = 0; lane < LANES; lane++)
+        one[lane] = one[lane] > other[lane] ? one[lane] : other[lane];
+    return one;
 }
 
-static inline Floats spread(float value)
+// Add a product to a sum, rounded once where the processor can.
+static inline Floats fused(Floats one, Floats other, Floats sum)
 {
-    return value - (Floats){};
+#if defined(__FMA__) || defined(__aarch64__)
+    for (int lane = 0; lane < LANES; lane++)
+        sum[lane] = __builtin_fmaf(one[lane], other[lane], sum[lane]);
+    return sum;
+#else
+    return one * other + sum;
+#endif
 }
 
-static inline Floats floats(const float *from)
+// Return numbers in half precision as floats: a half's bits, moved to where a float has them, are
+// a number too small by 2 ** 112.
+static inline Floats widened(const uint16_t *halves)
 {
-    return *(const FloatsAnywhere *)from;
+    Words bits = __builtin_convertvector(*(const ShortsAnywhere *)halves, Words);
+    return (Floats)(bits << 13 & splat((int32_t)0x8fffe000)) * 0x1p112f;
 }
 
-static inline void store(float *to, Floats values)
-{
-    *(FloatsAnywhere *)to = values;
-}
+#ifdef PAIRS
+// Two products of 16 bits at a time. A reference's bytes are taken 256 times, a query's 128
+// times, so that a dot product lies above its label from the start.
+typedef int16_t QueryNumber;
+enum { STEPS = NUMBERS / 2, QUERY_SCALE = 128, SUM_SHIFT = LABEL_BITS };
+static inline Words raised(Words bytes, int upper);
+static inline Words labelled(Words sum, int32_t label) { return (void)label, sum; }
+#else
+// Four products of bytes at a time.
+typedef int8_t QueryNumber;
+enum { STEPS = NUMBERS / 4, QUERY_SCALE = 1, SUM_SHIFT = 0 };
+#endif
 
-#ifndef MASKED
-typedef Words Mask; // where a comparison holds
+#ifdef WIDENED
+typedef struct {
+    Words first, second; // a query's first two bytes of four, and its last two, again and again
+} QueryStep;
+#else
+typedef Words QueryStep;
+#endif
 
-static inline Mask above(Words one, Words other)
+#ifdef __aarch64__
+static inline Words labelled(Words sum, int32_t label)
 {
-    return one > other;
-}
-
-static inline Mask more(Floats one, Floats other)
-{
-    return one > other;
+    return (Words)vsliq_n_s32(vdupq_n_s32(label), (int32x4_t)sum, LABEL_BITS);
 }
 #endif
+
+// Return what a query has for a step; the same in all lanes.
+static inline QueryStep query_step(const QueryNumber *row, int step)
+{
+#ifdef WIDENED
+    int16_t two[2];
+    memcpy(two, row + 4 * step, sizeof two);
+    return (QueryStep){(Words)vdupq_n_s16(two[0]), (Words)vdupq_n_s16(two[1])};
+#else
+    int32_t word;
+    memcpy(&word, row + NUMBERS / STEPS * step, sizeof word);
+    return splat(word);
+#endif
+}
+
+// Return what half of a block of a reference has for a step.
+static inline Words reference_step(const int8_t *block, int step, int half)
+{
+#ifdef PAIRS
+    return raised(*(const WordsAnywhere *)(block + (step / 2 * 2 + half) * 4 * LANES), step % 2);
+#else
+    return *(const WordsAnywhere *)(block + (2 * step + half) * 4 * LANES);
+#endif
+}
+
+// Return where byte 0 to 3 of a column lies in a vector: beside each other, or two and two, those
+// of four columns together, as they are unpacked.
+static inline int byte_place(int lane, int number)
+{
+#if defined(PAIRS) || defined(WIDENED)
+    return lane / 4 * 16 + number / 2 * 8 + lane % 4 * 2 + number % 2;
+#else
+    return 4 * lane + number;
+#endif
+}
+
+// Return what a sum begins with: what undoes the offset of the reference's bytes, or its label.
+static inline Words beginning(int32_t start, int32_t label)
+{
+    return splat(SUM_SHIFT ? label : start);
+}

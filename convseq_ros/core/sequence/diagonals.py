@@ -29,20 +29,6 @@ def pairs_along(rows: Rows, ends: Indices, steps: Sequence[int], dtype: Any = No
     return pairs
 
 
-def window_sums(rows: Rows, velocity: float, room: Values) -> Values:
-    """Return sums over all diagonals inside the map, by their ends; a view into room (>= R,)."""
-    steps = diagonal(len(rows), velocity)
-    count, reach = 0 if rows[0] is None else len(rows[0]), steps[-1]
-    total = room[: max(0, count - reach)]
-    total[:] = 0
-    for step, row in zip(steps, rows, strict=True):
-        if row is not None and len(total):
-            met = row[reach - step : count - step]
-            total[: len(met)] += met
-            total[len(met) :] = np.nan
-    return total
-
-
 def sequence_scores(
     rows: Rows,
     velocity: float = 1.0,
@@ -71,7 +57,12 @@ def sequence_scores(
         return scores
     if reach >= count:
         return _scores_at(np.arange(count), rows, steps, dtype, partial)
-    total = window_sums(rows, velocity, np.empty(count, dtype))
+    total = np.zeros(count - reach, dtype)
+    for step, row in zip(steps, rows, strict=True):
+        if row is not None:
+            met = row[reach - step : count - step]
+            total[: len(met)] += met
+            total[len(met) :] = np.nan
     scores[reach:] = total / informative
     # Those without a sum are few, or else `ends` are given.
     unknown = reach + np.flatnonzero(~np.isfinite(total))

@@ -4,8 +4,9 @@
 
 from collections.abc import Callable
 
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
-from convseq_ros.core.sequence.diagonals import Rows, sequence_scores, Values, window_sums
+from convseq_ros.core.sequence.diagonals import diagonal, Rows, Values
 import numpy as np
 
 
@@ -13,7 +14,11 @@ import numpy as np
 class VELOCITY:
     """Of the search; chosen on drawn drives and halves of real maps (docs/MATCHING.md)."""
 
-    velocities: tuple[float, ...] = (1.0, 0.5, 0.57, 0.67, 0.8, 1.25, 1.5, 1.75, 2.0)
+    # One to one, slower and faster; what lies between is met to within two references.
+    velocities: tuple[float, ...] = (
+        1.0, 0.08, 0.1, 0.12, 0.14, 0.17, 0.2, 0.24, 0.29, 0.34, 0.41, 0.5, 0.57, 0.67, 0.8,
+        1.25, 1.5, 1.75, 2.0, 2.4, 2.9, 3.5, 4.2, 5.0, 6.0,
+    )  # fmt: skip
     shortest: int = 8  # frames of a sequence that tells a velocity
     fewest_sequences: int = 20  # that must find room in the map
     memory: int = 20  # frames over which the prominence is averaged
@@ -39,7 +44,6 @@ class VelocitySearch(ConstantVelocity):
     """
 
     def __init__(self) -> None:
-        self._room: Values = np.zeros(0, np.float32)
         self.reset()
 
     def reset(self) -> None:
@@ -52,16 +56,15 @@ class VelocitySearch(ConstantVelocity):
 
         In the better scores that `closer` leads to, one other than 1 must stand out, too.
         """
-        one_to_one, *others = VELOCITY.velocities
-        if len(rows) >= VELOCITY.shortest:
-            even = self._known(rows, one_to_one)
-            if len(even) >= VELOCITY.fewest_sequences:
-                first = _prominence(even)  # before its room is used again
-                now = np.array([first, *(_prominence(self._known(rows, one)) for one in others)])
+        if len(rows) >= VELOCITY.shortest and rows[0] is not None:
+            steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
+            highest, mean, counts = kernels_of(__package__).peaks(rows, steps).T
+            if counts[0] >= VELOCITY.fewest_sequences:
+                now = (highest - mean) ** VELOCITY.power
                 if not self._prominence.any():
                     self._prominence = now
                 self._prominence += (now - self._prominence) / VELOCITY.memory
-        weight = np.array([1.0, *[VELOCITY.preference] * len(others)])
+        weight = np.array([1.0, *[VELOCITY.preference] * (len(VELOCITY.velocities) - 1)])
         velocity = VELOCITY.velocities[int((weight * self._prominence).argmax())]
         if velocity == 1.0 or closer is None:
             self._closely.clear()
@@ -73,19 +76,6 @@ class VelocitySearch(ConstantVelocity):
             self._closely[one] = before + (close - before) / VELOCITY.close_memory
         stands_out = VELOCITY.preference * self._closely[velocity] > self._closely[1.0]
         return velocity if stands_out else 1.0
-
-    def _known(self, rows: Rows, velocity: float) -> Values:
-        """Return the scores of all sequences that have one, until asked again."""
-        if rows[0] is not None and len(self._room) < len(rows[0]):
-            self._room = np.empty(len(rows[0]), np.float32)
-        total = window_sums(rows, velocity, self._room)
-        informative = sum(row is not None for row in rows)
-        if 2 * informative >= len(rows) and len(total) and np.isfinite(total.max()):
-            # All of them have a score; this takes a third of the time.
-            total /= informative
-            return total
-        scores = sequence_scores(rows, velocity, dtype=np.float32)
-        return scores[np.isfinite(scores)]
 
 
 def _prominence(scores: Values) -> float:

@@ -6,8 +6,10 @@ enum { REACH = 6, REACHES = 2 * REACH }; // of the window of votes, as CoherentC
 
 // What comparing one query with references needs; regions are numbered row by row.
 typedef struct {
-    intptr_t count, all, side; // salient regions, all regions of an image, regions in a row of it
+    intptr_t count, side; // salient regions of the query; regions in a row of an image
     const double *window; // weights of votes from the middle on, [REACH + 1]
+    const int32_t *sums; // what dot products of the query's regions begin with
+    intptr_t all, vectors; // regions of an image; vectors of them, up to full tiles
     int32_t *there, *back; // best counterparts of the query's regions and of the reference's
     int32_t *start, *end; // where regions lie in a grid of shifts: a vote is end less start
     int32_t *labels; // of the rows of a tile in every vector of a reference
@@ -24,8 +26,9 @@ static intptr_t grid_width(const Pair *pair)
 // where the query's regions lie.
 static int begin(Pair *pair, const int64_t *index)
 {
+    pair->all = pair->side * pair->side;
     intptr_t tiles = rounded_up(pair->count, ROWS), columns = rounded_up(pair->all, COLUMNS);
-    intptr_t width = grid_width(pair), vectors = columns / LANES;
+    intptr_t width = grid_width(pair), vectors = pair->vectors = columns / LANES;
     size_t numbers = (size_t)(4 * columns + 2 * tiles + vectors * ROWS);
     pair->columns = aligned_alloc(64, (numbers * sizeof(int32_t) + 63) / 64 * 64);
     pair->votes = calloc((size_t)(2 * width * width), sizeof(double));
@@ -48,10 +51,9 @@ static int begin(Pair *pair, const int64_t *index)
     return 1;
 }
 
-static void finish(Pair *pair)
+static inline int32_t least(int32_t one, intptr_t other)
 {
-    free(pair->columns);
-    free(pair->votes);
+    return one < other ? one : (int32_t)other;
 }
 
 // Blend numbers with those up to REACH steps to either side.
@@ -104,8 +106,9 @@ static void vote(Pair *pair, double found[3])
     found[2] = (double)(peak - (side - 1));
 }
 
-// Raise the best counterparts of a tile's rows and columns. Words are a dot product and, below
-// it, its label: one maximum finds both, where every instruction on a sum costs time.
+// Raise the best counterparts of a tile's rows and of two vectors of columns, by bytes. Words are
+// a dot product and, below it, its label: one maximum finds both, where every instruction on a sum
+// costs time. Of equal products the last counts, however many rows and columns a tile has.
 INLINE void keep_words(const QueryNumber *query, const int8_t *block, const int32_t *start,
                        const int32_t *labels, int32_t first, Words best[ROWS], Words columns[2],
                        Words places[2])
@@ -127,67 +130,16 @@ INLINE void keep_words(const QueryNumber *query, const int8_t *block, const int3
     }
 #pragma GCC unroll 2
     for (int half = 0; half < 2; half++) {
-        // Of equal products the last row's counts, however many rows a tile has.
-        Mask better = above(highest[half] | splat(LABEL), columns[half]);
+        Words better = (highest[half] | splat(LABEL)) > columns[half];
         places[half] = chosen(better, splat(first), places[half]);
         columns[half] = chosen(better, highest[half], columns[half]);
     }
 }
 
-static inline int32_t least(intptr_t one, intptr_t other)
-{
-    return (int32_t)(one < other ? one : other);
-}
-
-// Return the region that the best word of a row comes from, the last one of equals.
-static inline intptr_t region_of(Words best)
-{
-    int32_t highest = INT32_MIN, vector = 0;
-    for (int lane = 0; lane < LANES; lane++)
-        if (best[lane] >= highest) {
-            highest = best[lane];
-            vector = (best[lane] & VECTOR) * LANES + lane;
-        }
-    return vector;
-}
-
-// Write score and shift, [count][3], of a query and each reference, by products of bytes, which
-// are exact; of equal ones the last counts. Return 0, or -1 if there is no memory.
-KERNEL(compare_bytes)(const QueryNumber *query, const int32_t *start, const int64_t *index,
-                          intptr_t count, intptr_t side, const double *window,
-                          const int8_t *const *references, intptr_t several, double (*found)[3])
-{
-    Pair pair = {.count = count, .all = side * side, .side = side, .window = window};
-    int ready = begin(&pair, index);
-    intptr_t vectors = rounded_up(pair.all, COLUMNS) / LANES;
-    for (intptr_t one = 0; one < several && ready; one++) {
-        for (intptr_t vector = 0; vector < vectors; vector++)
-            pair.columns[vector] = splat(INT32_MIN);
-        for (intptr_t first = 0; first < count; first += ROWS) {
-            Words best[ROWS];
-            for (int row = 0; row < ROWS; row++)
-                best[row] = splat(INT32_MIN);
-            for (intptr_t vector = 0; vector < vectors; vector += 2)
-                keep_words(query + first * NUMBERS, references[one] + vector * LANES * NUMBERS,
-                           start + first, pair.labels + vector * ROWS, (int32_t)first, best,
-                           pair.columns + vector, pair.places + vector);
-            for (int row = 0; row < ROWS; row++)
-                pair.there[first + row] = least(region_of(best[row]), pair.all - 1);
-        }
-        const int32_t *words = (const int32_t *)pair.columns;
-        const int32_t *tiles = (const int32_t *)pair.places;
-        for (intptr_t place = 0; place < pair.all; place++)
-            pair.back[place] = least(tiles[place] + ((words[place] & LABEL) >> ROW_BIT), count - 1);
-        vote(&pair, found[one]);
-    }
-    finish(&pair);
-    return ready ? 0 : -1;
-}
-
-// Raise the best counterparts of a tile's rows and columns; of equal ones the first stays.
+// Raise the best counterparts of a tile's rows and columns by floats; of equal ones the first stays.
 INLINE void keep_counterparts(const float *query, const float *block, int32_t vector,
                               int32_t first, Floats best[ROWS], Words there[ROWS],
-                              Floats columns[2], Words back[2])
+                              Words columns[2], Words places[2])
 {
     Floats dots[ROWS][2];
     float_dots(query, block, NUMBERS, dots);
@@ -195,62 +147,100 @@ INLINE void keep_counterparts(const float *query, const float *block, int32_t ve
     for (int row = 0; row < ROWS; row++)
 #pragma GCC unroll 2
         for (int half = 0; half < 2; half++) {
-            Mask better = more(dots[row][half], best[row]);
+            Words dot = (Words)dots[row][half], better = dots[row][half] > best[row];
             there[row] = chosen(better, splat(vector + half), there[row]);
-            best[row] = (Floats)chosen(better, (Words)dots[row][half], (Words)best[row]);
-            better = more(dots[row][half], columns[half]);
-            back[half] = chosen(better, splat(first + row), back[half]);
-            columns[half] = (Floats)chosen(better, (Words)dots[row][half], (Words)columns[half]);
+            best[row] = (Floats)chosen(better, dot, (Words)best[row]);
+            better = dots[row][half] > (Floats)columns[half];
+            places[half] = chosen(better, splat(first + row), places[half]);
+            columns[half] = chosen(better, dot, columns[half]);
         }
 }
 
-// Return the region with the largest dot product of a row, the first of equals.
-static inline intptr_t first_region_of(Floats best, Words vectors)
+// Find the counterparts of a tile's rows, and raise those of all columns, by bytes.
+static void match_bytes(Pair *pair, const void *query, const void *reference, intptr_t first)
 {
-    intptr_t found = vectors[0] * LANES;
-    float highest = best[0];
-    for (int lane = 1; lane < LANES; lane++) {
-        intptr_t region = vectors[lane] * LANES + lane;
-        if (best[lane] > highest || (best[lane] == highest && region < found)) {
-            highest = best[lane];
-            found = region;
+    Words best[ROWS];
+    for (int row = 0; row < ROWS; row++)
+        best[row] = splat(INT32_MIN);
+    for (intptr_t vector = 0; vector < pair->vectors; vector += 2)
+        keep_words((const QueryNumber *)query + first * NUMBERS,
+                   (const int8_t *)reference + vector * LANES * NUMBERS, pair->sums + first,
+                   pair->labels + vector * ROWS, (int32_t)first, best, pair->columns + vector,
+                   pair->places + vector);
+    for (int row = 0; row < ROWS; row++) {
+        int32_t highest = INT32_MIN;
+        for (int lane = 0; lane < LANES; lane++)
+            if (best[row][lane] >= highest) {
+                highest = best[row][lane];
+                pair->there[first + row] = (highest & VECTOR) * LANES + lane;
+            }
+    }
+}
+
+// Find the counterparts of a tile's rows, and raise those of all columns, by floats.
+static void match_floats(Pair *pair, const void *query, const void *reference, intptr_t first)
+{
+    Floats best[ROWS];
+    Words there[ROWS] = {0};
+    for (int row = 0; row < ROWS; row++)
+        best[row] = spread(-INFINITY);
+    for (intptr_t vector = 0; vector < pair->vectors; vector += 2)
+        keep_counterparts((const float *)query + first * NUMBERS,
+                          (const float *)reference + vector * LANES * NUMBERS, (int32_t)vector,
+                          (int32_t)first, best, there, pair->columns + vector,
+                          pair->places + vector);
+    for (int row = 0; row < ROWS; row++) {
+        float highest = -INFINITY;
+        for (int lane = 0; lane < LANES; lane++) {
+            int32_t region = there[row][lane] * LANES + lane;
+            if (best[row][lane] > highest ||
+                (best[row][lane] == highest && region < pair->there[first + row])) {
+                highest = best[row][lane];
+                pair->there[first + row] = region;
+            }
         }
     }
-    return found;
 }
 
-// Write score and shift, [count][3], of a query and each reference, by floats. Return 0, or -1 if
-// there is no memory.
-KERNEL(compare_floats)(const float *query, const int64_t *index, intptr_t count,
-                           intptr_t side, const double *window,
-                           const float *const *references, intptr_t several, double (*found)[3])
+// Write score and shift, [several][3], of a query and each reference.
+static int compare(Pair *pair, int bytes, const void *query, const int64_t *index,
+                   const void *const *references, intptr_t several, double (*found)[3])
 {
-    Pair pair = {.count = count, .all = side * side, .side = side, .window = window};
-    int ready = begin(&pair, index);
-    intptr_t vectors = rounded_up(pair.all, COLUMNS) / LANES;
-    Floats *columns = (Floats *)pair.columns;
+    int ready = begin(pair, index);
     for (intptr_t one = 0; one < several && ready; one++) {
-        for (intptr_t vector = 0; vector < vectors; vector++)
-            columns[vector] = spread(-INFINITY);
-        for (intptr_t first = 0; first < count; first += ROWS) {
-            Floats best[ROWS];
-            Words there[ROWS] = {0};
-            for (int row = 0; row < ROWS; row++)
-                best[row] = spread(-INFINITY);
-            for (intptr_t vector = 0; vector < vectors; vector += 2)
-                keep_counterparts(query + first * NUMBERS,
-                                  references[one] + vector * LANES * NUMBERS, (int32_t)vector,
-                                  (int32_t)first, best, there, columns + vector,
-                                  pair.places + vector);
-            for (int row = 0; row < ROWS; row++)
-                pair.there[first + row] =
-                    least(first_region_of(best[row], there[row]), pair.all - 1);
+        for (intptr_t vector = 0; vector < pair->vectors; vector++)
+            pair->columns[vector] = bytes ? splat(INT32_MIN) : (Words)spread(-INFINITY);
+        for (intptr_t first = 0; first < pair->count; first += ROWS)
+            (bytes ? match_bytes : match_floats)(pair, query, references[one], first);
+        // What is beyond the last region is the last again.
+        for (intptr_t row = 0; row < pair->count; row++)
+            pair->there[row] = least(pair->there[row], pair->all - 1);
+        for (intptr_t place = 0; place < pair->all; place++) {
+            int32_t row = ((int32_t *)pair->places)[place], word = ((int32_t *)pair->columns)[place];
+            pair->back[place] = least(row + (bytes ? (word & LABEL) >> ROW_BIT : 0), pair->count - 1);
         }
-        const int32_t *rows = (const int32_t *)pair.places;
-        for (intptr_t place = 0; place < pair.all; place++)
-            pair.back[place] = least(rows[place], count - 1);
-        vote(&pair, found[one]);
+        vote(pair, found[one]);
     }
-    finish(&pair);
+    free(pair->columns);
+    free(pair->votes);
     return ready ? 0 : -1;
+}
+
+// By products of bytes, which are exact. sums: what those of the query's regions begin with;
+// index: where these lie; window: from the middle on, [REACH + 1].
+KERNEL(compare_bytes)(const QueryNumber *query, const int32_t *sums, const int64_t *index,
+                      intptr_t count, intptr_t side, const double *window,
+                      const void *const *references, intptr_t several, double (*found)[3])
+{
+    Pair pair = {.count = count, .side = side, .window = window, .sums = sums};
+    return compare(&pair, 1, query, index, references, several, found);
+}
+
+// By products of floats.
+KERNEL(compare_floats)(const float *query, const int64_t *index, intptr_t count, intptr_t side,
+                       const double *window, const void *const *references, intptr_t several,
+                       double (*found)[3])
+{
+    Pair pair = {.count = count, .side = side, .window = window};
+    return compare(&pair, 0, query, index, references, several, found);
 }

@@ -59,7 +59,7 @@ static float best_similarity(const float *left, const float *right, const float 
         Floats lower = floats(left + place) + floats(right + place);
         store(kept + place, lower);
         Floats similarity = (floats(above + place) + lower) * floats(inverse + place);
-        best = (Floats)chosen(more(similarity, best), (Words)similarity, (Words)best);
+        best = (Floats)chosen(similarity > best, (Words)similarity, (Words)best);
     }
     float highest = 0;
     for (int lane = 0; lane < LANES; lane++)

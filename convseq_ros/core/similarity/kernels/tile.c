@@ -114,7 +114,7 @@ KERNEL(peak)(intptr_t loops, int32_t *found)
     for (intptr_t loop = 0; loop < loops; loop++)
 #pragma GCC unroll 12
         for (int one = 0; one < 12; one++) {
-            __asm__ volatile("" : "+" VECTOR_REGISTER(reference)); // every product is made
+            __asm__ volatile("" : REGISTER(reference)); // every product is made
             sums[one] = dot(sums[one], reference, query);
         }
     for (int one = 1; one < 12; one++)
