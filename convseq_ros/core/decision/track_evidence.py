@@ -30,7 +30,6 @@ class TRACK:
     few: int = 3  # newest of these, by which a place that is just entered is likely
     memory: int = 30  # frames over which margins are summed
     fewest_rivals: int = 8  # other places, without which a margin says nothing
-    many_rivals: int = 30  # without which a frame's lead counts for less: few scatter too little
     chance: float = 6.0  # scatters by which the best of one rival's neighbours leads by chance
     prior_windows: int = 2  # that the usual scatter counts for
     usual_scatter: float = 0.006  # of sequence scores of other places
@@ -175,8 +174,7 @@ class TrackEvidence:
         if len(elsewhere) < TRACK.fewest_rivals or not np.isfinite(near).any():
             return 0.0
         above = float(np.nanmax(near) - elsewhere.max())
-        doubt = max(1.0, TRACK.many_rivals / len(elsewhere))
-        return above / (float(elsewhere.std()) + TRACK.least_scatter) / doubt
+        return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
     def _along(self, frame: int, reference: int, velocity: float) -> list[FrameEvidence]:
         return [
