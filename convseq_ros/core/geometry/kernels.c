@@ -39,12 +39,23 @@ static inline void similarities(const float *query, const float *reference, intp
     }
 }
 
-// Replace each number of a part by the weighted mean around it, of those that there are.
-static inline void smooth(float *restrict image, intptr_t side, Part part,
-                          const float *weights, intptr_t radius, float *restrict room)
+// Add up lines, one weight each, over as many columns as stay in registers.
+static inline void weigh(const float *line, intptr_t apart, intptr_t count, const float *weights,
+                         float *sums)
 {
-    float *restrict framed = room + side * side, *restrict norms = framed + side + 2 * radius;
-    memset(framed, 0, (size_t)(side + 2 * radius) * sizeof *framed);
+    for (int lane = 0; lane < SPREAD; lane++)
+        sums[lane] = 0;
+    for (intptr_t step = 0; step < count; step++, line += apart)
+        for (int lane = 0; lane < SPREAD; lane++)
+            sums[lane] += weights[step] * line[lane];
+}
+
+// Replace each number of a part by the weighted mean around it, of those that there are.
+static inline void smooth(float *image, intptr_t side, Part part, const float *weights,
+                          intptr_t radius, float *room)
+{
+    float *framed = room + side * side + SPREAD, *norms = framed + side + 2 * radius + SPREAD;
+    memset(framed, 0, (size_t)(side + 2 * radius + SPREAD) * sizeof *framed);
     for (intptr_t x = part.left; x < part.right; x++) {
         norms[x] = 0;
         for (intptr_t step = -radius; step <= radius; step++)
@@ -52,32 +63,30 @@ static inline void smooth(float *restrict image, intptr_t side, Part part,
                 norms[x] += weights[step + radius];
     }
     for (intptr_t y = part.top; y < part.bottom; y++) {
-        float *restrict sums = room + y * side, norm = 0;
-        for (intptr_t x = part.left; x < part.right; x++)
-            sums[x] = 0;
-        for (intptr_t step = -radius; step <= radius; step++) {
-            if (y + step < part.top || y + step >= part.bottom)
-                continue;
-            const float *restrict line = image + (y + step) * side;
-            float weight = weights[step + radius];
-            norm += weight;
-            for (intptr_t x = part.left; x < part.right; x++)
-                sums[x] += weight * line[x];
+        intptr_t top = y - radius < part.top ? part.top : y - radius;
+        intptr_t bottom = y + radius < part.bottom ? y + radius + 1 : part.bottom;
+        const float *own = weights + top - y + radius;
+        float norm = 0;
+        for (intptr_t step = 0; step < bottom - top; step++)
+            norm += own[step];
+        for (intptr_t x = part.left; x < part.right; x += SPREAD) {
+            float sums[SPREAD];
+            weigh(image + top * side + x, side, bottom - top, own, sums);
+            intptr_t count = part.right - x < SPREAD ? part.right - x : SPREAD;
+            for (intptr_t lane = 0; lane < count; lane++)
+                room[y * side + x + lane] = sums[lane] / norm;
         }
-        for (intptr_t x = part.left; x < part.right; x++)
-            sums[x] /= norm;
     }
     for (intptr_t y = part.top; y < part.bottom; y++) {
-        float *line = image + y * side;
-        for (intptr_t x = part.left; x < part.right; x++) {
-            framed[x + radius] = room[y * side + x];
-            line[x] = 0;
+        size_t wide = (size_t)(part.right - part.left) * sizeof *framed;
+        memcpy(framed + part.left + radius, room + y * side + part.left, wide);
+        for (intptr_t x = part.left; x < part.right; x += SPREAD) {
+            float sums[SPREAD];
+            weigh(framed + x, 1, 2 * radius + 1, weights, sums);
+            intptr_t count = part.right - x < SPREAD ? part.right - x : SPREAD;
+            for (intptr_t lane = 0; lane < count; lane++)
+                image[y * side + x + lane] = sums[lane] / norms[x + lane];
         }
-        for (intptr_t step = 0; step <= 2 * radius; step++)
-            for (intptr_t x = part.left; x < part.right; x++)
-                line[x] += weights[step] * framed[x + step];
-        for (intptr_t x = part.left; x < part.right; x++)
-            line[x] /= norms[x];
     }
 }
 
@@ -144,9 +153,10 @@ KERNEL(displacements)(const float *query, const float *reference, intptr_t side,
                       float tolerance, float *found, int64_t *kept)
 {
     intptr_t span = 2 * reach + 1, count = side * side;
-    // Similarities of each displacement; best and which, there and back; room to smooth.
-    size_t needed = (size_t)((span * span + 5) * count + 2 * (side + radius));
-    float *volume = malloc(needed * sizeof *volume);
+    // Similarities of each displacement; best and which, there and back; room to smooth, and what
+    // is read beyond a line's end.
+    size_t needed = (size_t)((span * span + 5) * count + 2 * (side + radius) + 3 * SPREAD);
+    float *volume = calloc(needed, sizeof *volume);
     if (!volume)
         return -1;
     float *best = volume + span * span * count, *origin = best + 2 * count;
