@@ -86,7 +86,9 @@ def test_unknown_pairs_and_frames_do_not_change_the_velocity():
 def test_peaks_are_those_of_sequence_scores(kernels, count, length, unknown, seed):
     """Whole rows, shorter ones, missing ones and unknown pairs, at every velocity."""
     rng = np.random.default_rng(seed)
-    rows = [rng.random(max(1, count - rng.integers(0, 3)), np.float32) - 0.2 for _ in range(length)]
+    rows = [
+        rng.random(max(1, count - rng.integers(0, 3)), np.float32) - 0.2 for _ in range(length)
+    ]
     rows[0] = rng.random(count, np.float32)
     for row in rows[1::2]:
         row[rng.random(len(row)) < unknown] = np.nan
