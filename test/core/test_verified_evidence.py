@@ -66,6 +66,14 @@ def test_a_rival_that_is_verified_nearly_as_well_makes_a_place_ambiguous(rival, 
     assert evidence.is_rivalled(5) == is_rivalled
 
 
+@pytest.mark.parametrize(('rival', 'denied'), [(40.0, False), (90.0, True), (120.0, True)])
+def test_a_place_that_is_verified_no_better_than_by_chance_is_denied(rival, denied):
+    evidence = VerifiedEvidence()
+    evidence.update(strengths(_5=100.0, _60=rival), 10)
+    assert evidence.denies(5) == evidence.denies(6) == denied
+    assert not evidence.denies(30)  # nobody has looked there
+
+
 def test_one_frame_that_is_verified_far_better_is_evidence_alone():
     # 30 deviations by scores and (400 - 36) / 6 by geometry.
     (place, evidence) = driven((7, 30.0, 400.0, 36.0)).alone(0)

@@ -104,7 +104,11 @@ class Acceptance:
         return seen
 
     def _along(self, reference: int) -> float | None:
-        return self._track.evidence(self._frame, reference, self._velocity)
+        """Return the evidence along a track; none at another velocity that geometry denies."""
+        evidence = self._track.evidence(self._frame, reference, self._velocity)
+        if evidence is not None and self._velocity != 1.0 and self._verified.denies(reference):
+            return min(evidence, 0.0)
+        return evidence
 
     def newest_score(self, reference: int) -> float:
         """Return the pair score of the newest frame with a likely place."""

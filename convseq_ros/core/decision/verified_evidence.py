@@ -96,6 +96,11 @@ class VerifiedEvidence:
         lead = self.lead(reference)
         return 0.0 if lead is None else max(0.0, VERIFIED.scatters * lead - VERIFIED.chance)
 
+    def denies(self, reference: int) -> bool:
+        """Return whether a place is verified no better than a rival may be by chance."""
+        near = [one for one in self.found if abs(one - reference) <= VERIFIED.same_scene]
+        return bool(near) and not any(self.beside_scores(one) > 0 for one in near)
+
     def see(self, frame: int, reference: int, deviations: float) -> None:
         """Take in the newest frame's likeliest place, and by how much its score stands out."""
         lead = self.lead(reference) or 0.0
