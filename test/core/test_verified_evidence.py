@@ -119,3 +119,9 @@ def test_strengths_are_averaged_over_the_newest_three_frames_of_a_way():
     evidence = driven(*frames)
     assert evidence.recent_strength(3, 10) == pytest.approx(200)
     assert evidence.recent_strength(3, 10 + FAR) == pytest.approx(30)
+
+
+def test_a_place_next_to_one_that_was_verified_counts_as_verified():
+    # The end of a sequence may lie two references from what was looked at.
+    evidence = driven((7, 5.0, 90.0, 30.0))
+    assert evidence.recent_strength(0, 9) == 90 and evidence.recent_strength(0, 10) is None

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import math
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.geometry.verification import Verification
 
 Verify = Callable[[Sequence[int]], Mapping[int, Verification]]  # the newest frame and references
@@ -77,7 +78,7 @@ class VerifiedEvidence:
 
     def is_rivalled(self, reference: int) -> bool:
         """Return whether a place elsewhere is verified nearly as well."""
-        own, rival = self.strength(reference, VERIFIED.same_scene), self.rival_strength(reference)
+        own, rival = self.strength(reference, TRACK.same_track), self.rival_strength(reference)
         return own is not None and rival is not None and rival >= VERIFIED.as_good * own
 
     def lead(self, reference: int) -> float | None:
@@ -98,7 +99,7 @@ class VerifiedEvidence:
 
     def denies(self, reference: int) -> bool:
         """Return whether a place is verified no better than a rival may be by chance."""
-        near = [one for one in self.found if abs(one - reference) <= VERIFIED.same_scene]
+        near = [one for one in self.found if abs(one - reference) <= TRACK.same_track]
         return bool(near) and not any(self.beside_scores(one) > 0 for one in near)
 
     def see(self, frame: int, reference: int, deviations: float) -> None:
@@ -128,8 +129,8 @@ class VerifiedEvidence:
     def recent_strength(self, frame: int, reference: int) -> float | None:
         """Return how strongly a place is verified by the newest frames, on average, if it is."""
         on_way = self._on_way(frame)
-        if 0 not in on_way or abs(on_way[0].reference - reference) > VERIFIED.same_scene:
-            return self.strength(reference, VERIFIED.same_scene)
+        if 0 not in on_way or abs(on_way[0].reference - reference) > TRACK.same_track:
+            return self.strength(reference, TRACK.same_track)
         recent = [one.strength for past, one in on_way.items() if past < VERIFIED.recent]
         return sum(recent) / len(recent)
 
