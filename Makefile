@@ -3,6 +3,9 @@
 # make demo-slam          loop closures into a pose graph, and what false ones cost
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make board              measure a robot's board in some minutes, write board.json to send
+# make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
+# make torture [HOURS=24] [ATTACKS='signals ...']   attack it, write docs/RELIABILITY.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3
@@ -28,7 +31,7 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-slam results bench test lint types contract test-newest test-noble clean
+.PHONY: demo demo-slam results bench board torture test lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -43,18 +46,29 @@ results: .venv/bench.stamp
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
 
+board: .venv/board.stamp
+	.venv/bin/python -m bench encoding pairs frames --sizes 1000 --json board.json
+	@echo 'Thank you: please attach board.json to an issue.'
+
+torture: .venv/test.stamp
+	.venv/bin/python -m bench.torture $(ATTACKS) $(if $(HOURS),--hours $(HOURS)) --docs docs
+
 test: lint types contract test-newest test-noble
 	@echo 'passed: $^'
 
 lint: .venv/test.stamp
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
+	.venv/bin/bandit --quiet --configfile pyproject.toml --recursive convseq_ros
 
 types: .venv/test.stamp
 	.venv/bin/mypy convseq_ros
 
 contract: .venv/test.stamp
 	.venv/bin/lint-imports --no-logo
+
+test-aarch64: .venv/board.stamp
+	.ci/test_aarch64 .venv/bin/python
 
 test-newest: .venv/test.stamp
 	.venv/$(PYTEST)
@@ -82,6 +96,11 @@ test-noble: .venv-noble/test.stamp
 	$(CLEAN_BUILD)
 	.venv/$(INSTALL) '.[ros,evaluation]'
 	touch $@ .venv/demo.stamp
+
+.venv/board.stamp: $(SOURCES) | .venv/bin/python
+	$(CLEAN_BUILD)
+	.venv/$(INSTALL) '.[evaluation]'
+	touch $@
 
 .venv/test.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)

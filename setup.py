@@ -12,19 +12,18 @@ NAME = 'convseq_ros'
 CORE = Path(NAME, 'core')
 VERSION = re.search(r"__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1]
 
+# The same sums on all processors: products are fused with sums only where the source says so.
+COMPILE = (
+    '-std=gnu11 -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -fvisibility=hidden '
+    '-Wall -Wextra -Wno-psabi'
+)
 # A compiler that is missing or fails is no error: NumPy computes what C would have. Python loads
 # the library by ctypes, so that it needs no headers of Python's and serves all versions of it.
 NATIVE = Extension(
     f'{NAME}.core._native',
     sorted(map(str, CORE.glob('native/*.c'))),
-    depends=sorted(
-        map(str, [*CORE.glob('native/*.h'), *CORE.rglob('kernels*/*.c'), *CORE.rglob('kernels.c')])
-    ),
-    # The same sums on all processors: products are fused with sums only where the source says so.
-    extra_compile_args=[
-        *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
-        *('-fvisibility=hidden', '-Wall', '-Wextra', '-Wno-psabi'),
-    ],
+    depends=sorted(map(str, [*CORE.glob('native/*.h'), *CORE.glob('*/**/*.c')])),
+    extra_compile_args=COMPILE.split(),
     extra_link_args=['-lm'],
     py_limited_api=True,
     optional=True,
@@ -90,6 +89,7 @@ setup(
             'scikit-learn',
         ],
         'dev': [
+            'bandit>=1.7',
             'catkin_pkg',
             'colcon-common-extensions',
             'import-linter>=2.1',
@@ -99,6 +99,9 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'convseq = {NAME}.cli:main', f'vpr_node = {NAME}.node.vpr_node:main']
+        'console_scripts': [
+            f'convseq = {NAME}.cli.__main__:main',
+            f'vpr_node = {NAME}.node.__main__:main',
+        ]
     },
 )

@@ -3,10 +3,12 @@
 """docs/PERFORMANCE.md, from what was measured and nothing else."""
 
 from collections.abc import Iterable, Mapping, Sequence
+import json
 from pathlib import Path
 import textwrap
 from typing import Any
 
+from bench.arm import section
 from bench.plot import draw_cost
 from bench.table import cells, COLUMNS, number, Row
 
@@ -110,7 +112,8 @@ _ADVICE = """\
 * Coarse scores take one short product for every place. Above about a million places that alone
   would fill a frame's time, and an index is needed: `CoarseScores` in
   `convseq_ros/core/sequence/coarse_scores.py` is the only place that would know of it.
-* Measured on one machine. Its instructions are named above; ARM has not been measured.
+* Measured on one machine. Its instructions are named above; ARM is computed, not measured, and a
+  processor older than AVX2 has no compiled kernels.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.
 """
 
@@ -140,6 +143,9 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
             int8=_errors(rows, 'int8'), float32=_errors(rows, 'float32'), half=_rounding(rows)
         )
     )
+    computed = docs / 'performance_arm.json'
+    if computed.exists():
+        parts.append(section(json.loads(computed.read_text(encoding='utf-8'))))
     parts.append(_ADVICE)
     text = '\n'.join(parts)
     (docs / 'PERFORMANCE.md').write_text(text, encoding='utf-8')

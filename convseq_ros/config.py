@@ -31,6 +31,10 @@ class EncodingConfig(Checked):
         0.5, 'A region of an image is salient, and compared, if its mean entropy is at least this '
         'share of 8 bits; ET in the paper.', low=0.0, high=1.0,
     )
+    resize: str = parameter(
+        'exact', 'How images are resized: exact is the same on every processor, linear as in maps '
+        'that were made before; a map keeps its own.', choices=('exact', 'linear'),
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -63,8 +67,9 @@ class MatchingConfig(Checked):
         unit='places', low=3, high=1000,
     )
     velocity_search: bool = parameter(
-        True, 'Coherent matching also finds drives at half to twice the velocity of the map, and '
-        'makes up for dropped frames, which gaps between stamps tell.',
+        True, 'Coherent matching also finds drives whose frames lie up to 12 times denser or 6 '
+        'times sparser than the places of the map, and makes up for dropped frames, which gaps '
+        'between stamps tell.',
     )
     kernel: str = parameter(
         'auto', 'Implementation of pair scores: int8 and float32 are compiled C, numpy is not; '
@@ -221,6 +226,17 @@ class KeyframeConfig(Checked):
         }
 
 
+@dataclass(frozen=True, slots=True)
+class ReadingConfig(Checked):
+    """What is too large to be decoded, whoever sent it."""
+
+    max_image_mpx: float = parameter(
+        64.0, 'An image that declares more pixels than this is unreadable: it is not decoded, '
+        'and takes no memory. Decoding takes 4 to 10 bytes a pixel.',
+        unit='Mpx', low=0.01, high=1000.0,
+    )
+
+
 # fmt: on
 EVERY_FRAME = KeyframeConfig(keyframe_overlap=1.0)
 
@@ -236,6 +252,7 @@ class Config:
     motion: MotionConfig = MotionConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    reading: ReadingConfig = ReadingConfig()
 
 
 def _groups(kind: type) -> dict[str, type]:

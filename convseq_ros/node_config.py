@@ -35,6 +35,11 @@ class NodeConfig(Checked):
         30, 'Most frames that wait for their turn; beyond that the oldest is dropped and counted.',
         unit='frames', low=1, high=10000,
     )
+    queue_mb: float = parameter(
+        256.0, 'Most memory of the frames that wait; beyond it, too, the oldest is dropped and '
+        'counted. The middleware keeps as much again.',
+        unit='MB', low=1.0, high=100000.0,
+    )
     max_wait_s: float = parameter(
         1.0, 'A frame that has waited longer than this is dropped and counted, so that a camera '
         'too fast for the CPU costs frames, not time; 0 drops none.',

@@ -1,14 +1,25 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The result table: one row for every frame read, in order, for the node and the commands."""
+"""
+The result table: one row for every frame read, in order, for the node and the commands.
 
-from contextlib import suppress
+And other files of results, which are complete or absent.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 import csv
+from errno import EBUSY
+import fcntl
+from itertools import count
 import os
 from pathlib import Path
-from typing import Self
+import tempfile
+from typing import IO, Self
 
 from convseq_ros.core.types import Match
+from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
 
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
@@ -16,6 +27,7 @@ COLUMNS = (
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
     'relative_yaw_rad', 'inliers',
 )  # fmt: skip
+_HEADER = ','.join(COLUMNS) + '\n'
 
 
 def row(match: Match, duration_ms: float) -> dict[str, object]:
@@ -55,35 +67,73 @@ class ResultWriter:
     Writes a result table row by row; use it as a context manager.
 
     Rows stream to `<path>.part`, which takes its name when the work is done: a table under its own
-    name is complete, and after an error or a crash the rows so far are in the part file.
+    name is complete, and after an error or a crash the rows so far are in the part file. The next
+    writer renames it to `<path>.1.part`, or the next number that is free.
 
     Parameters
     ----------
     path : Path
         The table; an existing one is replaced at the end.
 
+    Attributes
+    ----------
+    kept : Path or None
+        Where the rows of a run are that did not end.
+
+    Raises
+    ------
+    OSError
+        If the part file cannot be written, or another program writes it.
+
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path, self.kept = path, None
         self._part = path.with_name(path.name + '.part')
-        self._file = self._part.open('w', newline='', encoding='utf-8', buffering=1)
+        self._file = self._opened('a')
+        with self._part.open(encoding='utf-8', errors='replace') as left:
+            has_rows = not _HEADER.startswith(left.read(len(_HEADER) + 1))
+        if has_rows:
+            self.kept = _free_name(path)
+            os.rename(self._part, self.kept)
+            self._file.close()
+            self._file = self._opened('x')
+        self._file.truncate(0)
         self._table = csv.DictWriter(self._file, COLUMNS, lineterminator='\n')
-        self._table.writeheader()
+        self._file.write(_HEADER)
+
+    def _opened(self, mode: str) -> IO[str]:
+        """Return the part file, locked for as long as it is open, which no crash outlives."""
+        file = self._part.open(mode, newline='', encoding='utf-8', buffering=1)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise OSError(EBUSY, 'another program writes it', str(self._part)) from None
+        return file
 
     def write(self, match: Match, duration_ms: float) -> None:
         """Append a row; OSError, naming the part file, if the disk is full."""
-        try:
+        with self._named():
             self._table.writerow(row(match, duration_ms))
+
+    def close(self) -> None:
+        """Give the table its name; OSError, naming the part file, if the disk is full."""
+        if not self._file.closed:
+            try:
+                with self._named():
+                    self._file.flush()
+                    os.replace(self._part, self._path)
+            finally:
+                self.abandon()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             error.filename = str(self._part)
             raise
-
-    def close(self) -> None:
-        """Give the table its name."""
-        if not self._file.closed:
-            self._file.close()
-            os.replace(self._part, self._path)
 
     def abandon(self) -> None:
         """Leave the rows so far in the part file."""
@@ -100,7 +150,24 @@ class ResultWriter:
             self.abandon()
 
 
+@contextmanager
+def complete_or_absent(path: Path) -> Iterator[Path]:
+    """Give a name that nobody has, under which a file is written; it takes its own at the end."""
+    with tempfile.TemporaryDirectory('.part', f'{path.name}.', path.parent) as own:
+        yield (part := Path(own, path.name))
+        os.replace(part, path)
+
+
+def _free_name(path: Path) -> Path:
+    names = (path.with_name(f'{path.name}.{number}.part') for number in count(1))
+    return next(name for name in names if not name.exists())
+
+
 def read_results(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a result table; empty fields are empty strings."""
-    with path.open(newline='', encoding='utf-8') as file:
-        return list(csv.DictReader(file))
+    """Return the rows of a table, empty fields as empty texts; SourceError if it is none."""
+    refuse_irregular(path)
+    try:
+        with path.open(newline='', encoding='utf-8') as file:
+            return list(csv.DictReader(file))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise SourceError(f'{path}: not a result table ({error}); write it again') from None

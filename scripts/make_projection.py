@@ -10,6 +10,7 @@ loop-closure sequence (introlab/rtabmap, BSD-3-Clause). See projection.md beside
 from pathlib import Path
 import sys
 
+from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding import regions as regions_module
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import joined_regions
@@ -18,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 NUMBERS = 32
+LINEAR = EncodingConfig(resize='linear')  # as the stored projection was fitted
 REGULARISATION = 0.02
 
 
@@ -26,7 +28,7 @@ def fit(folder: Path) -> npt.NDArray[np.float32]:
     frames = [frame.gray for frame in open_source(folder)][::2]
     regions = np.concatenate(
         [
-            joined_regions(describe(gray).cells).astype(np.float64)
+            joined_regions(describe(gray, LINEAR).cells).astype(np.float64)
             for gray in frames
             if gray is not None
         ]

@@ -26,7 +26,7 @@ MOST_LINES = 300
 MOST_LINES_OF_CORE = 220
 MOST_LINES_OF_THE_ALGORITHM = 150
 OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml', 'zstandard')
-STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py')
+STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py')
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.
 IMPORT_WITHOUT = """
@@ -45,6 +45,8 @@ sys.meta_path.insert(0, Absent())
 import convseq_ros
 
 for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
+    if module.name.endswith('._native'):
+        continue  # a library for ctypes, not a module
     if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
         importlib.import_module(module.name)
         print(module.name)

@@ -3,7 +3,8 @@
 """The result table."""
 
 from convseq_ros.core.types import Candidate, Match, Reason, Status
-from convseq_ros.results import COLUMNS, read_results, ResultWriter
+from convseq_ros.errors import SourceError
+from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
 import pytest
 
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
@@ -68,3 +69,73 @@ def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_pa
         raise RuntimeError
     assert path.read_text() == 'older results'
     assert len(read_results(tmp_path / 'result.csv.part')) == 1
+
+
+@pytest.mark.parametrize('content', [b'query_index\n\xff\n', b'query_index\n' + b'1' * 200_000])
+def test_a_table_that_is_none_is_one_error(tmp_path, content):
+    (tmp_path / 'result.csv').write_bytes(content)
+    with pytest.raises(SourceError, match=r'result.csv: not a result table'):
+        read_results(tmp_path / 'result.csv')
+
+
+def test_rows_of_a_run_that_crashed_are_kept_whenever_it_starts_again(tmp_path):
+    path = tmp_path / 'result.csv'
+    for run in range(3):
+        table = ResultWriter(path)
+        assert table.kept == (tmp_path / f'result.csv.{run}.part' if run else None)
+        for _ in range(run + 1):
+            table.write(ACCEPTED, 1.0)
+        table.abandon()
+    with ResultWriter(path):
+        pass
+    kept = [tmp_path / f'result.csv.{number}.part' for number in (1, 2, 3)]
+    assert [len(read_results(one)) for one in kept] == [1, 2, 3]
+    assert sorted(tmp_path.iterdir()) == [path, *kept]
+
+
+def test_a_run_that_crashed_before_its_first_row_leaves_nothing(tmp_path):
+    for _ in range(3):
+        ResultWriter(tmp_path / 'result.csv').abandon()
+    assert [one.name for one in tmp_path.iterdir()] == ['result.csv.part']
+
+
+@pytest.mark.parametrize('text', ['of the user', '\0' * 1000, 'caf\xe9'])
+def test_a_file_of_the_user_is_kept(tmp_path, text):
+    (tmp_path / 'result.csv.part').write_text(text, encoding='latin-1')
+    with ResultWriter(tmp_path / 'result.csv') as table:
+        assert table.kept.read_text(encoding='latin-1') == text
+
+
+def test_two_programs_do_not_write_the_same_table(tmp_path):
+    path = tmp_path / 'result.csv'
+    with ResultWriter(path) as table:
+        table.write(ACCEPTED, 1.0)
+        with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
+            ResultWriter(path)
+    assert len(read_results(path)) == 1
+
+
+def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):
+    table = ResultWriter(tmp_path / 'result.csv')
+    table.write(ACCEPTED, 1.0)
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('convseq_ros.results.os.replace', full)
+    with pytest.raises(OSError, match=r'No space left.*result.csv.part'):
+        table.close()
+    assert len(read_results(tmp_path / 'result.csv.part')) == 1
+
+
+def test_another_file_of_results_is_complete_or_absent_and_touches_no_other(tmp_path):
+    path, part = tmp_path / 'page.html', tmp_path / 'page.html.part'
+    part.write_text('of the user')
+    with pytest.raises(RuntimeError), complete_or_absent(path) as own:
+        own.write_text('half')
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == [part]
+    with complete_or_absent(path) as own:
+        own.write_text('whole')
+    assert (path.read_text(), part.read_text()) == ('whole', 'of the user')
+    assert path.stat().st_mode == part.stat().st_mode and len(list(tmp_path.iterdir())) == 2

@@ -5,6 +5,7 @@
 from pathlib import Path
 
 from convseq_ros.errors import SourceError
+from convseq_ros.files import read_array
 import numpy as np
 import numpy.typing as npt
 
@@ -66,11 +67,8 @@ def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
 
 def _read(path: Path) -> npt.NDArray[np.float32]:
     try:
-        stored = np.load(path, allow_pickle=False)
-        numbers = np.asarray(stored, np.float32)
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror or error}; check the path') from None
-    except (TypeError, ValueError, EOFError):
+        numbers = np.asarray(read_array(path), np.float32)
+    except (TypeError, ValueError):
         raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
     if not np.isfinite(numbers).all():
         where = ', '.join(map(str, np.argwhere(~np.isfinite(numbers))[0]))

@@ -11,6 +11,7 @@ import sys
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_renamed
+from convseq_ros.process import hand_over, interrupt
 
 # Read when NumPy is imported, which a command does. On a busy machine two BLAS threads wait for
 # each other in a loop, and a pair of images takes ten times as long.
@@ -21,6 +22,7 @@ COMMANDS = {
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'play': 'publish a recording to live topics, with /clock',
     'info': 'say what a map holds',
+    'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'turn results into one page: tables, charts, pairs of images',
@@ -41,6 +43,7 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('arguments', nargs=argparse.REMAINDER)
     chosen = parser.parse_args(args)
     command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
+    hand_over(interrupt)
     own = argparse.ArgumentParser(
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )

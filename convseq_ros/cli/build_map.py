@@ -11,7 +11,14 @@ import time
 
 from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.config import (
+    Config,
+    EncodingConfig,
+    KeyframeConfig,
+    make_config,
+    MotionConfig,
+    ReadingConfig,
+)
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
@@ -43,7 +50,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
     add_parameters(parser, 'motion', parameters(MotionConfig))
-    add_parameters(parser, 'encoding', [_image_size()])
+    add_parameters(parser, 'images', [_image_size(), *parameters(ReadingConfig)])
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -93,7 +100,7 @@ def build(
         If the map cannot be written.
 
     """
-    source = open_annotated(recording, topic, odom, camera_info, poses)
+    source = open_annotated(recording, topic, odom, camera_info, poses, config.reading)
     started = time.monotonic()
     builder = MapBuilder(path, config, append)
     frames = unreadable = with_pose = 0
@@ -126,8 +133,9 @@ def build(
 
 
 def _asked() -> list[Parameter]:
-    """Return the parameters that decide what becomes a place, and how it is stored."""
-    return [*parameters(KeyframeConfig), *parameters(MotionConfig), _image_size()]
+    """Return the parameters that decide what is read and becomes a place, and how it is stored."""
+    groups = KeyframeConfig, MotionConfig, ReadingConfig
+    return [*(item for group in groups for item in parameters(group)), _image_size()]
 
 
 def _image_size() -> Parameter:

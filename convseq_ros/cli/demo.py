@@ -87,7 +87,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query)
-    source = open_annotated(drives.query, '', *beside)
+    source = open_annotated(drives.query, '', *beside, reading=config.reading)
     recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
     offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
     for match, duration_ms in replay(source, recognizer):

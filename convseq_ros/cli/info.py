@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 from convseq_ros.core.map.format import FORMAT_VERSION
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 
 
@@ -22,13 +22,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print what the map holds."""
-    reference_map = open_map(chosen.map)
+    reader = MapReader(chosen.map)
     facts = {
         'map': str(chosen.map),
         'format': FORMAT_VERSION,
         'bytes': chosen.map.stat().st_size,
-        **MapReader(chosen.map).about(),
-        **describe_places(reference_map),
+        **reader.about(),
+        **describe_places(reader.reference_map()),
     }
     if chosen.json:
         print(json.dumps(facts))
@@ -58,6 +58,5 @@ def _readable(name: str, fact: object) -> str:
         return f'{fact}  ({time:%Y-%m-%d %H:%M:%S} UTC)'
     if isinstance(fact, float):
         return f'{fact:.1f}'
-    if isinstance(fact, list):
-        return ', '.join(fact)
-    return str(fact)
+    text = ', '.join(fact) if isinstance(fact, list) else str(fact)
+    return ''.join(one if one.isprintable() else '?' for one in text)

@@ -9,6 +9,7 @@ from typing import Any
 
 from convseq_ros.config import Config, core_parameters, make_config
 from convseq_ros.errors import ConfigError
+from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
 
@@ -86,14 +87,7 @@ def chosen_config(
 
 def read_parameter_file(path: Path) -> dict[str, Any]:
     """Return the matching parameters of a ROS parameter file; the node's own are left out."""
-    try:
-        import yaml
-    except ImportError:
-        raise ConfigError('parameter files need PyYAML: pip install pyyaml') from None
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f'{path}: not a readable YAML file ({_one_line(error)})') from None
+    content = read_yaml(path)
     values = {name: value for part in _node_parts(content, path) for name, value in part.items()}
     core = [item.name for item in core_parameters()]
     node = [item.name for item in parameters(NodeConfig)]
@@ -101,15 +95,13 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name in core}
 
 
-def _node_parts(content: object, path: Path) -> list[dict[str, Any]]:
-    nodes = content.values() if isinstance(content, dict) else [content]
-    parts = [node.get('ros__parameters') if isinstance(node, dict) else None for node in nodes]
+def _node_parts(content: Mapping[str, Any], path: Path) -> list[dict[str, Any]]:
+    parts = [
+        node.get('ros__parameters') if isinstance(node, dict) else None
+        for node in content.values()
+    ]
     if not all(isinstance(part, dict) for part in parts):
         raise ConfigError(
             f'{path}: not a ROS parameter file; `convseq config` prints one to start from'
         )
     return [part for part in parts if isinstance(part, dict)]
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())

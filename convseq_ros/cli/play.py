@@ -5,10 +5,12 @@
 from collections.abc import Sequence
 import importlib.util
 import os
+import signal
 import sys
 
 from convseq_ros.cli.processes import for_large_images
 from convseq_ros.errors import ConvseqError
+from convseq_ros.process import SIGNALS
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -28,4 +30,6 @@ def main(arguments: Sequence[str]) -> int:
         )
     player = [sys.executable, '-m', 'convseq_ros.node.player', *arguments]
     sys.stdout.flush()
+    # Until the player stands by, signals wait: a new Python dies of them, and says so at length.
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     os.execve(sys.executable, player, {**os.environ, **for_large_images()})

@@ -48,7 +48,12 @@ def run(chosen: argparse.Namespace) -> int:
         print(f'warning: {line}', file=sys.stderr)
     try:
         source = open_annotated(
-            chosen.recording, chosen.topic, chosen.odom, chosen.camera_info, chosen.poses
+            chosen.recording,
+            chosen.topic,
+            chosen.odom,
+            chosen.camera_info,
+            chosen.poses,
+            session.recognizer.config.reading,
         )
         if session.keyframes_m and not (chosen.odom or chosen.poses):
             print(
@@ -58,6 +63,8 @@ def run(chosen: argparse.Namespace) -> int:
             )
         session.warm_up()
         with ResultWriter(chosen.output) as table:
+            if table.kept:
+                print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
             for match, duration_ms in replay(source, session.recognizer):
                 table.write(match, duration_ms)
                 matches.append(match)

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 4  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 5  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
-VARIANTS = ('avx512', 'avxvnni', 'avx2', 'sse4', 'dotprod', 'neon')
+VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
 _OVERRIDE = 'CONVSEQ_KERNELS'  # environment: the kind of kernels to use, or numpy
 _REBUILD = 'install a C compiler (apt install gcc) and build convseq_ros again'
@@ -56,7 +56,7 @@ def library() -> Library:
         known = ', '.join([*there, 'numpy'])
         return Library(problem=f'{_OVERRIDE} is {asked}; this processor has {known}')
     if not there:
-        return Library(problem='this processor lacks SSE4.1; use another')
+        return Library(problem='this processor has neither AVX2 nor NEON')
     return Library(asked or there[0], '', functions)
 
 

@@ -10,10 +10,9 @@ from typing import Self
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.frame_gate import FrameGate
-from convseq_ros.core.map.online import Autosave, NoAutosave, OnlineMap
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import refuse_start
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Frame
 
@@ -25,21 +24,22 @@ class MapBuilder:
     Places are those that online mode makes of the same frames. What was added is safe after half a
     second, and at the end, also when the work was interrupted. A new file is made unless `append`;
     no path makes a map in memory. MapError if a new file exists already, an existing one is
-    missing, damaged or made with other settings, or the disk is full.
+    missing, damaged, made with other settings or added to by another, or the disk is full.
     """
 
     def __init__(
         self, path: Path | None = None, config: Config = Config(), append: bool = False
     ) -> None:
+        settings = config.encoding, config.keyframes
+        self._autosave = NoAutosave()
         if path:
-            refuse_start(path, append)
-        self.reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
-        if path and append:
-            self.reference_map = open_map(path, config.encoding, config.keyframes)
-        self._config, self._new_path = config, None if append else path
+            self._autosave = autosave = Autosave(path, *settings, append, keeps_empty=False)
+            self.reference_map = autosave.reference_map
+        else:
+            self.reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
+        self._config = config
         self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
         self._mapping = OnlineMap(self.reference_map, config)
-        self._autosave = Autosave(path, self.reference_map) if path else NoAutosave()
 
     @property
     def added(self) -> int:
@@ -50,7 +50,7 @@ class MapBuilder:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
         if (gray := frame.gray) is None:
             return False
-        encode = partial(describe, gray, self._config.encoding)
+        encode = partial(describe, gray, self.reference_map.encoding)
         verdict = self._gate.update(frame.stamp_ns, frame.pose, encode)
         if verdict.reason is None:
             self._mapping.add(frame, verdict.descriptor)
@@ -62,8 +62,6 @@ class MapBuilder:
 
     def __exit__(self, *_: object) -> None:
         self._autosave.close()
-        if self._new_path and not self.added:
-            self._new_path.unlink()
 
 
 def build_map(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
+from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
@@ -42,6 +43,7 @@ class PlaceRecognizer:
         matcher: Matcher | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
+        self._encoding = replace(config.encoding, resize=reference_map.encoding.resize)
         self._blank = blank_descriptor(config.encoding)
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
@@ -84,7 +86,7 @@ class PlaceRecognizer:
         def encode() -> Descriptor:
             # III-B, III-C: entropy of the image, histograms of gradients in its cells.
             if descriptor is None and frame.gray is not None:
-                return describe(frame.gray, self.config.encoding)
+                return describe(frame.gray, self._encoding)
             return descriptor or self._blank
 
         verdict = self.gate.update(frame.stamp_ns, frame.pose, encode)

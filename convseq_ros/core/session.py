@@ -3,13 +3,12 @@
 """A recogniser with the file of its map, which grows with it in online mode."""
 
 from pathlib import Path
-import time
 
 from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.online import Autosave, NoAutosave
+from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -21,24 +20,29 @@ class Session:
     Opens a map and recognises its places; in online mode, also persists what is added to it.
 
     In preloaded mode the file must exist and is never written; in online mode it is made if there
-    is none. Without a path the map is in memory: empty, and lost at the end. MapError if the map
-    cannot be opened or, in online mode, not be written.
+    is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
+    end. MapError if the map cannot be opened or, in online mode, not be written, or another
+    program adds to it.
     """
 
-    def __init__(self, path: Path | None, config: Config) -> None:
+    def __init__(self, path: Path | None, config: Config, make: bool = True) -> None:
         self.path = path
         self.is_growing = config.online.mode == 'online'
-        if path is None or (self.is_growing and not path.exists()):
-            reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
-        else:
-            added = config.keyframes if self.is_growing else None
-            reference_map = open_map(path, config.encoding, added)
-        self.committed_s: float | None = None  # monotonic time at which the file grew last
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
         self._autosave = NoAutosave()
-        if path is not None and self.is_growing:
-            self._autosave = Autosave(path, reference_map)
-        self.recognizer = PlaceRecognizer(reference_map, config)
+        if path is None:
+            reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
+        elif self.is_growing:
+            append = None if make else True
+            autosave = Autosave(path, config.encoding, config.keyframes, append)
+            self._autosave, reference_map = autosave, autosave.reference_map
+        else:
+            reference_map = open_map(path, config.encoding)
+        try:
+            self.recognizer = PlaceRecognizer(reference_map, config)
+        except BaseException:
+            self.close()
+            raise
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
         # Why that is slow, with the remedy, if nobody asked for it.
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
@@ -73,16 +77,28 @@ class Session:
         global_descriptor(describe(drawn, self.recognizer.config.encoding).cells)
         self.recognizer.matcher.warm_up()
 
+    @property
+    def committed_s(self) -> float | None:
+        """Monotonic time at which the file grew last."""
+        return self._autosave.committed_s
+
+    @property
+    def is_failing(self) -> bool:
+        """Whether what was added last could not be written."""
+        return self._autosave.is_failing
+
     def save(self) -> None:
         """
-        Write to the file what was added to the map; call it after every frame.
+        Have what was added to the map written to the file; call it after every frame.
 
-        MapError, once, if it cannot be written: the map goes on in memory, later calls try again.
+        MapError, once, if it could not be written: the map goes on in memory, and it is tried
+        again.
         """
-        before = self._autosave.committed
         self._autosave.save()
-        if self._autosave.committed > before:
-            self.committed_s = time.monotonic()
+
+    def flush(self) -> None:
+        """Make all that was added safe before it returns; MapError if it cannot be written."""
+        self._autosave.flush()
 
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""

@@ -170,7 +170,7 @@ def _on_set(
             return results
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
-    material = open_material(data_set, cache, config.encoding)
+    material = open_material(data_set, cache, config.encoding, config.reading)
     base = output / data_set.name
     write_truth(base, material.truth)
     write_thumbnails(base / 'thumbnails' / 'query', material.query)

@@ -8,10 +8,10 @@ import hashlib
 import json
 import os
 from pathlib import Path
-import tempfile
 from typing import Any
 import zipfile
 
+from convseq_ros.results import complete_or_absent
 import numpy as np
 import numpy.typing as npt
 
@@ -85,13 +85,8 @@ class Cache:
         if path is None:
             return
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.part', delete=False) as file:
-            try:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
-                os.replace(file.name, path)
-            except BaseException:
-                os.unlink(file.name)
-                raise
+        with complete_or_absent(path) as part:
+            np.savez(part, **arrays)  # type: ignore[arg-type]
 
     def _path(self, kind: str, facts: Any) -> Path | None:
         name = f'{digest([facts, program_digest()])}.npz'

@@ -11,8 +11,10 @@ from typing import Any
 
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.simulated import read_simulated, SimulatedDrive
+from convseq_ros.files import read_yaml
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
+_MOST = 2**31 - 1  # of any number: frames or metres
 TRUTH_KINDS = ('identity', 'table', 'npy', 'poses', 'none')
 
 
@@ -212,21 +214,6 @@ def read_data_set(path: Path, base: Path) -> DataSet:
     return data_set
 
 
-def read_yaml(path: Path) -> Mapping[str, Any]:
-    """Return the mapping in a YAML file; ConfigError if there is none."""
-    try:
-        import yaml
-    except ImportError:
-        raise ConfigError(f'{path}: needs PyYAML; pip install pyyaml') from None
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}; check the path') from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f'{path}: not YAML ({" ".join(str(error).split())})') from None
-    return _mapping(content, path, 'the file')
-
-
 def refuse_unknown(names: Iterable[str], known: Iterable[str], path: Path) -> None:
     """Raise a ConfigError that names the first unknown key and the nearest known one."""
     known = list(known)
@@ -284,6 +271,6 @@ def _mapping(content: Any, path: Path, what: str) -> Mapping[str, Any]:
 
 def _number(value: Any, kind: Any, path: Path, name: str) -> Any:
     fitting = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fitting or value < 0 or kind(value) != value:
+    if not fitting or not 0 <= value <= _MOST or kind(value) != value:
         raise ConfigError(f'{path}: {name}: {value!r} is not a number of the right kind')
     return kind(value)

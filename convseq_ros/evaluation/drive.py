@@ -9,7 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, ReadingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
@@ -38,6 +38,8 @@ class Images:
         Which frames, in which order; all of them if left out.
     restamp : bool
         Whether frames out of the common order take the stamps of an even pace.
+    reading : ReadingConfig
+        Which images are too large.
     change : callable, optional
         Alters a frame, given its index.
     changed_by : object
@@ -50,6 +52,7 @@ class Images:
     simulated: SimulatedDrive | None = None
     order: tuple[int, ...] | None = None
     restamp: bool = True
+    reading: ReadingConfig = ReadingConfig()
     change: Changed | None = field(default=None, compare=False)
     changed_by: Any = None
 
@@ -61,10 +64,10 @@ class Images:
             images = self.simulated.content if self.simulated else content_digest(self.path)
         except OSError as error:
             raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
-        return [images, self.topic, order, self.restamp, self.changed_by]
+        return [images, self.topic, order, self.restamp, asdict(self.reading), self.changed_by]
 
     def __iter__(self) -> Iterator[Frame]:
-        source = self.simulated or open_source(self.path, self.topic)
+        source = self.simulated or open_source(self.path, self.topic, self.reading)
         frames: Iterable[Frame] = source
         if self.order is not None:
             whole = list(source)

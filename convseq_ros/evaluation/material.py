@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, ReadingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, Part
@@ -61,7 +61,12 @@ class Material:
         return [self.query.content, self.reference.content]
 
 
-def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> Material:
+def open_material(
+    data_set: DataSet,
+    cache: Cache,
+    encoding: EncodingConfig,
+    reading: ReadingConfig = ReadingConfig(),
+) -> Material:
     """
     Read the images and the truth of a data set, and check one against the other.
 
@@ -71,10 +76,10 @@ def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> 
         If images are missing, counts disagree, or no query has a right reference.
 
     """
-    query = _images(data_set.query, data_set, cache, encoding)
+    query = _images(data_set.query, data_set, cache, encoding, reading)
     reference = query
     if data_set.reference is not None:
-        reference = _images(data_set.reference, data_set, cache, encoding)
+        reference = _images(data_set.reference, data_set, cache, encoding, reading)
     nothing = Truth(np.zeros((0, 0), np.bool_))
     material = Material(data_set, query, reference, nothing, cache)
     drives = material.drives(encoding)
@@ -95,13 +100,15 @@ def open_material(data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> 
     return replace(material, truth=truth, _drives={encoding: drives})
 
 
-def _images(part: Part, data_set: DataSet, cache: Cache, encoding: EncodingConfig) -> Images:
+def _images(
+    part: Part, data_set: DataSet, cache: Cache, encoding: EncodingConfig, reading: ReadingConfig
+) -> Images:
     if not part.path.exists():
         raise SourceError(
             f'{data_set.name}: {part.path} is missing; '
             f'{data_set.where or "correct the path in its file"}'
         )
-    images = Images(part.path, part.topic, part.simulated)
+    images = Images(part.path, part.topic, part.simulated, reading=reading)
     if part.backwards:
         return images.reversed(len(describe_drive(images, encoding, cache)))
     return images

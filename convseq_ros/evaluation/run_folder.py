@@ -10,8 +10,8 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
                                   reference, source, base
     DIR/<set>/truth.npz           `right`: bool (Q, R), query by reference
     DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
-                                  160 px wide, quality 75; missing where a frame was unreadable; no
-                                  reference folder for a drive against its own past
+                                  160 px wide; missing where a frame was unreadable; no reference
+                                  folder for a drive against its own past
     DIR/<set>/<method>/frames.csv the result table's columns and those of `EXTRA_COLUMNS`
     DIR/<set>/<method>/summary.json
     DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
@@ -27,7 +27,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,8 @@ from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from convseq_ros.results import COLUMNS, row
+from convseq_ros.files import read_array, refuse_irregular
+from convseq_ros.results import COLUMNS, complete_or_absent, row
 import numpy as np
 import numpy.typing as npt
 
@@ -70,24 +70,17 @@ class Run:
 
     def about_set(self) -> Mapping[str, Any]:
         """Return what set.json holds."""
-        about: Mapping[str, Any] = json.loads(
-            (self.folder.parent / 'set.json').read_text(encoding='utf-8')
-        )
-        return about
+        return _read_json(self.folder.parent / 'set.json')
 
     def scores(self) -> npt.NDArray[np.float32] | None:
         """Return the pair scores, query by reference, if the folder has them."""
         path = self.folder / 'scores.npy'
-        return np.load(path, allow_pickle=False) if path.exists() else None
+        return read_array(path) if path.exists() else None
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
         """Return which references are right, query by reference, with the whole map."""
         path = self._base() / 'truth.npz'
-        if not path.exists():
-            return None
-        with np.load(path, allow_pickle=False) as stored:
-            right: npt.NDArray[np.bool_] = stored['right']
-            return right
+        return read_array(path, 'right') if path.exists() else None
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
@@ -105,20 +98,17 @@ class Run:
 def write_text(path: Path, text: str) -> None:
     """Write a file in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + '.part')
-    part.write_text(text, encoding='utf-8')
-    os.replace(part, path)
+    with complete_or_absent(path) as part:
+        part.write_text(text, encoding='utf-8')
 
 
 def write_table(path: Path, columns: Iterable[str], rows: Iterable[Mapping[str, object]]) -> None:
     """Write a CSV table in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + '.part')
-    with part.open('w', newline='', encoding='utf-8') as file:
+    with complete_or_absent(path) as part, part.open('w', newline='', encoding='utf-8') as file:
         table = csv.DictWriter(file, list(columns), lineterminator='\n', extrasaction='ignore')
         table.writeheader()
         table.writerows(rows)
-    os.replace(part, path)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -129,10 +119,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 def write_truth(folder: Path, truth: Truth) -> None:
     """Write truth.npz into a set's folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    part = folder / 'truth.npz.part'
-    with part.open('wb') as file:
-        np.savez_compressed(file, right=truth.right)
-    os.replace(part, folder / 'truth.npz')
+    with complete_or_absent(folder / 'truth.npz') as part:
+        np.savez_compressed(part, right=truth.right)
 
 
 def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
@@ -161,10 +149,8 @@ def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
 
 def write_scores(path: Path, outcome: Outcome) -> None:
     """Write scores.npy."""
-    part = path.with_name(path.name + '.part')
-    with part.open('wb') as file:
-        np.save(file, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
-    os.replace(part, path)
+    with complete_or_absent(path) as part:
+        np.save(part, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
 
 
 def write_curve(path: Path, curve: Curve) -> None:
@@ -223,10 +209,11 @@ def read_run(folder: Path) -> list[Run]:
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
-            summary = json.loads(path.read_text(encoding='utf-8'))
+            summary = _read_json(path)
+            refuse_irregular(path.parent / 'frames.csv')
             with (path.parent / 'frames.csv').open(newline='', encoding='utf-8') as file:
                 frames = list(csv.DictReader(file))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, csv.Error) as error:
             raise SourceError(
                 f'{path.parent}: damaged results ({error}); evaluate again'
             ) from None
@@ -234,6 +221,18 @@ def read_run(folder: Path) -> list[Run]:
     if not runs:
         raise SourceError(f'{folder}: no results of `convseq evaluate` in this folder')
     return runs
+
+
+def _read_json(path: Path) -> Mapping[str, Any]:
+    """Return the object in a file; ValueError if there is none."""
+    refuse_irregular(path)
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+    except RecursionError:
+        raise ValueError(f'{path.name} is nested too deeply') from None
+    if not isinstance(content, Mapping):
+        raise ValueError(f'{path.name} holds no object')
+    return content
 
 
 def _margin_text(match: Match) -> str:

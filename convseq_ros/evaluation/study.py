@@ -12,13 +12,7 @@ from convseq_ros.config import Config, core_parameters, flatten
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.changes import check_change, pace, PACES, picture_change
-from convseq_ros.evaluation.data_set import (
-    DataSet,
-    open_data_set,
-    read_yaml,
-    READY_MADE,
-    refuse_unknown,
-)
+from convseq_ros.evaluation.data_set import DataSet, open_data_set, READY_MADE, refuse_unknown
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import parse_method
 from convseq_ros.evaluation.methods import make_method
@@ -28,6 +22,7 @@ from convseq_ros.evaluation.recognition import with_known
 from convseq_ros.evaluation.run_folder import write_json, write_table
 from convseq_ros.evaluation.scorecard import figures, judge
 from convseq_ros.evaluation.truth import Truth
+from convseq_ros.files import read_yaml
 from convseq_ros.parameter import refuse_unknown as refuse_unknown_parameters
 from convseq_ros.parameter import Value
 import numpy as np
@@ -126,7 +121,7 @@ def run_study(
     rows = []
     for data_set in study.data_sets:
         report(f'{data_set.name}: reading images')
-        whole = open_material(data_set, cache, config.encoding)
+        whole = open_material(data_set, cache, config.encoding, config.reading)
         for (kind, amount), material in _changed(whole, study.change):
             for values in product(*study.vary.values()):
                 chosen = dict(zip(study.vary, values, strict=True))

@@ -4,11 +4,10 @@
 
 from pathlib import Path
 
+from convseq_ros.core.map.place import thumbnail
 from convseq_ros.evaluation.drive import Images
-import cv2
 
 WIDTH_PX = 160
-QUALITY = 75
 
 
 def write_thumbnails(folder: Path, images: Images) -> None:
@@ -24,8 +23,5 @@ def write_thumbnails(folder: Path, images: Images) -> None:
     for index, frame in enumerate(images):
         if frame.gray is None:
             continue
-        height_px = max(1, round(frame.gray.shape[0] * WIDTH_PX / frame.gray.shape[1]))
-        small = cv2.resize(frame.gray, (WIDTH_PX, height_px), interpolation=cv2.INTER_AREA)
-        jpeg = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-        (folder / f'{index:06d}.jpg').write_bytes(jpeg.tobytes())
+        (folder / f'{index:06d}.jpg').write_bytes(thumbnail(frame.gray, WIDTH_PX))
     mark.write_text(content, encoding='utf-8')

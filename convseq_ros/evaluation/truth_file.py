@@ -5,10 +5,11 @@
 from collections.abc import Callable, Mapping, Sequence
 import csv
 from pathlib import Path
-import pickle
+import pickle  # nosec B403
 from typing import Any, BinaryIO
 
 from convseq_ros.errors import SourceError
+from convseq_ros.files import read_array, refuse_irregular
 import numpy as np
 import numpy.typing as npt
 
@@ -63,12 +64,15 @@ def read_pairs(
             query = numbers[0](row[0].strip())
             reach = [] if own is None else [int(row[own])]
             pairs += [[query, numbers[1](cell), *reach] for cell in row[1].split()]
-        except (IndexError, ValueError):
+        except (IndexError, ValueError, OverflowError):
             raise SourceError(
-                f'{path}: line {line} ({",".join(row)}) names no frames; expected numbers or '
+                f'{path}: line {line} ({",".join(row)[:80]}) names no frames; expected numbers or '
                 'names of images'
             ) from None
-    return np.array(pairs, np.int64).reshape(-1, 2 if own is None else 3)
+    try:
+        return np.array(pairs, np.int64).reshape(-1, 2 if own is None else 3)
+    except OverflowError:
+        raise SourceError(f'{path}: a number is no frame, it is too large') from None
 
 
 def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
@@ -101,7 +105,9 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """
     with _explained(path, lambda: path.open('rb')) as file:
         try:
-            stored = _load(file)
+            stored = _load(file, path)
+        except SourceError:
+            raise
         except Exception as error:
             raise SourceError(
                 f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
@@ -124,7 +130,7 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
             for query, references in stored.tolist()
             for reference in np.ravel(np.asarray(references, np.int64))
         ]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SourceError(f'{path}: its rows are not query and list of references') from None
     return np.array(pairs, np.int64).reshape(-1, 2)
 
@@ -181,6 +187,7 @@ def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
 
 
 def _explained(path: Path, opened: Callable[[], Any]) -> Any:
+    refuse_irregular(path)
     try:
         return opened()
     except OSError as error:
@@ -196,7 +203,7 @@ class _HarmlessUnpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f'holds {module}.{name}, which is no array')
 
 
-def _load(file: BinaryIO) -> npt.NDArray[Any]:
+def _load(file: BinaryIO, path: Path) -> npt.NDArray[Any]:
     version = np.lib.format.read_magic(file)
     read = (
         np.lib.format.read_array_header_1_0
@@ -205,7 +212,6 @@ def _load(file: BinaryIO) -> npt.NDArray[Any]:
     )
     shape, fortran, dtype = read(file)
     if not dtype.hasobject:
-        file.seek(0)
-        return np.load(file, allow_pickle=False)
+        return read_array(path)
     stored: npt.NDArray[Any] = _HarmlessUnpickler(file, encoding='latin1').load()
     return stored.reshape(shape, order='F' if fortran else 'C')

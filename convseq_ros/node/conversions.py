@@ -18,6 +18,7 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Float64MultiArray, Header, Int64MultiArray
 
 _NS = 1_000_000_000
+_FIRST_NS, _LAST_NS = -(2**31) * _NS, 2**31 * _NS - 1  # builtin_interfaces/Time: int32 seconds
 _ORIGIN = (0.0, 0.0, 0.0)
 
 CANDIDATE = np.dtype(
@@ -43,8 +44,8 @@ def stamp_to_ns(stamp: Time) -> int:
 
 
 def stamp_from_ns(stamp_ns: int) -> Time:
-    """Return nanoseconds as a stamp."""
-    sec, nanosec = divmod(stamp_ns, _NS)
+    """Return nanoseconds as a stamp; the nearest one, if its seconds do not fit into 32 bits."""
+    sec, nanosec = divmod(min(max(stamp_ns, _FIRST_NS), _LAST_NS), _NS)
     return Time(sec=sec, nanosec=nanosec)
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 _HEIGHT_PX = 240
 _CAPTION_PX = 24
+_WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed, so that one of one row stays small
 _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
 _GREEN, _GREY = (80, 220, 80), (200, 200, 200)
 
@@ -75,5 +76,5 @@ def _to_height(gray: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.uint8]:
     if gray is None:
         return _BLANK
     height, width = gray.shape
-    size = max(1, round(width * _HEIGHT_PX / height)), _HEIGHT_PX
+    size = min(max(1, round(width * _HEIGHT_PX / height)), _WIDEST_PX), _HEIGHT_PX
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -93,7 +93,6 @@ class Diagnostics:
         self._advice = advice
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
-        self._stuck: tuple[Session, int] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._timer = node.create_timer(
             period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -159,17 +158,9 @@ class Diagnostics:
         return names.count((self._node.get_name(), self._node.get_namespace())) > 1
 
     def _cannot_keep(self, situation: Situation) -> bool:
-        """Return whether what the map gains is not written, since the last failure to do so."""
-        session = situation.session
-        if self._statistics.unkept > self._unkept:
-            self._unkept = self._statistics.unkept
-            self._stuck = session, session.persisted
-            return True
-        if self._stuck and (
-            self._stuck != (session, session.persisted) or not session.is_persisted
-        ):
-            self._stuck = None
-        return self._stuck is not None and session.persisted < situation.map_size
+        """Return whether what the map gains is not written, or what another one had gained."""
+        before, self._unkept = self._unkept, self._statistics.unkept
+        return self._unkept > before or situation.session.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""

@@ -12,6 +12,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 ImageMessage: TypeAlias = Image | CompressedImage
 _SUFFIX = '/compressed'
+_FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
 _TYPES = {'raw': Image, 'compressed': CompressedImage}
 
 
@@ -51,10 +52,16 @@ class ImageSubscription:
             self._node,
             _TYPES[self._config.image_transport],
             self._topic,
-            self._on_image,
+            self._on_message,
             self._config.queue_size,
             self._config.image_reliability,
         )
+
+    def _on_message(self, message: ImageMessage) -> None:
+        fitting = round(self._config.queue_mb * 1e6) // max(1, len(message.data))
+        if self._subscription and fitting < self._config.queue_size:
+            self._subscription.hold_at_most(max(_FEWEST, fitting))
+        self._on_image(message)
 
     @property
     def topic(self) -> str:
@@ -63,7 +70,7 @@ class ImageSubscription:
 
     @property
     def lost(self) -> int:
-        """Messages that the middleware reported as lost."""
+        """Messages that did not arrive; see `FollowingSubscription`."""
         return self._subscription.lost if self._subscription else 0
 
     def advice(self) -> str:

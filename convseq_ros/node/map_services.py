@@ -13,11 +13,12 @@ import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
+from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.services import Background, settle
+from convseq_ros.node.services import Background, SERVICE_QOS, settle
 from convseq_ros.node.worker import Worker
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -27,7 +28,7 @@ from std_srvs.srv import Trigger
 Result = TypeVar('Result')
 
 _ANSWER_S = 30.0
-_COMMIT_S, _POLL_S = 5.0, 0.05
+_POLL_S = 0.05
 
 
 class MapServices:
@@ -68,8 +69,9 @@ class MapServices:
         self._background = Background()
         # Its own group, so that images and other services are served while a map is opened.
         group = MutuallyExclusiveCallbackGroup()
-        node.create_service(LoadMap, '~/load_map', self._on_load_map, callback_group=group)
-        node.create_service(Trigger, '~/save_map', self._on_save_map, callback_group=group)
+        offer = partial(node.create_service, qos_profile=SERVICE_QOS, callback_group=group)
+        offer(LoadMap, '~/load_map', self._on_load_map)
+        offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
         """Log which map is in use."""
@@ -115,10 +117,14 @@ class MapServices:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
-        session = Session(path, self._config())
+        session = Session(path, self._config(), make=False)
         for line in session.ignored:
             self._logger.warning(line)
-        session.warm_up()
+        try:
+            session.warm_up()
+        except BaseException:
+            session.close()
+            raise
         return session
 
     async def _on_save_map(
@@ -146,7 +152,7 @@ class MapServices:
             save_map(session.recognizer.reference_map, target)
             return self.save_path
         if session.is_persisted:
-            _complete(session)
+            session.flush()
             return str(session.path)
         raise MapError('save_map_path is empty; set it to the file to write')
 
@@ -176,6 +182,9 @@ def _refuse_target(target: Path) -> None:
         raise MapError(f'{target}: {folder} is read-only; set save_map_path to another folder')
     if exists(target) and not isfile(target):
         raise MapError(f'{target}: is not a file; set save_map_path to one')
+    # Whoever is on the network may set the path.
+    if exists(target) and not is_map_or_empty(target):
+        raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
 
 
 def _told(error: Exception) -> str:
@@ -183,14 +192,3 @@ def _told(error: Exception) -> str:
     if isinstance(error, ConvseqError | OSError):
         return str(error)
     return ''.join(traceback.format_exception(error))
-
-
-def _complete(session: Session) -> None:
-    """Wait until the file has what is in the map by now; it is written now and then anyway."""
-    wanted = len(session.recognizer.reference_map)
-    deadline_s = time.monotonic() + _COMMIT_S
-    while session.persisted < wanted:
-        session.save()
-        if time.monotonic() > deadline_s:
-            raise MapError(f'{session.path}: cannot be written; what it lacks is in memory')
-        time.sleep(_POLL_S)

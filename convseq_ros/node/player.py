@@ -5,9 +5,14 @@
 import argparse
 import math
 from pathlib import Path
-import signal
 import sys
 import time
+
+from convseq_ros.process import hand_over, run_node, stand
+
+if __name__ == '__main__':
+    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
+    run_node('convseq_ros.node.player')
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_from_ns
@@ -19,6 +24,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -236,17 +242,17 @@ def main(args: list[str] | None = None) -> int:
     """Play until the end, or until SIGINT or SIGTERM; return the exit code."""
     argv = sys.argv if args is None else ['convseq play', *args]
     options = parser().parse_args(remove_ros_args(argv)[1:])
-    # As in vpr_node: rclpy's own handler stops the playing, nothing is raised in between.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    stand(0)
     try:
         source = open_source(options.recording, options.topic)
-        rclpy.init(args=argv)
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        hand_over(try_shutdown)
         player = Player(source, options)
         player.play()
     except (ConvseqError, OSError) as error:
         print(f'convseq play: {error}', file=sys.stderr)
         return 1
-    except RuntimeError:
+    except Exception:
         # Publishing fails while a signal shuts ROS down.
         if ok():
             raise
@@ -255,7 +261,3 @@ def main(args: list[str] | None = None) -> int:
     for warning in source.warnings:
         print(f'convseq play: {warning}', file=sys.stderr)
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

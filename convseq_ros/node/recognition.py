@@ -170,7 +170,7 @@ class Recognition:
         message, stamp_ns, topic = arrival.message, arrival.stamp_ns, arrival.topic
         decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
         try:
-            gray = decode(message)
+            gray = decode(message, self.session.recognizer.config.reading)
         except ImageError as error:
             self._statistics.unreadable += 1
             self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)

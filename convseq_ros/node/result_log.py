@@ -49,6 +49,8 @@ class ResultLog:
                     f'result_file: {path} cannot be written ({error.strerror}); '
                     'choose another or leave it empty'
                 ) from None
+            if self._writer.kept:
+                logger.warning(f'{self._writer.kept}: rows of a run that did not end')
 
     def write(self, match: Match, duration_ms: float) -> None:
         """Append a row."""

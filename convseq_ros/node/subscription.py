@@ -39,7 +39,8 @@ class FollowingSubscription:
     Attributes
     ----------
     lost : int
-        Messages that the middleware reported as lost.
+        Messages that did not arrive since the first that did: what the middleware reports and,
+        of a single publisher, whose messages are numbered, what its history had no room for.
 
     """
 
@@ -52,9 +53,10 @@ class FollowingSubscription:
         depth: int,
         reliability: str = 'auto',
     ) -> None:
-        self.lost = 0
+        self._reported = self._missing = self._last = 0
         self._node = node
-        self._asked = kind, topic, on_message
+        self._kind, self._topic, self._on_message = kind, topic, on_message
+        self._subscription: Any = None
         self._depth = depth
         self._reliability = reliability
         best_effort = reliability == 'best_effort'
@@ -63,14 +65,30 @@ class FollowingSubscription:
         )
 
     @property
+    def lost(self) -> int:
+        """Messages that did not arrive."""
+        return max(self._reported, self._missing)
+
+    def hold_at_most(self, depth: int) -> None:
+        """Have fewer messages wait for the executor from now on."""
+        if depth < self._depth:
+            self._depth = depth
+            self._subscribe(self._asked, self._is_following)
+
+    @property
     def topic(self) -> str:
         """The topic as it was resolved."""
         return str(self._subscription.topic_name)
 
-    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        self._is_following = False
+    def _subscribe(self, reliability: ReliabilityPolicy, is_following: bool = False) -> None:
+        if self._subscription:
+            self._node.destroy_subscription(self._subscription)
+        self._asked, self._is_following = reliability, is_following
+        on_message: Any = self._on_numbered  # rclpy's types know of no second argument
         self._subscription = self._node.create_subscription(
-            *self._asked,
+            self._kind,
+            self._topic,
+            on_message,
             QoSProfile(depth=self._depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=self._on_incompatible_qos,
@@ -86,9 +104,7 @@ class FollowingSubscription:
             logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
         elif self._reliability == 'auto':
             logger.info(f'{self.topic}: its publisher sends best effort; following it')
-            self._node.destroy_subscription(self._subscription)
-            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
-            self._is_following = True
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT, is_following=True)
         else:
             logger.warning(
                 f'{self.topic}: a publisher sends best effort only and is not heard; '
@@ -98,8 +114,14 @@ class FollowingSubscription:
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
         # One that came and went between two looks makes no change, but it counts in the total.
         if self._is_following and info.total_count and not info.current_count:
-            self._node.destroy_subscription(self._subscription)
             self._subscribe(ReliabilityPolicy.RELIABLE)
 
     def _on_lost(self, info: QoSMessageLostInfo) -> None:
-        self.lost += info.total_count_change
+        self._reported += info.total_count_change
+
+    def _on_numbered(self, message: Any, info: dict[str, Any]) -> None:
+        number, before = info.get('publication_sequence_number') or 0, self._last
+        self._last = number
+        if 0 < before < number - 1 and self._node.count_publishers(self.topic) == 1:
+            self._missing += number - 1 - before
+        self._on_message(message)

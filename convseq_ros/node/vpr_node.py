@@ -2,13 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
+from contextlib import suppress
+from ctypes import CDLL
 import os
 from pathlib import Path
-import signal
 import sys
 import threading
 import time
 from typing import Any
+
+from convseq_ros.process import hand_over, ignore, run_node, stand
+
+if __name__ == '__main__':
+    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
+    run_node('convseq_ros.node.vpr_node')
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session
@@ -21,20 +28,24 @@ from convseq_ros.node.parameters import declare
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
 _MAPS_TIMEOUT_S = 2.0
 _LOOK_UP_S = 0.2
+_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
+_MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
 
 
 class VprNode(Node):
@@ -57,15 +68,23 @@ class VprNode(Node):
     """
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(
-            'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
-        )
+        try:
+            super().__init__(
+                'vpr_node', automatically_declare_parameters_from_overrides=True, **kwargs
+            )
+        except RuntimeError as error:
+            # Such as security that the middleware does not have.
+            raise ConvseqError(str(error)) from None
         logger = self.get_logger()
         try:
             self._config, config = declare(self, self._on_parameters)
             path = Path(config.map_path) if config.map_path else None
             session = Session(path, self._config)
-            self._results = ResultLog(config.result_file, logger)
+            try:
+                self._results = ResultLog(config.result_file, logger)
+            except ConvseqError:
+                session.close()
+                raise
         except (ConvseqError, OSError):
             super().destroy_node()
             raise
@@ -86,12 +105,16 @@ class VprNode(Node):
             logger,
             self.context.ok,
         )
-        self._worker = Worker(self._recognition.handle, config.queue_size, config.max_wait_s)
+        self._worker = Worker(
+            self._recognition.handle, config.queue_size, config.max_wait_s, config.queue_mb * 1e6
+        )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
         )
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_service(SetBool, '~/set_enabled', self._on_set_enabled)
+        self.create_service(Trigger, '~/reset', self._on_reset, qos_profile=SERVICE_QOS)
+        self.create_service(
+            SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
+        )
         self._images = ImageSubscription(self, config, self._on_image)
         self._diagnostics = Diagnostics(
             self,
@@ -106,9 +129,9 @@ class VprNode(Node):
 
     def destroy_node(self) -> None:
         """Finish the frame at hand, close the files and leave the graph."""
-        if self._worker.stop(_STOP_TIMEOUT_S):
+        if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
-        else:
+        elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
@@ -155,7 +178,8 @@ class VprNode(Node):
                 f'{self._images.topic}: images have no stamp; using the time at which they arrive',
                 once=True,
             )
-        self._worker.put(Arrival(message, stamp_ns, arrival_ns, self._images.topic))
+        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic)
+        self._worker.put(arrival, len(message.data))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:
         self._config, self._node_config = config, node_config
@@ -202,26 +226,20 @@ class VprNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    # rclpy's own handler, installed by init, ends the spinning and then calls this one, which
-    # keeps Python from raising KeyboardInterrupt in the middle of the tidying up.
-    signal.signal(signal.SIGINT, lambda *_: None)
+    stand(0)
+    _have_memory_returned()
     try:
-        rclpy.init(args=args)
+        # Its own handlers would shut ROS down under whatever is at work.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         return _refuse(error)
     try:
         _run()
     except (ConvseqError, OSError) as error:
         return _refuse(error)
-    except (ExternalShutdownException, RuntimeError):
-        # Whatever is under way fails when a signal shuts ROS down.
-        if ok():
-            raise
     finally:
         try_shutdown()
-        # Python gives signals back their deadly default before it is gone.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        ignore()
     _leave_what_is_at_work()
     return 0
 
@@ -229,13 +247,21 @@ def main(args: list[str] | None = None) -> int:
 def _run() -> None:
     executor = SingleThreadedExecutor()
     node = VprNode()
+    ending = threading.Event()
+    hand_over(ending.set)
     executor.add_node(node)
     try:
-        # A signal just before the executor waits does not wake it: it looks up now and then.
-        while ok():
+        # A signal does not wake the executor: it looks up now and then.
+        while ok() and not ending.is_set():
             executor.spin_once(timeout_sec=_LOOK_UP_S)
     finally:
         node.destroy_node()
+
+
+def _have_memory_returned() -> None:
+    """Have the C library give large images back to the system; else it keeps those of a burst."""
+    with suppress(AttributeError, OSError):
+        CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
 
 
 def _leave_what_is_at_work() -> None:
@@ -249,7 +275,3 @@ def _leave_what_is_at_work() -> None:
 def _refuse(error: Exception) -> int:
     get_logger('vpr_node').error(' '.join(str(error).split()))
     return 1
-
-
-if __name__ == '__main__':
-    sys.exit(main())

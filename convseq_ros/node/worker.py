@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+import math
 import threading
 import time
 from typing import Generic, TypeVar
@@ -25,6 +26,8 @@ class Worker(Generic[Item]):
         Items that may wait.
     max_wait_s : float, optional
         How long an item may wait, seconds, if another waits behind it; 0 for as long as it takes.
+    queue_bytes : float, optional
+        What the items that wait may hold together; one alone may hold more.
 
     Attributes
     ----------
@@ -34,13 +37,19 @@ class Worker(Generic[Item]):
     """
 
     def __init__(
-        self, handle: Callable[[Item], None], queue_size: int, max_wait_s: float = 0.0
+        self,
+        handle: Callable[[Item], None],
+        queue_size: int,
+        max_wait_s: float = 0.0,
+        queue_bytes: float = math.inf,
     ) -> None:
         self.dropped = 0
         self._handle = handle
         self._size = queue_size
         self._max_wait_ns = round(max_wait_s * 1e9)
-        self._items: deque[tuple[int, Item]] = deque()
+        self._most_bytes = queue_bytes
+        self._bytes = 0
+        self._items: deque[tuple[int, int, Item]] = deque()
         self._actions: deque[Action] = deque()
         self._stopping = False
         self._changed = threading.Condition()
@@ -50,13 +59,16 @@ class Worker(Generic[Item]):
         """Start the thread."""
         self._thread.start()
 
-    def put(self, item: Item) -> None:
-        """Append an item; returns at once."""
+    def put(self, item: Item, size: int = 0) -> None:
+        """Append an item that holds so many bytes; returns at once."""
         with self._changed:
-            if len(self._items) == self._size:
-                self._items.popleft()
+            while self._items and (
+                len(self._items) == self._size or self._bytes + size > self._most_bytes
+            ):
+                self._take()
                 self.dropped += 1
-            self._items.append((time.monotonic_ns(), item))
+            self._items.append((time.monotonic_ns(), size, item))
+            self._bytes += size
             self._changed.notify()
 
     def between_items(self, action: Action) -> None:
@@ -104,9 +116,14 @@ class Worker(Generic[Item]):
             if self._actions:
                 return self._actions.popleft()
             while len(self._items) > 1 and self._is_late():
-                self._items.popleft()
+                self._take()
                 self.dropped += 1
-            return partial(self._handle, self._items.popleft()[1])
+            return partial(self._handle, self._take())
+
+    def _take(self) -> Item:
+        _, size, item = self._items.popleft()
+        self._bytes -= size
+        return item
 
     def _is_late(self) -> bool:
         waited_ns = time.monotonic_ns() - self._items[0][0]

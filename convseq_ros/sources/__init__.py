@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder, pictures_in
@@ -42,7 +44,7 @@ class Source(Protocol):
         """Yield the frames in order; each call starts anew."""
 
 
-def open_source(path: Path, topic: str = '') -> Source:
+def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
     """
     Open a folder of pictures, a recording or a video, whichever is there.
 
@@ -53,25 +55,33 @@ def open_source(path: Path, topic: str = '') -> Source:
         a video.
     topic : str, optional
         Image topic of a recording that has several.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Raises
     ------
     SourceError
-        If it is neither, is damaged, or holds no images.
+        If it is neither, is damaged, is no regular file, or holds no images.
 
     """
     path = Path(path)
+    refuse_irregular(path)
     if path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir():
         _refuse_topic(path, 'a video', topic)
-        return Video(path)
+        return Video(path, reading)
     if not path.is_dir() or _holds_recording(path):
-        return Recording(path, topic)
+        return Recording(path, topic, reading)
     _refuse_topic(path, 'a folder of pictures', topic)
-    return ImageFolder(path)
+    return ImageFolder(path, reading)
 
 
 def open_annotated(
-    path: Path, topic: str = '', odom: str = '', camera_info: str = '', poses: Path | None = None
+    path: Path,
+    topic: str = '',
+    odom: str = '',
+    camera_info: str = '',
+    poses: Path | None = None,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> Source:
     """
     Open what `open_source` does, with what other topics, or files, say of its frames.
@@ -88,6 +98,8 @@ def open_annotated(
         Topic that describes the camera, or a file as for `read_camera_file`.
     poses : Path, optional
         File as for `read_pose_file`, instead of `odom`.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Raises
     ------
@@ -95,7 +107,7 @@ def open_annotated(
         If one of these cannot be read.
 
     """
-    source = open_source(path, topic)
+    source = open_source(path, topic, reading)
     if odom and poses:
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
     if not (odom or poses or camera_info):

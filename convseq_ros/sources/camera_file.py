@@ -7,9 +7,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.core.types import Camera
-from convseq_ros.errors import SourceError
+from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.files import read_yaml, refuse_irregular
 from convseq_ros.sources.camera_info import camera_from_info
-import yaml
 
 _MOST_BYTES = 1_000_000  # of a file; calibrations have one or two thousand
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
@@ -33,6 +33,7 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
         If the file cannot be read, is neither, or its camera is not calibrated.
 
     """
+    refuse_irregular(path)
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise SourceError(f'{path}: a calibration has at most {_MOST_BYTES} bytes')
@@ -42,8 +43,15 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
     except UnicodeDecodeError:
         raise SourceError(f'{path}: not a text file; give a calibration') from None
     try:
-        camera = camera_from_info(_projection(text, height, width) or _calibration(text))
-    except (KeyError, TypeError, ValueError, yaml.YAMLError, RecursionError) as error:
+        camera = camera_from_info(_projection(text, height, width) or _calibration(path))
+    except (
+        ArithmeticError,
+        AttributeError,
+        ConfigError,
+        LookupError,
+        TypeError,
+        ValueError,
+    ) as error:
         reason = ' '.join(str(error).split())[:80]
         raise SourceError(
             f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI ({reason})'
@@ -62,8 +70,8 @@ def _projection(text: str, height: int, width: int) -> Any:
     return None
 
 
-def _calibration(text: str) -> Any:
-    said = yaml.safe_load(text)
+def _calibration(path: Path) -> Any:
+    said = read_yaml(path)
     matrix = [float(value) for value in said['camera_matrix']['data']]
     projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
     size = int(said['image_width']), int(said['image_height'])

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 import re
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.sources.images import decode_picture
+from convseq_ros.sources.images import read_picture
 from convseq_ros.sources.natural_order import natural_key
 
 IMAGE_SUFFIXES = frozenset(
@@ -45,6 +46,8 @@ class ImageFolder:
     ----------
     path : Path
         The folder; folders inside it are not entered.
+    reading : ReadingConfig, optional
+        Which pictures are too large.
 
     Raises
     ------
@@ -53,7 +56,7 @@ class ImageFolder:
 
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_dir():
             raise SourceError(f'{path}: no such folder; give a folder of pictures')
         try:
@@ -66,6 +69,7 @@ class ImageFolder:
                 f'{path}: no pictures and no recording in this folder; expected {known}, '
                 'or a .mcap, .db3 or .bag file'
             )
+        self._reading = reading
         self.name = path.resolve().name
         self.topic = ''
         self.warnings: list[str] = []
@@ -76,7 +80,7 @@ class ImageFolder:
     def __iter__(self) -> Iterator[Frame]:
         for stamp_ns, picture in zip(_stamps_ns(self._pictures), self._pictures, strict=True):
             try:
-                gray = decode_picture(picture.read_bytes())
+                gray = read_picture(picture, self._reading)
             except OSError as error:
                 raise SourceError(
                     f'{picture}: {error.strerror}; restore it or remove it from the folder'

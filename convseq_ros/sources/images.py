@@ -10,9 +10,12 @@ a folder, a recording and a camera that show the same picture give the same pixe
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import ImageError
+from convseq_ros.sources.picture_header import declared
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +24,9 @@ Gray = npt.NDArray[np.uint8]
 Pixels = npt.NDArray[np.uint8]
 
 _READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+_MEGA = 1_000_000
+_MOST_BYTES = 8  # a pixel of four numbers of 16 bits; larger ones belong to small pictures
+_USUAL_SCANS = 16  # scans; libjpeg's own progressive scripts have 10 at most (jcparam.c, 9e)
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
@@ -41,7 +47,7 @@ def gray_from_bgr(bgr: Pixels) -> Gray:
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
-def decode_image(message: Any) -> Gray:
+def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
     Return the grey image of a sensor_msgs/Image.
 
@@ -49,6 +55,8 @@ def decode_image(message: Any) -> Gray:
     ----------
     message : object
         With the fields `height`, `width`, `encoding`, `is_bigendian`, `step` and `data`.
+    reading : ReadingConfig, optional
+        How many pixels there may be.
 
     Returns
     -------
@@ -58,8 +66,8 @@ def decode_image(message: Any) -> Gray:
     Raises
     ------
     ImageError
-        If the encoding is unknown, the size is zero or does not suit the encoding, or `step` or
-        `data` is too small for it.
+        If the encoding is unknown, the size is zero, too large or does not suit the encoding, or
+        `step` or `data` is too small for it.
 
     """
     encoding = ENCODINGS.get(message.encoding)
@@ -89,13 +97,14 @@ def decode_image(message: Any) -> Gray:
         raise ImageError(
             f'data: {data.size} bytes is too short; {height} rows of step {step} take {needed}'
         )
+    _refuse_large(f'height, width: {height} x {width} px', height * width, reading)
     shape = (height, width, encoding.bytes_per_pixel)
     strides = (step, encoding.bytes_per_pixel, 1)
     pixels = np.ascontiguousarray(np.ndarray(shape, np.uint8, data, 0, strides))
     return encoding.to_gray(pixels, bool(message.is_bigendian))
 
 
-def decode_compressed(message: Any) -> Gray:
+def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
     Return the grey image of a sensor_msgs/CompressedImage.
 
@@ -104,6 +113,8 @@ def decode_compressed(message: Any) -> Gray:
     message : object
         With the fields `format` ('jpeg', 'png', or as image_transport writes it, such as
         'bgr8; jpeg compressed bgr8') and `data`.
+    reading : ReadingConfig, optional
+        How many pixels there may be.
 
     Returns
     -------
@@ -113,7 +124,7 @@ def decode_compressed(message: Any) -> Gray:
     Raises
     ------
     ImageError
-        If the format is compressedDepth or the data are damaged or no JPEG or PNG.
+        If the format is compressedDepth or the data are damaged, too large or no JPEG or PNG.
 
     """
     if 'compressedDepth' in message.format:
@@ -121,12 +132,12 @@ def decode_compressed(message: Any) -> Gray:
             f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
         )
     try:
-        return decode_picture(message.data)
+        return decode_picture(message.data, reading)
     except ImageError as error:
         raise ImageError(f'format {message.format!r}: {error}') from None
 
 
-def decode_picture(data: Any) -> Gray:
+def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
     Return the grey image of an encoded picture, as stored (an EXIF rotation is not applied).
 
@@ -134,6 +145,8 @@ def decode_picture(data: Any) -> Gray:
     ----------
     data : bytes, array or ndarray of uint8
         Content of a picture file.
+    reading : ReadingConfig, optional
+        How many pixels there may be.
 
     Returns
     -------
@@ -142,11 +155,24 @@ def decode_picture(data: Any) -> Gray:
     Raises
     ------
     ImageError
-        If the data are cut short, damaged or of an unknown kind.
+        If the data are cut short, damaged, of an unknown kind, or declare too many pixels; they
+        are not decoded then.
 
     """
     encoded = np.frombuffer(data, np.uint8)
-    if _is_cut_jpeg(encoded.tobytes()):
+    content = data if isinstance(data, bytes) else encoded.tobytes()
+    asked = declared(content)
+    if asked is None:
+        raise ImageError(
+            f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
+        )
+    _refuse_large(f'data: a picture of {asked.pixels / _MEGA:.3g} Mpx', asked.pixels, reading)
+    _refuse_large(
+        f'data: {asked.passes} scans of {asked.pixels / _MEGA:.3g} Mpx',
+        asked.pixels * asked.passes // _USUAL_SCANS,
+        reading,
+    )
+    if _is_cut_jpeg(content):
         raise ImageError(f'data: {encoded.size} bytes of a JPEG that is cut short; send it whole')
     try:
         bgr = cv2.imdecode(encoded, _READ_FLAGS) if encoded.size else None
@@ -157,6 +183,31 @@ def decode_picture(data: Any) -> Gray:
             f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
         )
     return gray_from_bgr(_uint8(bgr))
+
+
+def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """
+    Return the grey image of a picture file.
+
+    Raises
+    ------
+    ImageError
+        As for `decode_picture`; also if the file is larger than the largest picture can be.
+    OSError
+        If it cannot be read.
+
+    """
+    size = path.stat().st_size
+    _refuse_large(f'data: {size / _MEGA:.3g} MB', size // _MOST_BYTES, reading)
+    return decode_picture(path.read_bytes(), reading)
+
+
+def _refuse_large(what: str, pixels: int, reading: ReadingConfig) -> None:
+    if pixels > reading.max_image_mpx * _MEGA:
+        raise ImageError(
+            f'{what} is more than max_image_mpx, {reading.max_image_mpx:g}; send smaller images, '
+            'or raise it'
+        )
 
 
 def _is_cut_jpeg(data: bytes) -> bool:

@@ -87,7 +87,9 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
 def _stamp_ns(path: Path, line: int, word: str) -> int:
     try:
         # Exact: a double rounds the stamps of today.
-        stamp_ns = int(Decimal(word) * 1_000_000_000)
+        stamp = Decimal(word) * 1_000_000_000
+        # Of a large exponent, `int` would write out every digit.
+        stamp_ns = int(stamp) if 0 <= stamp < 2**63 else -1
     except (InvalidOperation, ValueError, OverflowError):
         stamp_ns = -1
     if not 0 <= stamp_ns < 2**63:

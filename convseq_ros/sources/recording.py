@@ -7,6 +7,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.sources.camera_info import camera_from_info
@@ -38,6 +39,8 @@ class Recording:
         A folder that a recorder wrote, or a .mcap, .db3 or .bag file.
     topic : str, optional
         An image topic; may be left out if there is only one.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Attributes
     ----------
@@ -54,8 +57,11 @@ class Recording:
 
     """
 
-    def __init__(self, path: Path, topic: str = '') -> None:
+    def __init__(
+        self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+    ) -> None:
         self._path = path
+        self._reading = reading
         self._storages, self.warnings = open_storage(path)
         self._topics = merge_topics(storage.topics for storage in self._storages)
         chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
@@ -75,7 +81,7 @@ class Recording:
     def __iter__(self) -> Iterator[Frame]:
         for message in self._raw_messages():
             try:
-                gray = DECODERS[message.type_name](message.decode())
+                gray = DECODERS[message.type_name](message.decode(), self._reading)
             except ImageError as error:
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue

@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The files of a recording, whole or damaged, behind one interface."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import functools
 from pathlib import Path
 import re
-import struct
 from typing import Any, Protocol
 
 from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
+from convseq_ros.sources.bounded_readers import check_chunks, open_bounded
+from convseq_ros.sources.inflate import inflate, LIMITS
 from convseq_ros.sources.natural_order import natural_key
 from convseq_ros.sources.raw_message import one_line, RawMessage, typestore
 from convseq_ros.sources.topics import Topic
 from convseq_ros.sources.truncated_mcap import TruncatedMcap
 
-_SQLITE_MAGIC = b'SQLite format 3\0'
-_SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 STORAGE_SUFFIXES = ('.mcap', '.db3', '.bag')
 REPAIRS = {'.mcap': 'mcap recover', '.db3': 'sqlite3 FILE .recover', '.bag': 'rosbag reindex'}
 
@@ -58,6 +59,7 @@ def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
         If nothing can be read.
 
     """
+    refuse_irregular(path)
     if not path.exists():
         raise SourceError(f'{path}: no such file or folder; check the path')
     if not path.is_dir():
@@ -117,65 +119,57 @@ class IndexedStorage:
     def __init__(self, path: Path) -> None:
         typestore()
         self.path = path
-        for database in [path] if path.suffix.lower() == '.db3' else path.glob('*.db3'):
-            _refuse_cut_database(database)
         try:
-            with self._reader() as reader:
-                self._is_ros1 = not reader.is2
+            with open_bounded(path) as reader:
+                self._is_ros1 = path.suffix.lower() == '.bag'
+                if not self._is_ros1:
+                    check_chunks(path, reader)
                 self.topics = {
                     name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
                     for name, info in reader.topics.items()
                 }
         except Exception as error:
             raise SourceError(
-                f'{path}: not a readable recording ({one_line(error)}); {_advice(path)}'
+                f'{path}: not a readable recording ({_told(error, path)}); {_advice(path)}'
             ) from None
-
-    def _reader(self) -> Any:
-        from rosbags.highlevel import AnyReader
-
-        return AnyReader([self.path], default_typestore=typestore())
 
     def messages(self, topic: str) -> Iterator[RawMessage]:
         """Yield the messages of a topic in order of recording, those of ROS 1 as CDR."""
         count = 0
         try:
-            with self._reader() as reader:
+            with open_bounded(self.path) as reader:
                 chosen = [item for item in reader.connections if item.topic == topic]
                 if not chosen:
                     return
+                content = _stored(reader)
                 for connection, log_time_ns, data in reader.messages(chosen):
-                    cdr = _ros1_to_cdr(data, connection.msgtype) if self._is_ros1 else bytes(data)
+                    cdr = _ros1_to_cdr(data, connection) if self._is_ros1 else content(data)
                     yield RawMessage(log_time_ns, connection.msgtype, cdr)
                     count += 1
         except Exception as error:
             raise SourceError(
-                f'{self.path}: damaged after {count} messages of {topic} ({one_line(error)}); '
-                f'{_advice(self.path)}'
+                f'{self.path}: damaged after {count} messages of {topic} '
+                f'({_told(error, self.path)}); {_advice(self.path)}'
             ) from None
 
 
-def _refuse_cut_database(path: Path) -> None:
-    """Compare sizes, because SQLite reads zeros where the end of its file is missing."""
-    try:
-        with path.open('rb') as file:
-            head = file.read(_SQLITE_HEAD.size)
-        size = path.stat().st_size
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
-    if len(head) < _SQLITE_HEAD.size:
-        raise SourceError(f'{path}: {size} bytes are not a recording; {_advice(path)}')
-    magic, page_bytes, pages = _SQLITE_HEAD.unpack(head)
-    expected = (65536 if page_bytes == 1 else page_bytes) * pages
-    if magic == _SQLITE_MAGIC and size < expected:
-        raise SourceError(
-            f'{path}: cut short, {size} of {expected} bytes are there; {_advice(path)}'
-        )
+def _stored(reader: Any) -> Callable[[bytes], bytes]:
+    """Return how a message is to be had of what is stored: each may be compressed."""
+    if getattr(reader, 'compression_mode', '') != 'message':
+        return bytes
+    # We inflate them ourselves, within bounds.
+    reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+    return functools.partial(inflate, compression='zstd', most_bytes=LIMITS.chunk_bytes)
 
 
-def _ros1_to_cdr(data: bytes, type_name: str) -> bytes:
+def _told(error: Exception, path: Path) -> str:
+    """Return what went wrong, without the name of the file that stands before it."""
+    return one_line(error).removeprefix(f'{path}: ')
+
+
+def _ros1_to_cdr(data: bytes, connection: Any) -> bytes:
     try:
-        return bytes(typestore().ros1_to_cdr(data, type_name))
+        return bytes(typestore().ros1_to_cdr(data, connection.msgtype))
     except Exception:
         return b''
 

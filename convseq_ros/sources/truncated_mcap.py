@@ -3,19 +3,22 @@
 """What can be saved of an mcap file without its index, such as a crashed recorder leaves."""
 
 from collections.abc import Iterator
-import importlib
 from io import BytesIO
 import mmap
 from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
+from convseq_ros.files import refuse_irregular
+from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic
 
 MAGIC = b'\x89MCAP0\r\n'
-_RECORD_HEAD_BYTES = 9
-_CHUNK_OPCODE = 6
+_RECORD_HEAD_BYTES = 9  # opcode, length of what follows
+_CHUNK_TIMES_BYTES = 16  # first and last stamp
+_NONE, _FOOTER, _CHUNK = b'\0', b'\2', b'\6'
+_READ = (b'\3', b'\4', b'\5', _CHUNK)  # schema, channel, message
 
 
 class TruncatedMcap:
@@ -78,6 +81,7 @@ class TruncatedMcap:
             ) from None
         from mcap.records import Chunk
 
+        refuse_irregular(self.path)
         try:
             with self.path.open('rb') as file:
                 if file.read(len(MAGIC)) != MAGIC:
@@ -88,60 +92,78 @@ class TruncatedMcap:
         except OSError as error:
             raise SourceError(f'{self.path}: {error.strerror}; check its permissions') from None
         with data:
-            reader = StreamReader(data, emit_chunks=True, record_size_limit=len(data))  # type: ignore[arg-type]
-            records = iter(reader.records)
-            while True:
-                start = data.tell()
-                try:
-                    record = next(records)
-                except StopIteration:
+            inflated, at = 0, len(MAGIC)
+            while at < len(data):
+                start, opcode = at, data[at : at + 1]
+                length = int.from_bytes(data[at + 1 : at + _RECORD_HEAD_BYTES], 'little')
+                at += _RECORD_HEAD_BYTES + length
+                if opcode == _FOOTER and data[at:] == MAGIC:
                     return
+                if opcode == _NONE or at > len(data):
+                    self._broken_at = start
+                    yield from _records_of_cut_chunk(data, start)
+                    return
+                if opcode not in _READ:
+                    continue
+                if opcode == _CHUNK:
+                    declared = _declared_size(data, start)
+                    inflated += declared
+                    LIMITS.refuse_bomb(self.path, inflated, len(data))
+                    length = max(length, declared)
+                if length > LIMITS.chunk_bytes:
+                    self._broken_at = start
+                    continue
+                try:
+                    record = next(StreamReader(BytesIO(data[start:at]), True, True).records)
                 except Exception:
                     self._broken_at = start
                     yield from _records_of_cut_chunk(data, start)
                     return
-                if isinstance(record, Chunk):
-                    yield from _records_of_chunk(record)
-                else:
+                if not isinstance(record, Chunk):
                     yield record
+                    continue
+                try:
+                    yield from _records_of_chunk(record)
+                except SourceError:
+                    self._broken_at = start
+            if self._broken_at < 0:
+                self._broken_at = len(data)
 
 
 def _records_of_cut_chunk(data: mmap.mmap, start: int) -> Iterator[Any]:
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
 
-    if data[start : start + 1] != bytes([_CHUNK_OPCODE]):
+    if data[start : start + 1] != _CHUNK or len(data) - start > LIMITS.chunk_bytes:
         return
     try:
         data.seek(start + _RECORD_HEAD_BYTES)
         chunk = Chunk.read(ReadDataStream(data))  # type: ignore[arg-type]
+        yield from _records_of_chunk(chunk)
     except Exception:
         return
-    yield from _records_of_chunk(chunk)
+
+
+def _declared_size(data: mmap.mmap, start: int) -> int:
+    """Return what the chunk that starts there declares to hold, bytes."""
+    at = start + _RECORD_HEAD_BYTES + _CHUNK_TIMES_BYTES
+    return int.from_bytes(data[at : at + 8], 'little')
 
 
 def _records_of_chunk(chunk: Any) -> Iterator[Any]:
     from mcap.stream_reader import StreamReader
 
     try:
-        content = BytesIO(_decompress(chunk.data, chunk.compression))
+        most = min(chunk.uncompressed_size, LIMITS.chunk_bytes)
+        content = inflate(chunk.data, chunk.compression, most)
+        content = content[: end_of_records(content, len(chunk.data))]
+    except SourceError:
+        raise
     except Exception:
         return
-    records = iter(StreamReader(content, skip_magic=True).records)
+    records = iter(StreamReader(BytesIO(content), skip_magic=True).records)
     while True:
         try:
             yield next(records)
         except Exception:
             return
-
-
-def _decompress(data: bytes, compression: str) -> bytes:
-    """Return as much as a stream, perhaps cut, gives."""
-    if compression == 'zstd':
-        import zstandard
-
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    if compression == 'lz4':
-        lz4_frame: Any = importlib.import_module('lz4.frame')
-        return bytes(lz4_frame.LZ4FrameDecompressor().decompress(data))
-    return data

@@ -5,6 +5,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.images import gray_from_bgr
@@ -22,15 +23,17 @@ class Video:
     ----------
     path : Path
         The file.
+    reading : ReadingConfig, optional
+        Which images are too large.
 
     Raises
     ------
     SourceError
-        If it is missing or OpenCV cannot read it.
+        If it is missing, its images are too large, or OpenCV cannot read it.
 
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_file():
             raise SourceError(f'{path}: no such file or folder; check the path')
         self._path = path
@@ -38,6 +41,13 @@ class Video:
         self.topic = ''
         self.warnings: list[str] = []
         capture = self._opened()
+        width, height = map(capture.get, (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if width * height > reading.max_image_mpx * 1e6:
+            capture.release()
+            raise SourceError(
+                f'{path}: images of {width:.0f} x {height:.0f} px are more than max_image_mpx, '
+                f'{reading.max_image_mpx:g}; make them smaller, or raise it'
+            )
         self._count = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         rate = capture.get(cv2.CAP_PROP_FPS)
         self._interval_ns = round(1e9 / (rate if rate > 0 else 30.0))

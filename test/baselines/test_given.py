@@ -47,7 +47,7 @@ def test_pickles_and_texts_are_refused(tmp_path):
     np.save(tmp_path / 'p.npy', np.array([{}], object), allow_pickle=True)
     (tmp_path / 't.npy').write_text('hello')
     for name in ('p.npy', 't.npy'):
-        with pytest.raises(SourceError, match=r'not a .npy file of plain numbers'):
+        with pytest.raises(SourceError, match=r'not a file of plain numbers'):
             read_scores(tmp_path / name, 1, 1)
     with pytest.raises(SourceError, match='No such file'):
         read_scores(tmp_path / 'absent.npy', 1, 1)

@@ -179,7 +179,7 @@ def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
         (['--max-length', 'many'], "max_length: expected int, got 'many'"),
         (['--image-size-px', '256'], 'image_size_px 512, asked for 256'),
         (['--map', 'missing.db'], 'missing.db: no such map'),
-        (['--config', 'missing.yaml'], 'missing.yaml: not a readable YAML file'),
+        (['--config', 'missing.yaml'], 'missing.yaml: No such file or directory'),
         (['--output', 'no/such/folder/r.csv'], 'no/such/folder/r.csv'),
         (['--topic', '/camera'], '/camera'),
     ],
@@ -196,8 +196,11 @@ def test_a_bad_option_of_replay_is_one_line(
     [
         ('/**:\n  ros__parameters: {max_lenght: 3}', 'did you mean max_length?'),
         ('max_length: 3', 'not a ROS parameter file'),
-        ('{', 'not a readable YAML file'),
-        ('- 1', 'not a ROS parameter file'),
+        ('{', 'not YAML'),
+        ('/**: &own\n  ros__parameters: *own', 'has an alias'),
+        ('[' * 5_000, 'nested too deeply'),
+        ('# ' * 200_000, 'more than 256 kB'),
+        ('- 1', 'not a list of'),
         ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
     ],
 )

@@ -8,4 +8,6 @@ import cv2
 
 def entropy_map(gray):
     """Return the local entropy of a square image at every pixel, (S, S), in bits."""
-    return cv2.resize(local_entropy(gray), gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return cv2.resize(
+        local_entropy(gray, cv2.INTER_LINEAR), gray.shape[::-1], interpolation=cv2.INTER_LINEAR
+    )

@@ -1,14 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A growing map is persisted in its file."""
+"""A growing map is persisted in its file, by one owner at a time."""
 
 import os
 import signal
 import subprocess
 import sys
+import time
 
-from convseq_ros.config import EncodingConfig
-from convseq_ros.core.map.online import Autosave
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map import autosave as module
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -17,8 +19,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
-ENCODING = EncodingConfig(image_size_px=64)
-SECOND = 10**9
+ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
+PATIENCE_S = 60.0
 
 
 def cells(seed):
@@ -44,81 +46,112 @@ def holds(path, count):
     )
 
 
+def own(path, **kwargs):
+    return Autosave(path, ENCODING, APART, **kwargs)
+
+
+def wait_for(condition):
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.005)
+
+
+def told(autosave):
+    """Return a condition: that the owner says what went wrong, by a MapError."""
+
+    def found():
+        try:
+            autosave.save()
+        except MapError as error:
+            found.text = str(error)
+            return True
+        return False
+
+    return found
+
+
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / 'map.db'
 
 
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch):
+    """Commit a hundred times as often."""
+    monkeypatch.setattr(module, '_COMMIT_EVERY_S', 0.005)
+
+
 def test_a_map_that_starts_empty_is_persisted_in_a_new_file(path):
-    reference_map = grown(0)
-    autosave = Autosave(path, reference_map)
+    autosave = own(path)
     assert holds(path, 0)
-    grow(reference_map, 3)
+    grow(autosave.reference_map, 3)
     autosave.close()
     assert holds(path, 3)
-
-
-def test_what_is_there_is_written_at_once_to_a_new_file(path):
-    autosave = Autosave(path, grown(4))
-    assert holds(path, 4)
-    autosave.close()
+    assert list(path.parent.iterdir()) == [path]
 
 
 def test_the_file_that_was_opened_goes_on_growing(path):
     save_map(grown(3), path)
-    reference_map = open_map(path)
-    autosave = Autosave(path, reference_map)
-    grow(reference_map, 2)
+    autosave = own(path)
+    grow(autosave.reference_map, 2)
     autosave.close()
     assert holds(path, 5)
 
 
-def test_places_are_safe_every_half_second(path):
-    reference_map, start = grown(0), 5 * SECOND
-    autosave = Autosave(path, reference_map)
-    autosave.save(start)
-    for now_ns, safe in ((0.1, 0), (0.49, 0), (0.5, 3), (0.9, 3), (1.0, 5)):
-        grow(reference_map, 1)
-        autosave.save(start + round(now_ns * SECOND))
-        assert len(open_map(path)) == safe
+def test_a_place_is_written_though_nothing_comes_after_it(path):
+    autosave = own(path)
+    for count in (1, 2, 7):
+        grow(autosave.reference_map, count - len(autosave.reference_map))
+        autosave.save()
+        wait_for(lambda count=count: autosave.committed == count)
+        assert holds(path, count)
     autosave.close()
 
 
-def test_a_clock_is_found_where_none_is_given(path):
-    autosave = Autosave(path, grown(0))
-    autosave.save()
+def test_writing_waits_for_half_a_second_at_most(monkeypatch):
+    monkeypatch.undo()
+    assert module._COMMIT_EVERY_S == 0.5
+
+
+def test_what_is_asked_for_at_once_is_written_at_once(path, monkeypatch):
+    monkeypatch.setattr(module, '_COMMIT_EVERY_S', 1000)
+    autosave = own(path)
+    for count in (1, 2):
+        grow(autosave.reference_map, 1)
+        autosave.flush()
+        assert holds(path, count)
     autosave.close()
 
 
 def test_what_is_persisted_is_evicted_and_still_known(path):
-    reference_map = grown(0)
-    autosave = Autosave(path, reference_map)
-    for frame in range(30):
+    autosave = own(path)
+    reference_map = autosave.reference_map
+    for _ in range(30):
         grow(reference_map, 1)
-        autosave.save((frame + 1) * 10**15)
+        autosave.flush()
         assert not reference_map._in_memory
     assert all((reference_map.packed(index) == cells(index)).all() for index in range(30))
     autosave.close()
     assert (reference_map.packed(7) == cells(7)).all()
 
 
-def test_another_map_is_not_mixed_in(path):
-    save_map(grown(3), path)
-    before = path.read_bytes()
-    other = ReferenceMap(ENCODING)
-    for index in range(3):
-        other.add(Place(index), cells(index + 50))
-    for one in (other, grown(2), grown(0)):
-        with pytest.raises(MapError, match=r'map.db: holds another map .*name a new file'):
-            Autosave(path, one)
-    assert path.read_bytes() == before
+@pytest.mark.parametrize(
+    'content', [b'text', b'SQLite format 3\0' + b'\0' * 500], ids=['text', 'header']
+)
+def test_a_file_that_is_no_map_is_left_alone(path, content):
+    path.write_bytes(content)
+    with pytest.raises(MapError, match='not a convseq map'):
+        own(path)
+    assert path.read_bytes() == content and list(path.parent.iterdir()) == [path]
 
 
-def test_a_file_that_is_no_map_is_left_alone(path):
-    path.write_bytes(b'SQLite format 3\0' + b'\0' * 500)
-    with pytest.raises(MapError):
-        Autosave(path, grown(1))
-    assert path.stat().st_size == 516
+def test_an_empty_file_is_made_into_a_map_unless_there_must_be_one(path):
+    path.touch()
+    with pytest.raises(MapError, match='is empty, no map yet'):
+        own(path, append=True)
+    own(path).close()
+    assert holds(path, 0)
 
 
 @pytest.mark.parametrize('what', ['folder', 'file'])
@@ -127,82 +160,111 @@ def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypat
     blocked = path if what == 'file' else path.parent
     monkeypatch.setattr(os, 'access', lambda one, _mode: os.fspath(one) != os.fspath(blocked))
     with pytest.raises(MapError, match=r'map.db: cannot be written; make it and its folder'):
-        Autosave(path, open_map(path))
+        own(path)
 
 
 def test_a_missing_folder_is_said_at_the_start(tmp_path):
     with pytest.raises(MapError, match=r'there is no folder .*/none; make it'):
-        Autosave(tmp_path / 'none' / 'map.db', grown(0))
+        own(tmp_path / 'none' / 'map.db')
 
 
 def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room(path):
-    reference_map = grown(0)
-    autosave = Autosave(path, reference_map)
+    autosave = own(path)
+    reference_map, database = autosave.reference_map, autosave._writer._database
     grow(reference_map, 1)
-    autosave.save(10**15)
-    database = autosave._writer._database
-    database.execute('PRAGMA max_page_count = 6')
-    grow(reference_map, 40)
-    with pytest.raises(MapError, match=r'map.db: cannot write .*disk full'):
-        autosave.save(2 * 10**15)
-    autosave.save(3 * 10**15)
+    autosave.flush()
+    database.rows('PRAGMA max_page_count = 6')
+    grow(reference_map, 400)
+    full = told(autosave)
+    wait_for(full)
+    assert 'map.db: cannot write' in full.text and 'make room on the disk' in full.text
+    with pytest.raises(MapError, match='make room'):
+        autosave.flush()
+    autosave.save()
     assert holds(path, 1) and (reference_map.packed(40) == cells(40)).all()
-    database.execute('PRAGMA max_page_count = 1000000')
-    autosave.save(4 * 10**15)
-    assert holds(path, 41)
-    database.execute('PRAGMA max_page_count = 6')
-    grow(reference_map, 40)
-    with pytest.raises(MapError, match='disk full'):
+    database.rows('PRAGMA max_page_count = 1000000')
+    wait_for(lambda: autosave.committed == 401)
+    assert holds(path, 401)
+    database.rows('PRAGMA max_page_count = 6')
+    grow(reference_map, 400)
+    with pytest.raises(MapError, match='make room'):
         autosave.close()
 
 
-def test_a_second_program_that_adds_to_the_map_is_told_so(path):
+def test_who_comes_second_is_told_at_the_start_and_the_first_loses_nothing(path):
     save_map(grown(3), path)
-    maps = [open_map(path) for _ in range(2)]
-    first, second = (Autosave(path, one) for one in maps)
-    grow(maps[0], 1)
+    first = own(path)
+    for another in (lambda: own(path), lambda: save_map(grown(1), path)):
+        with pytest.raises(MapError, match=r'map.db: another program adds to this map; end it'):
+            another()
+    assert holds(path, 3)
+    grow(first.reference_map, 1)
     first.close()
-    grow(maps[1], 2)
-    with pytest.raises(MapError, match=r'map.db: another program adds to this map .*only one'):
-        second.save(10**15)
-    with pytest.raises(MapError, match='another program'):
-        second.close()
-    assert holds(path, 4)
+    second = own(path)
+    grow(second.reference_map, 2)
+    second.close()
+    assert holds(path, 6)
 
 
-def test_a_file_that_was_replaced_is_reported_and_left_alone(path):
-    reference_map = grown(1)
-    autosave = Autosave(path, reference_map)
-    save_map(reference_map, path)
+def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
+    first = own(path)
+    path.with_name('map.db-lock').unlink()
+    second = own(path)
+    grow(second.reference_map, 2)
+    second.close()
+    grow(first.reference_map, 3)
+    with pytest.raises(MapError, match=r'another program added to this map .* start again'):
+        first.flush()
+    with pytest.raises(MapError):
+        first.close()
+    assert holds(path, 2)
+
+
+def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
+    autosave, other = own(path), tmp_path / 'other.db'
+    grow(autosave.reference_map, 1)
+    autosave.flush()
+    path.rename(tmp_path / 'away.db')
+    save_map(grown(5), other)
+    other.rename(path)
     before = path.read_bytes()
-    grow(reference_map, 1)
-    with pytest.raises(MapError, match=r'map.db: was moved or replaced'):
-        autosave.save(10**15)
-    autosave.save(2 * 10**15)
-    assert path.read_bytes() == before and (reference_map.packed(0) == cells(0)).all()
+    grow(autosave.reference_map, 1)
+    moved = told(autosave)
+    wait_for(moved)
+    assert 'map.db: was moved or replaced' in moved.text
+    assert path.read_bytes() == before
+    (tmp_path / 'away.db').rename(path)
+    wait_for(lambda: autosave.committed == 2)
+    autosave.close()
+    assert holds(path, 2)
 
 
-SAVE_UNTIL_KILLED = """
-import sys
+OWN_UNTIL_KILLED = """
+import sys, time
 from pathlib import Path
 sys.path.insert(0, {folder!r})
-from test_autosave import Autosave, grow, grown
-reference_map = grown(0)
-autosave = Autosave(Path({path!r}), reference_map)
-now_ns = 10**15
+from test_autosave import grow, own
+autosave = own(Path({path!r}))
 while True:
-    grow(reference_map, 5)
-    now_ns += 10**9
-    autosave.save(now_ns)
-    print(len(reference_map), flush=True)
+    grow(autosave.reference_map, 5)
+    autosave.flush()
+    print(autosave.committed, flush=True)
+    if autosave.committed == {pause}:
+        time.sleep(1000)
 """
 
 
-def test_what_was_committed_outlives_being_killed_at_any_moment(path):
-    program = SAVE_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
-    with subprocess.Popen(
+def start(path, pause):
+    program = OWN_UNTIL_KILLED.format(
+        folder=os.path.dirname(__file__), path=str(path), pause=pause
+    )
+    return subprocess.Popen(
         [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:
+    )
+
+
+def test_what_was_committed_outlives_being_killed_at_any_moment(path):
+    with start(path, pause=0) as process:
         for _ in range(40):
             committed = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)
@@ -212,8 +274,18 @@ def test_what_was_committed_outlives_being_killed_at_any_moment(path):
     count = len(open_map(path))
     assert committed <= count <= committed + 5 and holds(path, count)
     assert path.read_bytes() == left
-    reference_map = open_map(path)
-    autosave = Autosave(path, reference_map)
-    grow(reference_map, 3)
+    autosave = own(path)
+    grow(autosave.reference_map, 3)
     autosave.close()
     assert holds(path, count + 3)
+
+
+def test_a_killed_owner_holds_nobody_up(path):
+    with start(path, pause=10) as process:
+        while int(process.stdout.readline()) < 10:
+            pass
+        with pytest.raises(MapError, match='another program adds to this map'):
+            own(path)
+        process.kill()
+    own(path).close()
+    assert holds(path, 10) and list(path.parent.iterdir()) == [path]

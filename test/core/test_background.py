@@ -5,9 +5,9 @@
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.background import Background, subtracted
-from convseq_ros.core.similarity.cell_normalization import normalized
-from convseq_ros.core.similarity.kernels.numpy_coherent import shown_regions
+from convseq_ros.core.similarity.background import Background
+from convseq_ros.core.similarity.kernels.numpy_coherent import shown_regions, subtracted
+from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 import numpy as np
 import pytest
 

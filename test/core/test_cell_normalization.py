@@ -3,7 +3,7 @@
 """Cells in which noise and the strength of edges count for less."""
 
 from convseq_ros.core.compiled import available
-from convseq_ros.core.similarity.cell_normalization import normalized
+from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 import numpy as np
 import pytest
 

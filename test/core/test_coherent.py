@@ -5,7 +5,7 @@
 import importlib.util
 from pathlib import Path
 
-from convseq_ros.config import MatchingConfig
+from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import joined_regions, projected_regions, projection
@@ -154,7 +154,8 @@ def test_regions_are_of_unit_length_and_flat_ones_have_a_place_too():
 def test_corridor_scores_are_those_of_the_study(shared_data):
     def drive(name):
         for path in sorted((shared_data / 'corridor' / name).glob('*.jpg')):
-            yield describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY))
+            gray = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
+            yield describe(gray, EncodingConfig(resize='linear'))
 
     golden = np.load(shared_data / 'coherent' / 'corridor_scores.npy', allow_pickle=False)
     references = [projected_regions(one.cells) for one in drive('ref')]

@@ -100,7 +100,7 @@ def test_entropy_is_that_of_scikit_image_up_to_the_edges(way, gray):
     with pytest.MonkeyPatch.context() as patch:
         choose(way, patch)
         bits = entropy_map(gray)
-        by_cell = cell_entropies(gray, len(gray) // 16)
+        by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
     expected = entropy_by_definition(gray)
     assert np.abs(bits - expected).max() < 1e-9
     cells = len(gray) // 16
@@ -114,7 +114,7 @@ def test_the_same_regions_are_salient_as_by_definition(way, kind):
     gray = picture(kind, 512, 3)
     means = entropy_by_definition(gray).reshape(32, 16, 32, 16).mean(axis=(1, 3))
     threshold = float(np.median(means)) / 8 * 1.01
-    found = describe(gray, EncodingConfig(saliency_threshold=threshold))
+    found = describe(gray, EncodingConfig(saliency_threshold=threshold, resize='linear'))
     assert 0 < found.salient.sum() < found.salient.size
     assert (found.salient == salient_regions(means, threshold)).all()
 

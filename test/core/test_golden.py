@@ -8,6 +8,7 @@ import sys
 from convseq_ros.config import (
     AcceptanceConfig,
     Config,
+    EncodingConfig,
     EVERY_FRAME,
     MatchingConfig,
     SequenceConfig,
@@ -26,6 +27,7 @@ import pytest
 
 from test.core.entropy_map import entropy_map
 
+LINEAR = EncodingConfig(resize='linear')  # as in the restatement
 GOLDEN = Path(__file__).resolve().parents[1] / 'golden'
 COUNT = 8
 
@@ -48,7 +50,7 @@ def images():
 
 @pytest.fixture(scope='module')
 def described(images):
-    return [[describe(image) for image in drive] for drive in images]
+    return [[describe(image, LINEAR) for image in drive] for drive in images]
 
 
 def test_cells_agree(described, golden):
@@ -88,7 +90,7 @@ def test_sequence_lengths_agree(described, golden):
 
 
 def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, described, golden):
-    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
+    reference_map = ReferenceMap(LINEAR, keyframes=EVERY_FRAME)
     for index, one in enumerate(described[1]):
         reference_map.add(Place(index), pack_cells(one.cells))
     config = Config(

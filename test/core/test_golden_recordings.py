@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 import pytest
 
-ET_04 = EncodingConfig(saliency_threshold=0.4)
+LINEAR = EncodingConfig(resize='linear')  # as what was published
+ET_04 = EncodingConfig(resize='linear', saliency_threshold=0.4)
 
 
 def from_bgr(path):
@@ -27,7 +28,7 @@ def straight_to_grey(path):
     return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
 
 
-def drive(folder, decode, config=EncodingConfig()):
+def drive(folder, decode, config=LINEAR):
     return [describe(decode(path), config) for path in sorted(folder.glob('*.jpg'))]
 
 

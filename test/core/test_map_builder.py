@@ -9,6 +9,8 @@ import sqlite3
 
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Pose
@@ -43,8 +45,13 @@ def drive(image) -> list[Frame]:
 
 
 def dump(path: Path) -> list[str]:
+    """Return all that a map holds, but for the ids of the map and its session."""
     with sqlite3.connect(path) as database:
-        return list(database.iterdump())
+        database.execute("DELETE FROM about WHERE name = 'map_id'")
+        database.execute('UPDATE sessions SET id = 0, crc32 = 0')
+        found = list(database.iterdump())
+        database.rollback()
+        return found
 
 
 @pytest.mark.parametrize('settings', SETTINGS.values(), ids=SETTINGS)
@@ -100,3 +107,30 @@ def test_a_map_that_is_there_is_not_replaced(tmp_path, image):
     with pytest.raises(MapError, match='no such map'):
         MapBuilder(tmp_path / 'none.db', config, append=True)
     assert dump(path) == before
+
+
+def test_a_builder_that_ends_without_a_place_deletes_nothing_of_another(tmp_path, image):
+    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+    with MapBuilder(path, config) as first:
+        first.process(Frame(0, None))
+        with pytest.raises(MapError, match=r'map.db: another program adds to this map'):
+            with MapBuilder(path, config, append=True) as second:
+                second.process(drive(image)[0])
+    assert not path.exists()
+    build_map(drive(image), path, config)
+    before = dump(path)
+    for append in (True, False):
+        with pytest.raises((RuntimeError, MapError)):
+            with MapBuilder(path, config, append=append):
+                raise RuntimeError
+        assert dump(path) == before
+
+
+@pytest.mark.parametrize('left', ['an empty file', 'a map without places'])
+def test_a_map_can_be_built_where_a_crash_left_none(tmp_path, image, left):
+    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+    path.touch()
+    if left != 'an empty file':
+        save_map(ReferenceMap(), path)
+    made = len(build_map(drive(image), path, config))
+    assert len(open_map(path, config.encoding)) == made > 3

@@ -6,9 +6,9 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.frame_gate import Overlap
-from convseq_ros.core.similarity.cell_normalization import normalized
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
+from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 import cv2
 import numpy as np
 import pytest

@@ -21,7 +21,7 @@ def cells(seed):
 
 
 class Stored:
-    def pictures(self, indices):
+    def pictures(self, indices, _with_images=False):
         return [Picture(cells(1000 + index), b'stored') for index in indices]
 
 
@@ -69,7 +69,7 @@ def test_several_places_are_read_in_one_go_wherever_they_are():
     for index in range(5):
         reference_map.add(Place(index), cells(index))
     asked, stored = [], Stored()
-    stored.pictures = lambda indices: asked.append(indices) or Stored().pictures(indices)
+    stored.pictures = lambda indices, _: asked.append(indices) or Stored().pictures(indices)
     for count in (0, 2, 5):
         reference_map.evict(count, stored.pictures)
         found = reference_map.cells_of([3, 0, 4, 0])

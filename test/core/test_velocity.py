@@ -76,24 +76,31 @@ def test_unknown_pairs_and_frames_do_not_change_the_velocity():
     assert found == 1.5
 
 
-@pytest.mark.parametrize('kernels', KERNELS)
-@given(
-    count=strategies.integers(1, 1100),
-    length=strategies.integers(1, 20),
-    unknown=strategies.floats(0, 0.9),
-    seed=strategies.integers(0, 99),
-)
-def test_peaks_are_those_of_sequence_scores(kernels, count, length, unknown, seed):
-    """Whole rows, shorter ones, missing ones and unknown pairs, at every velocity."""
+def windows(count, length, unknown, seed):
+    """Return whole rows, shorter ones, missing ones and unknown pairs."""
     rng = np.random.default_rng(seed)
-    rows = [
-        rng.random(max(1, count - rng.integers(0, 3)), np.float32) - 0.2 for _ in range(length)
-    ]
+    counts = rng.integers(max(1, count - 2), count + 1, length)
+    rows = [rng.random(one, np.float32) - 0.2 for one in counts]
     rows[0] = rng.random(count, np.float32)
     for row in rows[1::2]:
         row[rng.random(len(row)) < unknown] = np.nan
     rows[2::5] = [None] * len(rows[2::5])
-    steps = np.array([diagonal(length, one) for one in VELOCITY.velocities])
+    return rows
+
+
+DRAWN = strategies.builds(
+    windows,
+    strategies.integers(1, 1100),
+    strategies.integers(1, 20),
+    strategies.floats(0, 0.9),
+    strategies.integers(0, 99),
+)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN)
+def test_peaks_are_those_of_sequence_scores(kernels, rows):
+    steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
     found = import_module(f'convseq_ros.core.sequence.{kernels}').peaks(rows, steps)
     for velocity, (highest, mean, number) in zip(VELOCITY.velocities, found, strict=True):
         scores = sequence_scores(rows, velocity)
@@ -101,6 +108,22 @@ def test_peaks_are_those_of_sequence_scores(kernels, count, length, unknown, see
         assert number == scores.size
         if scores.size:
             assert (highest, mean) == pytest.approx((scores.max(), scores.mean()), abs=1e-5)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN, velocity=strategies.sampled_from(VELOCITY.velocities))
+def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(kernels, rows, velocity):
+    steps = np.array(diagonal(len(rows), velocity))
+    found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps)
+    shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
+    for end in range(0, len(rows[0]), 1 + len(rows[0]) // 40):
+        pairs = [row[end - step] if 0 <= end - step < len(row) else np.nan for row, step in shown]
+        known = np.isfinite(pairs)
+        if 2 * known.sum() < len(rows):
+            assert found[end] == -np.inf
+            continue
+        means = [np.nanmean(row) if np.isfinite(row).any() else 0 for row, _ in shown]
+        assert found[end] == pytest.approx(np.where(known, pairs, means).mean(), abs=1e-5)
 
 
 def test_a_new_drive_starts_anew():

@@ -654,3 +654,18 @@ def test_page_is_no_wider_than_a_phone(browser):
 def test_page_looks_like_something(browser):
     image = cv2.imdecode(np.frombuffer(browser.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     assert image.std() > 10
+
+
+@pytest.mark.parametrize('name', ['summary.json', '../set.json'])
+def test_a_file_that_is_nested_too_deeply_is_one_line(copy, tmp_path, capsys, name):
+    (copy / 'street' / 'cohog' / name).write_text('[' * 100_000)
+    assert main(['report', str(copy), '--output', str(tmp_path / 'page.html')]) == 1
+    assert one_line(capsys.readouterr().err)
+
+
+def test_a_matrix_that_declares_terabytes_is_one_line(copy, tmp_path, capsys):
+    header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000, 1000000), }".ljust(117)
+    content = b'\x93NUMPY\x01\x00\x76\x00' + header.encode() + b'\n'
+    (copy / 'street' / 'cohog' / 'scores.npy').write_bytes(content)
+    assert main(['report', str(copy), '--output', str(tmp_path / 'page.html')]) == 1
+    assert one_line(capsys.readouterr().err)

@@ -78,6 +78,29 @@ def held(monkeypatch) -> Iterator[threading.Event]:
     event.set()
 
 
+@pytest.fixture
+def held_up() -> Callable[[Any], Any]:
+    """Return what keeps the executor's thread of a node busy for as long as a block lasts."""
+
+    @contextlib.contextmanager
+    def hold(node: Any) -> Iterator[None]:
+        begun, ended = threading.Event(), threading.Event()
+
+        def wait() -> None:
+            begun.set()
+            assert ended.wait(60)
+
+        guard = node.create_guard_condition(wait)
+        guard.trigger()
+        assert begun.wait(60)
+        try:
+            yield
+        finally:
+            ended.set()
+
+    return hold
+
+
 @pytest.fixture(scope='session')
 def street() -> list[np.ndarray]:
     """Return grey pictures (120, 160) that have nothing in common."""

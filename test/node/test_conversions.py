@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records become messages and come back unchanged."""
 
+from dataclasses import replace
+
 import pytest
 
 pytest.importorskip('rclpy')
@@ -36,6 +38,21 @@ POSE = Pose((1.0, -2.0, 0.5), (0.0, 0.0, 0.6, 0.8))
 @given(strategies.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
 def test_a_stamp_comes_back(stamp_ns):
     assert stamp_to_ns(stamp_from_ns(stamp_ns)) == stamp_ns
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'nearest_ns'),
+    [
+        (2**31 * 10**9, 2**31 * 10**9 - 1),
+        (2**63 - 1, 2**31 * 10**9 - 1),
+        (-(2**63), -(2**31) * 10**9),
+    ],
+)
+def test_a_stamp_that_ros_cannot_say_is_the_nearest_one(stamp_ns, nearest_ns):
+    assert stamp_to_ns(stamp_from_ns(stamp_ns)) == nearest_ns
+    candidate = replace(CANDIDATES[0], reference_stamp_ns=stamp_ns)
+    message = candidates_message(replace(MATCH, candidates=(candidate,)), {7: None}, 'm')
+    assert len(candidates_from_message(message)) == 1
 
 
 def test_candidates_come_back_through_the_wire():

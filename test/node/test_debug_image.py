@@ -51,3 +51,9 @@ def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
     assert (one == other).all() and np.ptp(one.astype(int)) > 100
     coloured = np.ptp(picture.astype(int), axis=2) > 100
     assert 10 < coloured.sum() < 100
+
+
+@pytest.mark.parametrize('shape', [(1, 5000), (5000, 1)])
+def test_a_picture_of_one_row_or_column_stays_small(shape):
+    picture = debug_image(Frame(9, np.zeros(shape, np.uint8)), SKIPPED, b'', NONE)
+    assert picture.shape[1] <= 960 + 240

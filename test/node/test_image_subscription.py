@@ -10,6 +10,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from convseq_ros.node.subscription import FollowingSubscription
+import numpy as np
+from rclpy.duration import Duration
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
@@ -91,3 +93,30 @@ def test_reliable_refuses_a_best_effort_camera_and_says_so(client, vpr, capfd):
     client.node.create_publisher(Image, '/image', BEST_EFFORT)
     client.wait_for(lambda: 'set image_reliability to auto' in ''.join(capfd.readouterr()))
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
+
+
+def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image, held_up):
+    node = vpr(queue_size=3)
+    camera = client.camera(Image)
+    camera.publish(image(street[0], 1))
+    client.wait_for(lambda: node._statistics.received == 1)
+    with held_up(node):
+        for number in range(50):
+            camera.publish(image(street[0], number + 2))
+        assert camera.wait_for_all_acked(Duration(seconds=60))
+    client.wait_for(lambda: node._statistics.received + node._images.lost == 51)
+    assert node._images.lost > 0
+
+
+def test_large_images_leave_less_room_in_the_history(client, vpr, image):
+    node = vpr(queue_size=20, queue_mb=1.0)
+    camera = client.camera(Image)
+    camera.publish(image(np.zeros((200, 500), np.uint8), 1))
+    client.wait_for(lambda: node._images._subscription._depth == 10)
+    camera.publish(image(np.zeros((2000, 1000), np.uint8), 2))
+    client.wait_for(lambda: node._images._subscription._depth == 2)
+    client.wait_for(lambda: node._statistics.received == 2)
+    client.wait_for(lambda: client.node.count_subscribers('/image') == 1)
+    client.wait_for(camera.get_subscription_count)
+    camera.publish(image(np.zeros((200, 500), np.uint8), 3))
+    client.wait_for(lambda: node._statistics.received == 3)

@@ -5,15 +5,14 @@
 import os
 import threading
 
-from convseq_ros.core.map.online import Autosave
 import pytest
 
 pytest.importorskip('rclpy')
 
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import MapError
+from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.node.conversions import candidates_from_message
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -115,9 +114,9 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
     held = threading.Event()
 
     def slowly(function):
-        def run(*args):
+        def run(*args, **kwargs):
             assert held.wait(60)
-            return function(*args)
+            return function(*args, **kwargs)
 
         return run
 
@@ -157,7 +156,7 @@ def test_no_frame_is_dropped_while_maps_are_saved_and_loaded(
         assert good, answer
     stream(lambda: sent > 60)
     client.wait_for(lambda: node._statistics.processed == sent, 'every frame counted')
-    assert len(indices) == sent
+    client.wait_for(lambda: len(indices) == sent, 'every answer heard')
     assert node._worker.dropped == 0
     assert node._statistics.received == sent
     assert 10 < len(open_map(copy)) < sent
@@ -180,6 +179,37 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
 
 
+@pytest.mark.parametrize('name', ['mistyped.db', 'empty.db'])
+def test_a_mistyped_path_leaves_the_map_in_use(client, vpr, street, image, tmp_path, name):
+    path = tmp_path / 'new.db'
+    (tmp_path / 'empty.db').touch()
+    node = vpr(map_path=path, **ONLINE)
+    indices = client.listen(Int32, '/vpr_node/match_index')
+    drive(client.camera(Image), street, image, range(7))
+    client.wait_for(lambda: len(indices) == 7)
+    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(tmp_path / name))
+    assert answer.result in (
+        LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST, LoadMap.Response.RESULT_INVALID_MAP_DATA
+    )  # fmt: skip
+    assert node._recognition.session.path == path
+    assert client.call(Trigger, '/vpr_node/save_map').success
+    assert len(open_map(path)) == 7
+    assert not (tmp_path / 'empty.db').stat().st_size
+    assert not (tmp_path / 'mistyped.db').exists()
+
+
+def test_a_second_node_on_the_same_map_is_told_at_the_start(vpr, tmp_path):
+    vpr(map_path=tmp_path / 'new.db', **ONLINE)
+    with pytest.raises(MapError, match=r'new.db: another program adds to this map'):
+        vpr(map_path=tmp_path / 'new.db', **ONLINE)
+
+
+def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):
+    with pytest.raises(ConfigError, match='result_file'):
+        vpr(map_path=tmp_path / 'new.db', result_file=tmp_path / 'absent' / 'rows.csv', **ONLINE)
+    vpr(map_path=tmp_path / 'new.db', **ONLINE)
+
+
 def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
     client, vpr, street, image, tmp_path, monkeypatch
 ):
@@ -187,10 +217,10 @@ def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
     indices = client.listen(Int32, '/vpr_node/match_index')
     diagnostics = client.listen(DiagnosticArray, '/diagnostics')
 
-    def fail(keeper):
+    def fail(*_):
         raise MapError('new.db: cannot write (database or disk is full)')
 
-    monkeypatch.setattr(Autosave, 'save', fail)
+    monkeypatch.setattr(MapWriter, 'copy', fail)
     drive(client.camera(Image), street, image, [*range(10), *range(10)])
     client.wait_for(lambda: len(indices) == 20)
     assert [message.data for message in indices][10:] == list(range(10))
@@ -203,7 +233,7 @@ def test_a_full_disk_is_an_error_on_diagnostics_and_recognition_goes_on(
         if message.status[0].level == DiagnosticStatus.ERROR
     }
     assert 'new.db: what the map gains cannot be written' in text
-    assert node._statistics.unkept == 20
+    assert node._statistics.unkept == 1
     answer = client.call(Trigger, '/vpr_node/save_map')
     assert not answer.success and 'disk is full' in answer.message
 

@@ -18,6 +18,7 @@ from convseq_ros.node import map_services
 from nav_msgs.srv import LoadMap
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, UInt32
 from std_srvs.srv import SetBool, Trigger
@@ -85,10 +86,10 @@ def test_another_map_takes_over_while_frames_come_and_none_is_lost(
     save_map(reverse, tmp_path / 'reverse.db')
     opening, frames_came = threading.Event(), threading.Event()
 
-    def open_slowly(*args):
+    def open_slowly(*args, **kwargs):
         opening.set()
         assert frames_came.wait(60)
-        return Session(*args)
+        return Session(*args, **kwargs)
 
     vpr(map_path=map_path, fixed_length=1)
     monkeypatch.setattr(map_services, 'Session', open_slowly)
@@ -149,7 +150,7 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
 ):
     vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)
 
-    def fail(*_):
+    def fail(*_, **__):
         raise ValueError('a surprise')
 
     monkeypatch.setattr(map_services, 'save_map', fail)
@@ -218,3 +219,27 @@ def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, 
     assert node._worker.waiting == 19
     held.set()
     client.wait_for(lambda: node._statistics.processed == 20)
+
+
+def test_every_call_of_a_quick_caller_is_answered(client, vpr, held_up):
+    node = vpr()
+    client.service(Trigger, '/vpr_node/reset')
+    service = client.node.create_client(
+        Trigger, '/vpr_node/reset', qos_profile=QoSProfile(depth=1000)
+    )
+    client.wait_for(service.service_is_ready)
+    client.wait_until_known_to('/vpr_node')
+    with held_up(node):
+        futures = [service.call_async(Trigger.Request()) for _ in range(200)]
+    client.wait_for(lambda: all(future.done() for future in futures), 'all answers')
+    assert all(future.result().success for future in futures)
+
+
+def test_a_file_that_is_no_map_is_not_replaced(client, vpr, map_path, tmp_path):
+    target = tmp_path / 'notes.txt'
+    target.write_text('precious')
+    vpr(map_path=map_path)
+    assert set_parameter(client, 'save_map_path', str(target)).successful
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert not answer.success and 'is no map, and is not replaced' in answer.message
+    assert target.read_text() == 'precious'

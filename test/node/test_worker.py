@@ -41,6 +41,34 @@ def test_items_are_handled_in_order():
     assert worker.stop(LIMIT_S)
 
 
+def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(gate):
+    handled = []
+
+    def handle(item):
+        handled.append(item)
+        gate.wait()
+
+    worker = Worker(handle, 100, queue_bytes=10)
+    worker.start()
+    worker.put(0, 1000)
+    settled(lambda: handled == [0])
+    for item in range(1, 6):
+        worker.put(item, 4)
+    assert (worker.waiting, worker.dropped) == (2, 3)
+    worker.put(6, 1000)
+    assert (worker.waiting, worker.dropped) == (1, 5)
+    gate.set()
+    settled(lambda: len(handled) == 2)
+    assert handled == [0, 6]
+    # What was taken holds no room any more.
+    gate.clear()
+    worker.put(7, 4)
+    settled(lambda: handled[-1] == 7)
+    worker.put(8, 5)
+    worker.put(9, 5)
+    assert worker.waiting == 2
+
+
 def test_the_oldest_items_are_dropped_and_counted(gate):
     handled = []
 

@@ -160,7 +160,7 @@ def test_frames_stream_without_reading_the_rest(recorder, storage, pictures, mon
     monkeypatch.setitem(
         DECODERS,
         'sensor_msgs/msg/Image',
-        lambda message: decoded.append(message) or np.zeros((1, 1), np.uint8),
+        lambda message, _: decoded.append(message) or np.zeros((1, 1), np.uint8),
     )
     next(iter(recording))
     assert len(decoded) == 1

@@ -23,9 +23,12 @@ class ENTROPY:
     radius_px: int = 5  # of the disk around a pixel
     outside: int = 256  # level that stands for what lies beyond the image; no pixel has it
     step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
+    resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
 
 
-def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
+def cell_entropies(
+    gray: npt.NDArray[np.uint8], cells: int, interpolation: int = cv2.INTER_LINEAR_EXACT
+) -> Numbers:
     """
     Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
 
@@ -37,7 +40,8 @@ def cell_entropies(gray: npt.NDArray[np.uint8], cells: int) -> Numbers:
 
     """
     enlarged = _enlarged_means(gray.shape[0], cells)
-    return enlarged @ local_entropy(gray) @ enlarged.T
+    bits = enlarged @ local_entropy(gray, interpolation) @ enlarged.T
+    return np.rint(bits / ENTROPY.resolution) * ENTROPY.resolution
 
 
 def image_entropy(bits: Numbers) -> float:
@@ -53,7 +57,9 @@ def _enlarged_means(side: int, cells: int) -> Numbers:
     return rows.reshape(cells, side // cells, size).mean(axis=1)
 
 
-def local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
+def local_entropy(
+    gray: npt.NDArray[np.uint8], interpolation: int = cv2.INTER_LINEAR_EXACT
+) -> Numbers:
     """
     Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
 
@@ -62,7 +68,7 @@ def local_entropy(gray: npt.NDArray[np.uint8]) -> Numbers:
     """
     size, radius = ENTROPY.side_px, ENTROPY.radius_px
     framed = np.full((size + 2 * radius, size + 2 * radius), ENTROPY.outside, np.uint16)
-    small = cv2.resize(gray, (size, size), interpolation=cv2.INTER_LINEAR)
+    small = cv2.resize(gray, (size, size), interpolation=interpolation)
     framed[radius:-radius, radius:-radius] = small
     half_widths, terms, of_whole, of_outside, count = _disk()
     sums = np.empty((size, size))

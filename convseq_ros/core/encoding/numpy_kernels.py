@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback without C."""
 
+from convseq_ros.core.encoding.regions import projected_regions as project
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+__all__ = ['disk_sums', 'histograms', 'project']
 
 _MARGIN_PX = 2  # beside the image; a 5 x 5 Sobel reaches so far
 _INSIDE = slice(_MARGIN_PX, -_MARGIN_PX)

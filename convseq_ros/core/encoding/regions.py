@@ -11,6 +11,7 @@ from functools import cache
 from importlib.resources import files
 from math import isqrt
 
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 import numpy as np
 import numpy.typing as npt
@@ -71,12 +72,13 @@ def global_descriptor(cells: Cells) -> npt.NDArray[np.float16]:
 
     Of the first 12 numbers of projected regions, the leading axes, a cosine transform keeps the 21
     lowest frequencies: what changes slowly is still there after a shift of a few cells, and an
-    axis of little variance is mostly noise at night. It is fixed, so that maps can grow.
+    axis of little variance is mostly noise at night. It is fixed, so that maps can grow. Sums are
+    float64: in what order a processor adds up is lost when they are rounded.
     """
-    regions = projected_regions(cells)
+    regions = kernels_of(__package__).project(cells)
     side = isqrt(len(regions))
     waves = _waves(side)
-    rows = waves @ regions[:, : REGION.axes].reshape(side, -1)
+    rows = waves @ regions[:, : REGION.axes].reshape(side, -1).astype(np.float64)
     spectrum = waves @ rows.reshape(len(waves), side, REGION.axes)
     low = np.add.outer(range(len(waves)), range(len(waves))) < REGION.frequencies
     return spectrum[low].ravel().astype(np.float16)
@@ -89,8 +91,8 @@ def global_descriptor_length(cell_shape: tuple[int, int, int]) -> int:
 
 
 @cache
-def _waves(side: int) -> npt.NDArray[np.float32]:
+def _waves(side: int) -> npt.NDArray[np.float64]:
     """Return the rows of a cosine transform, scaled to give means: (frequencies, side)."""
     frequency = np.arange(min(REGION.frequencies, side))[:, None]
     phase = np.pi * frequency * (np.arange(side) + 0.5) / side
-    return np.asarray(np.where(frequency, np.sqrt(2.0), 1.0) / side * np.cos(phase), np.float32)
+    return np.asarray(np.where(frequency, np.sqrt(2.0), 1.0) / side * np.cos(phase))

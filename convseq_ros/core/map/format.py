@@ -1,105 +1,141 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a map is laid out in its SQLite file, format 3.
+How a map is laid out in its SQLite file, format 4.
 
-`places` is read when a map is opened; `pictures` holds what is read when it is needed. The cells
-are float16, divided by 64, in planes of one byte a cell: the lower bytes of the 8 bins, then the
-upper ones of the first 7. No number is negative, so the upper byte of the eighth bin fits into
-their top bits, the lowest bit into that of the first: 17.0 kB a place, not 18.0. A row of either
-table has its CRC-32.
+`about` holds the map's id and the settings that made it. `sessions` are the drives that made it,
+one for now. `places` is read when a map is opened; `pictures` and `images` when one is asked for.
+The cells are float16, divided by 64. Every row of every table has a CRC-32 of all its values, so
+that a flipped bit refuses an answer and never changes one.
 """
 
+from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
-import sqlite3
 import zlib
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.descriptor import HOG
-from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.types import Camera
+from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
-FORMAT_VERSION = 3  # PRAGMA user_version
+FORMAT_VERSION = 4  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
-SCHEMA = f"""
-PRAGMA application_id = {APPLICATION_ID};
-PRAGMA user_version = {FORMAT_VERSION};
-CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE places (
-    reference_index INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, source TEXT NOT NULL,
-    x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL,
-    pooled BLOB NOT NULL, crc32 INTEGER NOT NULL
-);
-CREATE TABLE pictures (
-    reference_index INTEGER PRIMARY KEY,
-    cells BLOB NOT NULL, thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL
-);
-"""
+PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
+TABLES = {
+    'about': '(name TEXT PRIMARY KEY, value TEXT NOT NULL, crc32 INTEGER NOT NULL) WITHOUT ROWID',
+    # Camera: JSON of its intrinsics. Frame: what the poses are in. Both may be unknown.
+    'sessions': '(session INTEGER PRIMARY KEY, id TEXT NOT NULL, name TEXT NOT NULL, '
+    'start_ns INTEGER NOT NULL, camera TEXT, frame TEXT, crc32 INTEGER NOT NULL)',
+    'places': '(reference_index INTEGER PRIMARY KEY, stamp_ns INTEGER NOT NULL, '
+    'source TEXT NOT NULL, x REAL, y REAL, z REAL, qx REAL, qy REAL, qz REAL, qw REAL, '
+    'session INTEGER NOT NULL, pooled BLOB NOT NULL, crc32 INTEGER NOT NULL)',
+    'pictures': '(reference_index INTEGER PRIMARY KEY, cells BLOB NOT NULL, '
+    'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
+    # Of a place, as a JPEG; NULL if it was not kept.
+    'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
+}
+SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+# Of float16, read as a number: what is negative, infinite or no number is no less than this.
+_FIRST_NOT_FINITE = 0x7C00
 
-_TOP = np.uint8(128)  # the top bit of a byte
-_TOP_BITS = np.arange(HOG.bins - 1, 0, -1, dtype=np.uint8)[:, None]
+_MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
+
+Row = tuple[object, ...]
 
 
-def encode_cells(packed: npt.NDArray[np.float16]) -> bytes:
-    """Return packed cells (S, S, 8) as they are stored; ValueError if one is negative."""
-    halves = packed.reshape(-1, HOG.bins).view(np.uint16).T
-    upper = (halves >> 8).astype(np.uint8)
-    if (upper & _TOP).any():
-        raise ValueError('cells are sums of strengths, which are not negative')
-    upper[:-1] |= upper[-1] << _TOP_BITS & _TOP
-    return halves.astype(np.uint8).tobytes() + upper[:-1].tobytes()
+def is_map_or_empty(path: Path) -> bool:
+    """Return whether a file begins as a map of any format does, or is empty."""
+    with path.open('rb') as file:
+        head = file.read(_ID_BYTES.stop)
+    of_ours = head[_ID_BYTES] == APPLICATION_ID.to_bytes(4, 'big')
+    return not head or (head.startswith(_MAGIC) and of_ours)
+
+
+@dataclass(frozen=True, slots=True)
+class MapSession:
+    """A drive that made places of a map."""
+
+    id: str  # a UUID
+    name: str  # what people call it; may be empty
+    start_ns: int  # stamp of its first place
+    camera: Camera | None = None  # if it was known then
+    frame: str | None = None  # of the poses, if it is known
+
+    @property
+    def row(self) -> Row:
+        """Return what is stored of it."""
+        camera = json.dumps(asdict(self.camera)) if self.camera else None
+        return self.id, self.name, self.start_ns, camera, self.frame
+
+    @classmethod
+    def of_row(cls, row: Row) -> 'MapSession':
+        """Return what was stored; ValueError or TypeError if it is no session."""
+        ident, name, start_ns, camera, frame = row
+        intrinsics = None if camera is None else Camera(**json.loads(str(camera)))
+        described = None if frame is None else str(frame)
+        return cls(str(ident), str(name), int(str(start_ns)), intrinsics, described)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What made a map, and which one it is."""
+
+    map_id: str  # a UUID
+    encoding: EncodingConfig
+    keyframes: KeyframeConfig
+
+    @property
+    def rows(self) -> dict[str, str]:
+        """Return what is stored of them, by name."""
+        size = {'image_size_px': self.encoding.image_size_px, 'resize': self.encoding.resize}
+        return {
+            'map_id': self.map_id,
+            'encoding': json.dumps(size),
+            'keyframes': json.dumps(self.keyframes.spacing),
+        }
+
+    @classmethod
+    def of_rows(cls, said: dict[str, str]) -> 'Settings':
+        """Return what was stored; ValueError if it is not what a map says."""
+        try:
+            made = json.loads(said['encoding'])
+            encoding = EncodingConfig(made['image_size_px'], resize=made['resize'])
+            keyframes = KeyframeConfig(**json.loads(said['keyframes']))
+            return cls(said['map_id'], encoding, keyframes)
+        except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
+            raise ValueError(f'settings: {error}') from error
+
+    def refused(
+        self, encoding: EncodingConfig | None, keyframes: KeyframeConfig | None
+    ) -> str | None:
+        """Return why what is asked for does not fit, naming both values; None if it does."""
+        size_px = (encoding or self.encoding).image_size_px
+        asked = {'image_size_px': size_px, **(keyframes or self.keyframes).spacing}
+        own = {'image_size_px': self.encoding.image_size_px, **self.keyframes.spacing}
+        for name, made in own.items():
+            if made != asked[name]:
+                return (
+                    f'made with {name} {made}, asked for {asked[name]}; set {name} to {made} or '
+                    'build the map again'
+                )
+        return None
+
+
+def row_crc(values: Row) -> int:
+    """Return the checksum of a row: that of its numbers and texts, then of its blobs."""
+    blobs = [value for value in values if isinstance(value, bytes)]
+    plain = [len(value) if isinstance(value, bytes) else value for value in values]
+    crc = zlib.crc32(repr(plain).encode())
+    for blob in blobs:
+        crc = zlib.crc32(blob, crc)
+    return crc
 
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray[np.float16]:
-    """Return stored cells, packed; ValueError if they are not of that shape."""
-    planes = np.frombuffer(stored, np.uint8).reshape(2 * HOG.bins - 1, -1)
-    halves = np.empty((planes.shape[1], HOG.bins), np.uint16)
-    kernels_of(__package__).join_bytes(planes, halves)
-    return halves.view(np.float16).reshape(cell_shape)
-
-
-def row_crc(plain: object, *blobs: bytes) -> int:
-    """Return the checksum of a row of either table: numbers and texts, then blobs."""
-    return zlib.crc32(b''.join((repr(plain).encode(), *blobs)))
-
-
-def checked_settings(
-    path: Path,
-    database: sqlite3.Connection,
-    encoding: EncodingConfig | None,
-    keyframes: KeyframeConfig | None,
-) -> tuple[EncodingConfig, KeyframeConfig]:
-    """
-    Return the settings asked for, by default the map's: every frame, in maps that do not say.
-
-    MapError if the file is foreign, of another format or made with other settings.
-    """
-    if database.execute('PRAGMA application_id').fetchone()[0] != APPLICATION_ID:
-        raise MapError(f'{path}: not a convseq map but another SQLite file')
-    version = database.execute('PRAGMA user_version').fetchone()[0]
-    if version != FORMAT_VERSION:
-        raise MapError(
-            f'{path}: map format {version}, this program reads {FORMAT_VERSION}; '
-            f'{"update convseq_ros" if version > FORMAT_VERSION else "build the map again"}'
-        )
-    said = dict(database.execute('SELECT name, value FROM about'))
-    try:
-        settings = json.loads(said['encoding'])
-        made_with, apart = EncodingConfig(**settings), EVERY_FRAME
-        if 'keyframes' in said:
-            apart = KeyframeConfig(**json.loads(said['keyframes']))
-    except (KeyError, TypeError, ValueError, ConfigError) as error:
-        raise MapError(f'{path}: damaged map (settings: {error}); build it again') from error
-    size_px = (encoding or made_with).image_size_px
-    asked = {'image_size_px': size_px, **(keyframes or apart).spacing}
-    settings |= apart.spacing
-    for name, wanted in asked.items():
-        if (made := settings.get(name)) != wanted:
-            raise MapError(
-                f'{path}: made with {name} {made}, asked for {wanted}; '
-                f'set {name} to {made} or build the map again'
-            )
-    return encoding or made_with, keyframes or apart
+    """Return stored cells, packed; ValueError if they are of another shape, or no strengths."""
+    bits = np.frombuffer(stored, '<u2').reshape(cell_shape)
+    if bits.max() >= _FIRST_NOT_FINITE:
+        raise ValueError('its cells are not finite, or negative')
+    return bits.view(np.float16)

@@ -4,10 +4,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 import sys
 from typing import Any
 
-from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
 from convseq_ros.core.types import Pose
 import cv2
@@ -18,9 +18,12 @@ Packed = npt.NDArray[np.float16]
 
 _SCALE = np.float32(64.0)  # of stored cells; sums of strengths would overflow float16 otherwise
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
+_TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
 _FEWEST_ROWS = 64  # room of a new array
-_ROW = np.dtype([('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7)])
+_ROW = np.dtype(
+    [('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7), ('session', np.int32)]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +33,16 @@ class Place:
     stamp_ns: int  # when it was taken
     source: str = ''  # file name or topic
     pose: Pose | None = None  # where the camera was
+    session: int = 0  # of those of its map
 
     @property
     def pose_numbers(self) -> tuple[float | None, ...]:
-        """Position and orientation; None for those that are not known, as SQLite has no NaN."""
+        """Position and orientation; None if they are not known, or not finite."""
         pose = self.pose
-        numbers = (*pose.position, *pose.orientation) if pose else (np.nan,) * 7
-        return tuple(float(number) if number == number else None for number in numbers)
+        numbers = (*pose.position, *pose.orientation) if pose else (math.nan,) * 7
+        if not all(map(math.isfinite, numbers)):
+            return (None,) * 7
+        return tuple(float(number) + 0.0 for number in numbers)  # SQLite has no -0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +51,7 @@ class Picture:
 
     packed: Packed  # (S, S, 8), its cells, from `pack_cells`
     thumbnail: bytes = b''  # a small JPEG to look at; empty if none was kept
+    image: bytes | None = None  # the frame itself as a JPEG, if it was kept
 
 
 class GrowingArray:
@@ -82,20 +89,25 @@ class Places(Sequence[Place]):
         self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
         self._rows = GrowingArray(np.empty(room, _ROW), 0)
 
-    def append(
-        self, stamp_ns: int, source: str, pose: Sequence[float | None], descriptor: npt.ArrayLike
-    ) -> None:
-        """Add a place with its `pose_numbers`; its global descriptor has shape (n,)."""
+    def append(self, place: Place, descriptor: npt.ArrayLike) -> None:
+        """Add a place; its global descriptor has shape (n,)."""
+        # The name of a file may be any bytes; a map holds text.
+        source = sys.intern(place.source.encode(errors='backslashreplace').decode())
         self.descriptors.extend([descriptor])
-        self._rows.extend([(stamp_ns, sys.intern(source), pose)])
+        self._rows.extend([(place.stamp_ns, source, place.pose_numbers, place.session)])
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
-        """Add rows of the table `places`."""
-        _, stamps_ns, sources, *poses, blobs, _ = zip(*rows, strict=True)
+        """Add rows of the table `places`; ValueError if a number of them is not finite."""
+        _, stamps_ns, sources, *poses, sessions, blobs, _ = zip(*rows, strict=True)
         block = np.empty(len(rows), _ROW)
         block['stamp_ns'], block['source'] = stamps_ns, [*map(sys.intern, sources)]
-        block['pose'] = np.array(poses, np.float64).T
-        self.descriptors.extend(np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1))
+        block['pose'], block['session'] = np.array(poses, np.float64).T, sessions
+        descriptors = np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1)
+        known = np.isfinite(block['pose'])
+        sound = np.isfinite(descriptors).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))
+        if not sound.all():
+            raise ValueError(f'reference {len(self) + sound.argmin()} has numbers without a value')
+        self.descriptors.extend(descriptors)
         self._rows.extend(block)
 
     def __len__(self) -> int:
@@ -104,9 +116,10 @@ class Places(Sequence[Place]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return [self[each] for each in range(len(self))[index]]
-        stamp_ns, source, numbers = self._rows.view[index].item()
+        stamp_ns, source, numbers, session = self._rows.view[index].item()
         x, y, z, *orientation = numbers.tolist()
-        return Place(stamp_ns, source, None if np.isnan(x) else Pose((x, y, z), (*orientation,)))
+        pose = None if math.isnan(x) else Pose((x, y, z), (*orientation,))
+        return Place(stamp_ns, source, pose, session)
 
 
 def pack_cells(cells: Cells) -> Packed:
@@ -116,16 +129,19 @@ def pack_cells(cells: Cells) -> Packed:
 
 def unpack_cells(packed: Packed) -> Cells:
     """Return the float32 cells of packed ones."""
-    cells = np.empty(packed.shape, np.float32)
-    bits = packed.reshape(-1).view(np.uint16)
-    kernels_of(__package__).widen(bits, _SCALE, cells.reshape(-1))
-    return cells
+    return np.multiply(packed, _SCALE, dtype=np.float32)
 
 
 def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:
-    """Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0."""
+    """
+    Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0.
+
+    Of an image that is narrower than a quarter of its height, the height is four times the width.
+    """
     if not width_px:
         return b''
-    height_px = max(1, round(gray.shape[0] * width_px / gray.shape[1]))
-    small = cv2.resize(gray, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    height, width = gray.shape
+    scale = min(width_px / width, _TALLEST * width_px / height)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
     return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()

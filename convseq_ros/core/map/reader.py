@@ -4,24 +4,23 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from dataclasses import replace
+import math
 from pathlib import Path
-import shutil
-import sqlite3
-import tempfile
 from threading import Lock
 from typing import Any
 import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
-from convseq_ros.core.map.format import checked_settings, decode_cells, row_crc
+from convseq_ros.core.map.database import explained, open_to_read, Rows
+from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, TABLES
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
-_ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
-_DAMAGE = (sqlite3.Error, OverflowError, ValueError, TypeError)  # what damaged rows may raise
+_ROWS_AT_ONCE = 1024  # of `places`, for some MB of memory
+_BYTES_A_NUMBER = 2  # of the cells
 
 
 def open_map(
@@ -35,8 +34,7 @@ def open_map(
     Cells and thumbnails are read when they are asked for, and found damaged then; so the file must
     stay where it is while the map is used.
     """
-    reader = MapReader(Path(path), encoding, keyframes)
-    return ReferenceMap(reader.encoding, reader.places(), reader.pictures, reader.keyframes)
+    return MapReader(Path(path), encoding, keyframes).reference_map()
 
 
 class MapReader:
@@ -56,104 +54,99 @@ class MapReader:
         keyframes: KeyframeConfig | None = None,
     ) -> None:
         self._path, self._lock = path, Lock()
-        with self._explained():
-            self._database = _connected(path)
+        with explained(path):
+            self._database = open_to_read(path)
             # A thread may still read when the process ends; what is only read needs no closing.
             weakref.finalize(self, self._database.close).atexit = False
-            settings = checked_settings(path, self._database, encoding, keyframes)
-        self.encoding, self.keyframes = settings
+            self._database.check(path)
+            self._about = {name: value for name, value, _ in self._sound('about')}
+            self.settings = Settings.of_rows(self._about)
+        if reason := self.settings.refused(encoding, keyframes):
+            raise MapError(f'{path}: {reason}')
+        own = self.settings.encoding
+        self.encoding = replace(encoding or own, resize=own.resize)
+        self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 
+    def __len__(self) -> int:
+        with self._at_one_moment():
+            return self._end()
+
     def about(self) -> dict[str, Any]:
-        """Return what the file says about itself, and how many thumbnails it holds."""
-        with self._explained():
-            about = dict(self._database.execute('SELECT name, value FROM about'))
-            seen = 'SELECT count(*) FROM pictures WHERE length(thumbnail) > 0'
-            return {**about, 'thumbnails': self._database.execute(seen).fetchone()[0]}
+        """Return what the file says about itself, and how many thumbnails and images it holds."""
+        found = {'thumbnails': 0, 'images': 0}
+        with self._at_one_moment():
+            for start in range(0, self._end(), _ROWS_AT_ONCE):
+                some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
+                for name, what in (
+                    ('thumbnails', 'pictures WHERE length(thumbnail) > 0'),
+                    ('images', 'images WHERE jpeg IS NOT NULL'),
+                ):
+                    found[name] += self._database.number(f'SELECT count(*) FROM {what} AND {some}')
+        return {**self._about, **found}
 
-    def places(self) -> Places:
-        """Return what a map holds in memory of its places, checked."""
-        with self._explained():
-            count = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
-            both = f'SELECT {count.format("places")}, {count.format("pictures")}'
-            length, pictures = self._database.execute(both).fetchone()
-            if length != pictures:
-                raise self._damaged(f'reference {min(length, pictures)} is missing')
-            places = Places(self._cell_shape, length)
-            rows = self._database.execute('SELECT * FROM places ORDER BY reference_index')
-            for some in iter(partial(rows.fetchmany, _ROWS_AT_ONCE), []):
-                for index, row in enumerate(some, len(places)):
-                    if row[0] != index or row[-1] != row_crc(row[:-2], row[-2]):
-                        raise self._damaged(f'reference {index} fails its checksum')
-                places.extend(some)
-            if len(places) != length:
-                raise self._damaged(f'reference {len(places)} is missing')
-        return places
+    def reference_map(self) -> ReferenceMap:
+        """Return the map, with what is held in memory of its places, checked."""
+        with self._at_one_moment():
+            rows = self._sound('sessions')
+            sessions = [MapSession.of_row(row[1:-1]) for row in rows]
+            if [row[0] for row in rows] != [*range(len(rows))]:
+                raise ValueError('a session is missing')
+            places = Places(self._cell_shape, end := self._end())
+            condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+            while (start := len(places)) < end:
+                rows = self._sound('places', condition, (start, _ROWS_AT_ONCE))
+                for index, row in enumerate(rows, start):
+                    if row[0] != index:
+                        raise ValueError(f'reference {index} is missing')
+                    if not 0 <= row[-3] < len(sessions):
+                        raise ValueError(f'reference {index} is of no session')
+                places.extend(rows)
+        settings = self.encoding, places, self.pictures, self.keyframes
+        return ReferenceMap(*settings, self.settings.map_id, sessions)
 
-    def pictures(self, indices: Sequence[int]) -> list[Picture]:
-        """Return the cells and the thumbnails of places, in the order asked for, checked."""
-        with self._explained(), self._database:
-            # One transaction for many: what a read costs is mostly the lock on the file.
-            self._database.execute('BEGIN')
-            found = {index: self._picture(index) for index in dict.fromkeys(indices)}
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
+        """Return what is large of places, in the order asked for, checked; images if wanted."""
+        # One transaction for many: what a read costs is mostly the lock on the file.
+        with self._at_one_moment():
+            found = {index: self._picture(index, with_images) for index in dict.fromkeys(indices)}
         return [found[index] for index in indices]
 
-    def _picture(self, index: int) -> Picture:
-        statement = 'SELECT cells, thumbnail, crc32 FROM pictures WHERE reference_index = ?'
-        row = self._database.execute(statement, (index,)).fetchone()
-        if row is None:
-            raise self._damaged(f'reference {index} is missing')
-        cells, thumbnail, crc = row
-        if crc != row_crc(index, cells, thumbnail):
-            raise self._damaged(f'reference {index} fails its checksum')
-        return Picture(decode_cells(cells, self._cell_shape), thumbnail)
+    def _picture(self, index: int, with_image: bool) -> Picture:
+        cells, thumbnail = self._of_place('pictures', index)
+        (jpeg,) = self._of_place('images', index) if with_image else (None,)
+        return Picture(decode_cells(cells, self._cell_shape), thumbnail, jpeg)
 
-    def _damaged(self, reason: object) -> MapError:
-        in_one_line = ' '.join(str(reason).split())
-        return MapError(f'{self._path}: damaged map ({in_one_line}); build it again')
+    def _of_place(self, table: str, index: int) -> tuple[Any, ...]:
+        rows = self._sound(table, 'WHERE reference_index = ?', (index,))
+        if not rows or rows[0][0] != index:
+            raise ValueError(f'reference {index} is missing')
+        return rows[0][1:-1]
+
+    def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
+        """Return rows of a table; ValueError if one fails its checksum."""
+        rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
+        for row in rows:
+            if row[-1] != row_crc(row[:-1]):
+                one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+                raise ValueError(f'{one} fails its checksum')
+        return rows
+
+    def _end(self) -> int:
+        """Return the number of places; ValueError if a table, or the file's size, says less."""
+        last = '(SELECT coalesce(max(reference_index), -1) + 1 FROM {})'
+        all_ends = ', '.join(last.format(table) for table in ('places', 'pictures', 'images'))
+        ((end, *others),) = self._database.rows(f'SELECT {all_ends}')
+        if others != [end, end]:
+            raise ValueError(f'reference {min(end, *others)} is missing')
+        size = self._database.number('PRAGMA page_count') * self._database.number(
+            'PRAGMA page_size'
+        )
+        if end * math.prod(self._cell_shape) * _BYTES_A_NUMBER > size:
+            raise ValueError(f'{end} places in {size} bytes')
+        return int(end)
 
     @contextmanager
-    def _explained(self) -> Iterator[None]:
-        try:
-            with self._lock:
-                yield
-        except OSError as error:
-            raise MapError(f'{self._path}: cannot be read ({error.strerror})') from error
-        except _DAMAGE as error:
-            if getattr(error, 'sqlite_errorcode', None) == sqlite3.SQLITE_BUSY:
-                raise MapError(f'{self._path}: is being written to; try again') from error
-            raise self._damaged(error) from error
-
-
-def _connected(path: Path) -> sqlite3.Connection:
-    if path.is_dir():
-        raise MapError(f'{path}: is a folder; name the map file in it')
-    if not path.is_file():
-        raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
-    with path.open('rb') as file:
-        if file.read(16) != b'SQLite format 3\0':
-            raise MapError(f'{path}: not a convseq map')
-    database = _connect(path, 'ro')
-    try:
-        (pages,) = database.execute('PRAGMA page_count').fetchone()
-        (page_bytes,) = database.execute('PRAGMA page_size').fetchone()
-    except sqlite3.OperationalError:
-        database.close()
-        journal = path.with_name(path.name + '-journal')
-        if not journal.exists():
-            raise
-        # A copy is mended, of which only the connection knows.
-        with tempfile.TemporaryDirectory() as folder:
-            shutil.copy(journal, folder)
-            database = _connect(Path(shutil.copy(path, folder)), 'rw')
-            database.execute('PRAGMA schema_version')
-        return database
-    if path.stat().st_size < pages * page_bytes:
-        database.close()
-        raise MapError(f'{path}: damaged map (cut short); build it again')
-    return database
-
-
-def _connect(path: Path, mode: str) -> sqlite3.Connection:
-    address = f'{path.absolute().as_uri()}?mode={mode}'
-    return sqlite3.connect(address, uri=True, check_same_thread=False)
+    def _at_one_moment(self) -> Iterator[None]:
+        with explained(self._path), self._lock, self._database.transaction():
+            yield

@@ -4,16 +4,18 @@
 
 from collections.abc import Callable, Sequence
 from threading import Lock
+from uuid import uuid4
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import pack_cells, Picture, Place, Places, thumbnail, unpack_cells
-from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
 
-ReadPictures = Callable[[Sequence[int]], list[Picture]]
+ReadPictures = Callable[[Sequence[int], bool], list[Picture]]
 
 
 class ReferenceMap:
@@ -23,8 +25,9 @@ class ReferenceMap:
     Cells are held as they are stored, in half precision, so that a map answers alike before it is
     saved and after it is opened. Those in a file are read when they are asked for, and not
     remembered; MapError if they are damaged. One thread may add places while others read: what has
-    an index is complete. A place takes 0.6 kB of memory, and 16 kB more until it is stored.
-    `keyframes` say how far apart places are, and with them the frames that are matched.
+    an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
+    `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
+    is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place.
     """
 
     def __init__(
@@ -33,8 +36,11 @@ class ReferenceMap:
         places: Places | None = None,
         read_pictures: ReadPictures | None = None,
         keyframes: KeyframeConfig = KeyframeConfig(),
+        map_id: str = '',
+        sessions: Sequence[MapSession] = (),
     ) -> None:
         self.encoding, self.keyframes = encoding, keyframes
+        self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)
         self._places = Places(self.cell_shape) if places is None else places
         self.places: Sequence[Place] = self._places
@@ -53,6 +59,8 @@ class ReferenceMap:
     def add_frame(self, frame: Frame, descriptor: Descriptor, thumbnail_width_px: int = 0) -> None:
         """Append the place that a frame shows: the one way from a frame to a place."""
         gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose)
+        if not self.sessions:
+            self._begin_session(frame.stamp_ns, frame.camera)
         small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
         self.add(place, pack_cells(descriptor.cells), small)
 
@@ -69,8 +77,13 @@ class ReferenceMap:
             raise ValueError(f'expected {self.cell_shape} float16, got {shape} {dtype}')
         if known_descriptor is None:
             known_descriptor = global_descriptor(unpack_cells(packed))
+        if not self.sessions:
+            self._begin_session(place.stamp_ns)
         self._in_memory.append(Picture(packed, thumbnail))
-        self._places.append(place.stamp_ns, place.source, place.pose_numbers, known_descriptor)
+        self._places.append(place, known_descriptor)
+
+    def _begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+        self.sessions.append(MapSession(str(uuid4()), '', start_ns, camera))
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
         """Return the packed cells of a place."""
@@ -88,8 +101,8 @@ class ReferenceMap:
         """Return the JPEG of a place, empty if it has none."""
         return self.pictures([index])[0].thumbnail
 
-    def pictures(self, indices: Sequence[int]) -> list[Picture]:
-        """Return what is large of places, those that are stored read in one go."""
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
+        """Return what is large of places; those that are stored are read in one go."""
         for index in indices:
             if not 0 <= index < len(self):
                 raise IndexError(f'reference {index} of {len(self)}')
@@ -98,7 +111,7 @@ class ReferenceMap:
             found = {one: self._in_memory[one - stored] for one in indices if one >= stored}
         missing = [index for index in indices if index not in found]
         if read and missing:
-            found.update(zip(missing, read(missing), strict=True))
+            found.update(zip(missing, read(missing, with_images), strict=True))
         return [found[index] for index in indices]
 
     def evict(self, count: int, read_pictures: ReadPictures) -> None:

@@ -2,114 +2,159 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
-import json
-import os
+from contextlib import closing
 from pathlib import Path
-import sqlite3
 from typing import Self
+from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.format import checked_settings, encode_cells, row_crc, SCHEMA
+from convseq_ros.core.map.database import EMPTY, explained, open_to_write
+from convseq_ros.core.map.format import (
+    APPLICATION_ID,
+    FORMAT_VERSION,
+    MapSession,
+    row_crc,
+    SCHEMA,
+    Settings,
+)
 from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.replacing import replaced
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
-_DAMAGED = 'damaged map ({}); build it again'
-_ANOTHER = 'another program adds to this map ({}); let only one do so'
-_WENT_WRONG = {  # by primary result code of SQLite
-    sqlite3.SQLITE_NOTADB: _DAMAGED,
-    sqlite3.SQLITE_CORRUPT: _DAMAGED,
-    sqlite3.SQLITE_CONSTRAINT: _ANOTHER,
-    sqlite3.SQLITE_BUSY: _ANOTHER,
-    sqlite3.SQLITE_CANTOPEN: 'cannot write ({}); is it in a folder that exists and is writable?',
-}
-
-
-def save_map(reference_map: ReferenceMap, path: Path) -> None:
-    """Write a map as it is now, replacing a file in one step, or, with a MapError, not at all."""
-    part = path.with_name(path.name + '.part')
-    try:
-        part.unlink(missing_ok=True)
-        with MapWriter(part, reference_map.encoding, reference_map.keyframes) as writer:
-            writer.copy(reference_map, len(reference_map))
-        os.replace(part, path)
-    except (MapError, OSError) as error:
-        part.unlink(missing_ok=True)
-        raise MapError(f'{path}: cannot write the map ({error})') from error
-
-
-def refuse_start(path: Path, append: bool) -> None:
-    """Raise MapError if there is no file to append to, or one where a new one shall be."""
-    if append and not path.is_file():
-        raise MapError(f'{path}: no such map to append to')
-    if not append and path.exists():
-        raise MapError(f'{path}: exists already; append to it, or delete it first')
+_OF_A_PLACE = 'places', 'pictures', 'images'
 
 
 class MapWriter:
     """
-    Appends places to a map file, a new one unless `append`; use it as a context manager.
+    Appends places to a map file; use it as a context manager.
 
     They are safe on disk after `commit`, which counts them in `committed`, and at the end, also
-    when the work was interrupted. MapError if a new file exists already, or an existing one is
-    missing, foreign, damaged or made with other settings; later, if the disk is full.
+    when the work was interrupted. A file is made in one transaction, so that none is half made; an
+    empty one is no map yet, and a map without places may be made anew. One program at a time may
+    write, who holds the `MapLock`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    encoding, keyframes : EncodingConfig, KeyframeConfig
+        What made its places, and will make more.
+    append : bool, optional
+        Whether there must be a map; None takes one, or makes it.
+    map_id : str
+        A UUID for a new map; by default its own.
+
+    Attributes
+    ----------
+    reader : MapReader
+        Reads the file.
+    is_new : bool
+        Whether the file was made.
+
+    Raises
+    ------
+    MapError
+        If a new map exists already, or an existing one is missing, foreign, damaged or made with
+        other settings; later, if the disk is full.
+
     """
 
     def __init__(
-        self, path: Path, encoding: EncodingConfig, keyframes: KeyframeConfig, append: bool = False
+        self,
+        path: Path,
+        encoding: EncodingConfig,
+        keyframes: KeyframeConfig,
+        append: bool | None = False,
+        map_id: str = '',
     ) -> None:
-        refuse_start(path, append)
         self._path = path
-        with self._explained():
-            self._database = sqlite3.connect(path, check_same_thread=False)
+        if append and not path.is_file():
+            raise MapError(f'{path}: no such map to add to')
+        with explained(path):
+            self._database = open_to_write(path)
             try:
-                if not append:
-                    self._begin(encoding, keyframes)
-                checked_settings(path, self._database, encoding, keyframes)
-                count = 'SELECT coalesce(max(reference_index), -1) + 1 FROM places'
-                self._count = self.committed = self._database.execute(count).fetchone()[0]
+                settings = Settings(map_id or str(uuid4()), encoding, keyframes)
+                self.is_new = self._make(settings, append)
+                self.reader = MapReader(path, encoding, keyframes)
+                self._count = self.committed = len(self.reader)
+                self._sessions = self._database.number('SELECT count(*) FROM sessions')
             except BaseException:
-                self._database.close()
+                self.close()
                 raise
+
+    def _make(self, settings: Settings, append: bool | None) -> bool:
+        """Make the file, unless it is a map that may be there; return whether it was made."""
+        if pages := self._database.number('PRAGMA page_count'):
+            if append is not False:
+                return False
+            if len(MapReader(self._path)):
+                raise MapError(f'{self._path}: exists already; append to it, or delete it first')
+        elif append:
+            raise MapError(f'{self._path}: {EMPTY}; make it without appending')
+        about = {**settings.rows, 'tool': __version__}
+        with self._database.transaction('IMMEDIATE'):
+            for table, statement in SCHEMA.items():
+                if pages:
+                    self._database.rows(f'DROP TABLE {table}')
+                self._database.rows(statement)
+            self._database.rows(f'PRAGMA application_id = {APPLICATION_ID}')
+            self._database.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
+            for row in about.items():
+                self._insert('about', row)
+        return True
+
+    def _insert(self, table: str, row: tuple[object, ...]) -> None:
+        values = *row, row_crc(row)
+        marks = ', '.join('?' * len(values))
+        self._database.rows(f'INSERT INTO {table} VALUES ({marks})', values)
 
     def add(
         self, place: Place, picture: Picture, global_descriptor: npt.NDArray[np.float16]
     ) -> None:
         """Append a place; its global descriptor has shape (n,)."""
+        while self._sessions <= place.session:
+            self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
-        plain = index, place.stamp_ns, place.source, *place.pose_numbers
-        cells, small = encode_cells(picture.packed), picture.thumbnail
-        rows = {
-            'places': (*plain, descriptor, row_crc(plain, descriptor)),
-            'pictures': (index, cells, small, row_crc(index, cells, small)),
-        }
-        with self._explained():
-            for table, row in rows.items():
-                marks = ', '.join('?' * len(row))
-                self._database.execute(f'INSERT INTO {table} VALUES ({marks})', row)
+        where = place.stamp_ns, place.source, *place.pose_numbers, place.session
+        cells = picture.packed.astype('<f2').tobytes()
+        with explained(self._path):
+            self._database.begin()
+            self._insert('places', (index, *where, descriptor))
+            self._insert('pictures', (index, cells, picture.thumbnail))
+            self._insert('images', (index, picture.image))
         self._count += 1
+
+    def add_session(self, session: MapSession) -> None:
+        """Append a session, of which places may be."""
+        with explained(self._path):
+            self._database.begin()
+            self._insert('sessions', (self._sessions, *session.row))
+        self._sessions += 1
 
     def copy(self, reference_map: ReferenceMap, end: int) -> None:
         """Append and commit the places of a map that are not here yet, up to before `end`."""
+        before = self._sessions
         try:
+            for session in reference_map.sessions[before:]:
+                self.add_session(session)
             for index in range(self._count, end):
-                place, (picture,) = reference_map.places[index], reference_map.pictures([index])
+                place = reference_map.places[index]
+                (picture,) = reference_map.pictures([index], with_images=True)
                 self.add(place, picture, reference_map.global_descriptors[index])
             self.commit()
         except MapError:
-            with suppress(sqlite3.DatabaseError):
-                self._database.rollback()
-                self._count = self.committed
+            self._database.roll_back()
+            self._count, self._sessions = self.committed, before
             raise
 
     def commit(self) -> None:
         """Make what was added safe."""
-        with self._explained():
+        with explained(self._path):
             self._database.commit()
         self.committed = self._count
 
@@ -121,25 +166,18 @@ class MapWriter:
         return self
 
     def __exit__(self, _kind: object, error: object, _trace: object) -> None:
-        with closing(self._database):
+        with closing(self._database), explained(self._path):
+            if error and not isinstance(error, MapError):
+                for table in _OF_A_PLACE:  # its last row may lack those of the other tables
+                    since = f'DELETE FROM {table} WHERE reference_index >= ?'
+                    self._database.rows(since, (self._count,))
             if not isinstance(error, MapError):
                 self.commit()
 
-    def _begin(self, encoding: EncodingConfig, keyframes: KeyframeConfig) -> None:
-        self._database.executescript(SCHEMA)
-        about = {
-            'encoding': json.dumps({'image_size_px': encoding.image_size_px}),
-            'keyframes': json.dumps(keyframes.spacing),
-            'tool': __version__,
-        }
-        self._database.executemany('INSERT INTO about VALUES (?, ?)', about.items())
-        self._database.commit()
 
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.DatabaseError as error:
-            code = getattr(error, 'sqlite_errorcode', 0) & 0xFF
-            words = _WENT_WRONG.get(code, 'cannot write ({}); is the disk full?')
-            raise MapError(f'{self._path}: {words.format(error)}') from error
+def save_map(reference_map: ReferenceMap, path: Path) -> None:
+    """Write a map as it is now, replacing a file in one step, or, with a MapError, not at all."""
+    settings = reference_map.encoding, reference_map.keyframes
+    with replaced(path) as part:
+        with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
+            writer.copy(reference_map, len(reference_map))

@@ -5,12 +5,11 @@
 #define TELL(name) __attribute__((visibility("default"))) int convseq_##name(void)
 
 // Raised whenever a kernel's arguments or a layout change; compiled.py has the same number.
-TELL(version) { return 4; }
+TELL(version) { return 5; }
 
 #ifdef __x86_64__
 // The compiler's run time asks the processor what it has, and the system what it keeps.
 #define HAS(name) __builtin_cpu_supports(name)
-TELL(has_sse4) { return HAS("sse4.1"); }
 TELL(has_avx2) { return HAS("avx2") && HAS("fma"); }
 TELL(has_avxvnni) { return convseq_has_avx2() && HAS("avxvnni"); }
 TELL(has_avx512)

@@ -5,12 +5,21 @@
 #pragma GCC target("arch=armv8.2-a+dotprod")
 #define VARIANT dotprod
 #define LANES 4
-#define ROWS 12
+#define ROWS 10
 #include "vectors.h"
 
-static inline Words dot(Words sum, Words reference, Words query)
+typedef int8x8_t QueryStep; // in the first lane, which products take for all
+
+static inline QueryStep query_step(const QueryNumber *row, int step)
 {
-    return (Words)vdotq_s32((int32x4_t)sum, (int8x16_t)reference, (int8x16_t)query);
+    int32_t four;
+    memcpy(&four, row + 4 * step, sizeof four);
+    return (int8x8_t)(int32x2_t){four, 0};
+}
+
+static inline Words dot(Words sum, Words reference, QueryStep query)
+{
+    return (Words)vdotq_lane_s32((int32x4_t)sum, (int8x16_t)reference, query, 0);
 }
 
 #include "kernels.h"

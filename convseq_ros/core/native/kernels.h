@@ -12,7 +12,6 @@
 #endif
 
 #include "../encoding/kernels.c"
-#include "../map/kernels.c"
 #include "../sequence/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"

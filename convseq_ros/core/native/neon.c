@@ -4,15 +4,26 @@
 #ifdef __aarch64__
 #define VARIANT neon
 #define LANES 4
-#define ROWS 12
+#define ROWS 10
 #define WIDENED // products of bytes, two and two, are added up in 16 bits
 #include "vectors.h"
+
+typedef struct {
+    int8x16_t first, second; // a query's first two bytes of four, and its last two, again and again
+} QueryStep;
+
+static inline QueryStep query_step(const QueryNumber *row, int step)
+{
+    int16_t two[2];
+    memcpy(two, row + 4 * step, sizeof two);
+    return (QueryStep){(int8x16_t)vdupq_n_s16(two[0]), (int8x16_t)vdupq_n_s16(two[1])};
+}
 
 static inline Words dot(Words sum, Words reference, QueryStep query)
 {
     int8x16_t bytes = (int8x16_t)reference;
-    int16x8_t twos = vmull_s8(vget_low_s8(bytes), vget_low_s8((int8x16_t)query.first));
-    twos = vmlal_high_s8(twos, bytes, (int8x16_t)query.second);
+    int16x8_t twos = vmull_s8(vget_low_s8(bytes), vget_low_s8(query.first));
+    twos = vmlal_high_s8(twos, bytes, query.second);
     return (Words)vpadalq_s16((int32x4_t)sum, twos);
 }
 

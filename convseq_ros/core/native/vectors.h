@@ -43,16 +43,12 @@ static inline Words larger(Words one, Words other)
     return one;
 }
 
-// Add a product to a sum, rounded once where the processor can.
+// Add a product to a sum, rounded once.
 static inline Floats fused(Floats one, Floats other, Floats sum)
 {
-#if defined(__FMA__) || defined(__aarch64__)
     for (int lane = 0; lane < LANES; lane++)
         sum[lane] = __builtin_fmaf(one[lane], other[lane], sum[lane]);
     return sum;
-#else
-    return one * other + sum;
-#endif
 }
 
 // Return numbers in half precision as floats: a half's bits, moved to where a float has them, are
@@ -76,14 +72,6 @@ typedef int8_t QueryNumber;
 enum { STEPS = NUMBERS / 4, QUERY_SCALE = 1, SUM_SHIFT = 0 };
 #endif
 
-#ifdef WIDENED
-typedef struct {
-    Words first, second; // a query's first two bytes of four, and its last two, again and again
-} QueryStep;
-#else
-typedef Words QueryStep;
-#endif
-
 #ifdef __aarch64__
 static inline Words labelled(Words sum, int32_t label)
 {
@@ -91,19 +79,17 @@ static inline Words labelled(Words sum, int32_t label)
 }
 #endif
 
-// Return what a query has for a step; the same in all lanes.
+// Return what a query has for a step, in all lanes.
+#ifdef __x86_64__
+typedef Words QueryStep;
+
 static inline QueryStep query_step(const QueryNumber *row, int step)
 {
-#ifdef WIDENED
-    int16_t two[2];
-    memcpy(two, row + 4 * step, sizeof two);
-    return (QueryStep){(Words)vdupq_n_s16(two[0]), (Words)vdupq_n_s16(two[1])};
-#else
     int32_t word;
     memcpy(&word, row + NUMBERS / STEPS * step, sizeof word);
     return splat(word);
-#endif
 }
+#endif
 
 // Return what half of a block of a reference has for a step.
 static inline Words reference_step(const int8_t *block, int step, int half)

@@ -59,7 +59,7 @@ class CoarseScores:
         own = unit(away / variance**COARSE.power)
         direction = (own / self._variance**COARSE.power).astype(np.float32)
         row = products(references, direction)
-        row -= self._mean @ direction
+        row -= np.float32(self._mean.astype(np.float64) @ direction)
         row *= self._nearness.view[: len(references)]
         return row
 
@@ -82,7 +82,7 @@ class CoarseScores:
     def _inverse_distances(self, references: Halves) -> Floats:
         inverse, weights = [np.zeros(0, np.float32)], self._variance ** (-2 * COARSE.power)
         for some in widened(references):
-            distances = (some - self._mean) ** 2 @ weights
+            distances = (some - self._mean).astype(np.float64) ** 2 @ weights
             apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
             inverse.append(np.divide(1, np.sqrt(distances), out=here, where=apart))
         return np.concatenate(inverse)

@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
@@ -30,73 +31,34 @@ def pairs_along(rows: Rows, ends: Indices, steps: Sequence[int], dtype: Any = No
 
 
 def sequence_scores(
-    rows: Rows,
-    velocity: float = 1.0,
-    ends: Indices | None = None,
-    dtype: type[np.floating] = np.float64,
-    partial: bool = False,
+    rows: Rows, velocity: float = 1.0, ends: Indices | None = None, partial: bool = False
 ) -> Values:
     """
     Return how well a sequence of k frames matches each reference, (R,), or those at `ends`, (n,).
 
     The mean of pair scores along each diagonal (III-G), -inf where it leaves the map, the newest
     pair has no score, or less than half of the pairs have one. `velocity` is how many references
-    pass while one frame does, 1 in the paper; `ends` are ascending; float32 as a `dtype` is faster
-    where scores are only compared. If `partial`, up to half of the pairs may lie off the map or
-    lack scores, and then count as the mean of their row's known ones: a place is found sooner
+    pass while one frame does, 1 in the paper; `ends` are ascending. If `partial`, up to half of
+    the pairs may lie off the map or lack scores, and then count as the mean of their row's known
+    ones, here or, where all references are asked for, of the whole row: a place is found sooner
     after the start. ValueError if the newest frame has no scores; older rows may be shorter.
     """
     if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')
-    steps, count = diagonal(len(rows), velocity), len(rows[0])
-    if ends is not None and len(ends) < count:
-        return _scores_at(ends, rows, steps, dtype, partial)
-    informative, reach = sum(row is not None for row in rows), steps[-1]
-    scores = np.full(count, -np.inf, dtype)
-    if 2 * informative < len(rows):
-        return scores
-    if reach >= count:
-        return _scores_at(np.arange(count), rows, steps, dtype, partial)
-    total = np.zeros(count - reach, dtype)
-    for step, row in zip(steps, rows, strict=True):
-        if row is not None:
-            met = row[reach - step : count - step]
-            total[: len(met)] += met
-            total[len(met) :] = np.nan
-    scores[reach:] = total / informative
-    # Those without a sum are few, or else `ends` are given.
-    unknown = reach + np.flatnonzero(~np.isfinite(total))
-    if partial:
-        unknown = np.concatenate((np.arange(reach), unknown))
-    scores[unknown] = _scores_at(unknown, rows, steps, dtype, partial, whole=True)
-    return scores
-
-
-def _scores_at(
-    ends: Indices, rows: Rows, steps: list[int], dtype: Any, partial: bool, whole: bool = False
-) -> Values:
-    """Look every pair up; a row's expected score is that of these, or of the `whole` row."""
-    pairs = pairs_along(rows, ends, steps, dtype)
+    steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
+    ends = every if ends is None else ends
+    if partial and len(ends) == len(every):
+        found: Values = kernels_of(__package__).partial_scores(rows, np.array(steps))
+        return found
+    pairs = pairs_along(rows, ends, steps, np.float64)
     known = np.isfinite(pairs)
     number = known.sum(axis=0)
     scored = known[0] & (2 * number >= len(rows))
-    expected: Values = np.zeros(len(rows), dtype)
-    if not partial:
-        scored &= ends >= steps[-1]
-    else:
+    expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
+    if partial:
         number = np.full(len(ends), sum(row is not None for row in rows))
-        expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
-        if whole:
-            expected = np.array([_mean(row) for row in rows], dtype)
+    else:
+        expected[:] = 0
+        scored &= ends >= steps[-1]
     total = np.where(known, pairs, expected[:, None]).sum(axis=0)
-    return np.divide(total, number, out=np.full(len(ends), -np.inf, dtype), where=scored)
-
-
-def _mean(row: Row | None) -> float:
-    if row is None or not len(row):
-        return 0.0
-    mean = float(np.mean(row))
-    if np.isfinite(mean):
-        return mean
-    known = row[np.isfinite(row)]
-    return float(np.mean(known)) if len(known) else 0.0
+    return np.divide(total, number, out=np.full(len(ends), -np.inf), where=scored)

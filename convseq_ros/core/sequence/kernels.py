@@ -4,28 +4,49 @@
 
 from collections.abc import Sequence
 import ctypes
+from typing import Any
 
 from convseq_ros.core.compiled import array, kernel, SIZE
+from convseq_ros.core.sequence.numpy_kernels import mean_score
 from convseq_ros.core.types import Row
 import numpy as np
 import numpy.typing as npt
 
 _SIZES = array(np.intp)
-_peaks = kernel(
-    'peaks', ctypes.c_void_p, _SIZES, _SIZES, _SIZES, SIZE, SIZE, SIZE,
-    array('f4'), array('f8'), array('i8'),
-)  # fmt: skip
+_ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4')  # addresses, lengths, steps, expected scores
+_peaks = kernel('peaks', *_ROWS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i8'))
+_partial_scores = kernel('partial_scores', *_ROWS, SIZE, SIZE, array('f4'))
 
 
 def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
-    there = [frame for frame, row in enumerate(rows) if row is not None]
-    shown = [np.ascontiguousarray(row, np.float32) for row in rows if row is not None]
-    addresses = (ctypes.c_void_p * len(shown))(*(row.ctypes.data for row in shown))
-    lengths = np.array([len(row) for row in shown], np.intp)
+    there, shown, lengths = _shown(rows)
     highest = np.empty(len(steps), np.float32)
     means, counts = np.empty(len(steps)), np.empty(len(steps), np.int64)
     reaches, met = np.ascontiguousarray(steps[:, -1]), np.ascontiguousarray(steps[:, there])
-    fewest = max(1, -(-len(rows) // 2))
-    _peaks(addresses, lengths, met, reaches, *met.shape, fewest, highest, means, counts)
+    expected, fewest = np.zeros(len(shown), np.float32), max(1, -(-len(rows) // 2))
+    _peaks(
+        _addresses(shown), lengths, met, expected, reaches, *met.shape, fewest, highest, means,
+        counts,
+    )  # fmt: skip
     return np.column_stack((highest, means, counts))
+
+
+def partial_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
+    """Return what the twin of `numpy_kernels` does, to 1e-6."""
+    there, shown, lengths = _shown(rows)
+    expected = np.array([mean_score(row) for row in shown], np.float32)
+    scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
+    _partial_scores(_addresses(shown), lengths, steps[there], expected, len(shown), fewest, scores)
+    return scores
+
+
+def _shown(rows: Sequence[Row | None]) -> tuple[list[int], list[Row], npt.NDArray[np.intp]]:
+    """Return which frames have rows, the rows, and their lengths."""
+    there = [frame for frame, row in enumerate(rows) if row is not None]
+    shown = [np.ascontiguousarray(row, np.float32) for row in rows if row is not None]
+    return there, shown, np.array([len(row) for row in shown], np.intp)
+
+
+def _addresses(rows: Sequence[Row]) -> Any:
+    return (ctypes.c_void_p * len(rows))(*(row.ctypes.data for row in rows))

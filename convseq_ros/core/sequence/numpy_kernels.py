@@ -49,3 +49,41 @@ def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArra
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
     return found
+
+
+def partial_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
+    """
+    Return what `sequence_scores` does of partial windows, (R,), for all references.
+
+    Parameters
+    ----------
+    rows : sequence of k ndarrays of float32, shape (R,), or None
+        As for `peaks`.
+    steps : ndarray of intp, shape (k,)
+        As one row of those of `peaks`.
+
+    """
+    newest = rows[0]
+    assert newest is not None
+    total, known = np.zeros((2, len(newest)), np.float32)
+    for row, step in zip(rows, steps.tolist(), strict=True):
+        if row is not None:
+            met = total[step : step + len(row)]
+            own, mean = row[: len(met)], mean_score(row)
+            there = np.isfinite(own)
+            total[:step] += mean
+            met += np.where(there, own, mean)
+            known[step : step + len(row)] += there
+            total[step + len(row) :] += mean
+    frames = sum(row is not None for row in rows)
+    scored = np.isfinite(newest) & (2 * known >= len(rows))
+    return np.where(scored, total / np.float32(frames), np.float32(-np.inf))
+
+
+def mean_score(row: Row) -> np.float32:
+    """Return the mean of what is known of a row, 0 if nothing is."""
+    mean = np.mean(row) if len(row) else np.float32(0)
+    if np.isfinite(mean):
+        return mean
+    known = row[np.isfinite(row)]
+    return np.mean(known) if len(known) else np.float32(0)

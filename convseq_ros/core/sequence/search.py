@@ -118,7 +118,7 @@ class Shortlist:
 
     def update(self, rows: Rows, rival_distance: int, velocity: float = 1.0) -> Indices:
         """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
-        scores = sequence_scores(rows, velocity, dtype=np.float32, partial=True)
+        scores = sequence_scores(rows, velocity, partial=True)
         old, before, verified = (self._listed, self._verified), _NONE, _NONE
         for step, row in zip(diagonal(len(rows), velocity), rows, strict=True):
             if row is not None and row is self._newest:
@@ -139,7 +139,7 @@ class Shortlist:
 
     def top(self, rows: Rows, rival_distance: int, velocity: float, length: int) -> Indices:
         """Return the best so many sequence end indices, ascending, whatever was listed before."""
-        scores = sequence_scores(rows, velocity, dtype=np.float32, partial=True)
+        scores = sequence_scores(rows, velocity, partial=True)
         return np.array(sorted(_best(scores, length, rival_distance)), np.int64)
 
     def verify(self, ends: Indices, scores: Values) -> None:

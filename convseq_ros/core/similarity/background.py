@@ -11,7 +11,7 @@ of queries their own drive's, since the same scene looks otherwise at night.
 from collections.abc import Callable
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.encoding.regions import Cells, Regions, unit
+from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.pair_score import ShowRegions
 import numpy as np
@@ -25,11 +25,6 @@ class BACKGROUND:
     sample: int = 256  # places of the map that are read; more make no difference
     prior_frames: int = 5  # that the map's background counts for in the drive's
     still_alike: float = 0.8  # mean cosine of two frames, above which the later does not count
-
-
-def subtracted(regions: Regions, background: Regions | None) -> Regions:
-    """Return regions (N, 32) less their background, of unit length; as they are if None."""
-    return regions if background is None else unit(regions - background)
 
 
 class NoBackground:
@@ -94,7 +89,7 @@ class Background(NoBackground):
         """
         regions, _ = self._regions(cells, None)
         alike = BACKGROUND.still_alike * len(regions)
-        if self._last is None or np.vdot(regions, self._last) < alike:
+        if self._last is None or np.vdot(regions.astype(np.float64), self._last) < alike:
             self._last, self._sum = regions, self._sum + regions
             self._frames += 1
         if self.of_map is None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions
 from convseq_ros.core.similarity.global_similarity import Blocks, global_similarity, lateral_shifts
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, ShowRegions
@@ -21,21 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 
-@dataclass(frozen=True, slots=True)
-class CoherentConstants:
+@constants
+class COHERENT:
     """Of the votes for a shift; chosen on real image pairs (docs/MATCHING.md)."""
 
     sigma_cells: float = 1.5  # of the Gaussian within which votes are counted together
     reach_cells: int = 6  # where the Gaussian ends, four sigmas from its middle
-
-    @property
-    def window(self) -> npt.NDArray[np.float64]:
-        """The Gaussian, 13 numbers."""
-        cells = np.arange(-self.reach_cells, self.reach_cells + 1)
-        return np.exp(-(cells**2) / (2 * self.sigma_cells**2))
-
-
-COHERENT = CoherentConstants()
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +44,6 @@ class _Query:
     regions: CoherentQuery
     packed: Any  # what the kernel compares
     shifted: npt.NDArray[np.float64] | None  # lateral shifts, if a background is known
-
-
-@dataclass(frozen=True, slots=True)
-class _Reference:
-    packed: Any  # what the kernel compares
-    blocks: Blocks | None  # if a background is known
 
 
 def extract(
@@ -121,19 +107,17 @@ def coherent_pair(
         shifted = None if blocks is None else lateral_shifts(blocks, found.side)
         return _Query(found, pack_query(found), shifted)
 
-    def prepare(cells: Cells, background: Regions | None) -> _Reference:
+    def prepare(cells: Cells, background: Regions | None) -> tuple[Any, Blocks | None]:
         shown, blocks = regions(cells, background)
-        return _Reference(pack_reference(shown), blocks)
+        return pack_reference(shown), blocks
 
-    def score(query: _Query, references: Sequence[_Reference]) -> Scores:
-        shares, shifts = compare(query.packed, [one.packed for one in references])
-        blocks = [one.blocks for one in references]
+    def score(query: _Query, references: Sequence[tuple[Any, Blocks | None]]) -> Scores:
+        packed, blocks = zip(*references, strict=True)
+        shares, shifts = compare(query.packed, packed)
         if query.shifted is None or any(one is None for one in blocks):
             return shares, shifts
         alike = global_similarity(query.shifted, np.array(blocks, np.float64))
         return shares * (0.5 + 0.5 * alike), shifts
 
-    def inliers(query: _Query, reference: Regions, shift: Shift) -> npt.NDArray[np.float64]:
-        return inlier_regions(query.regions, reference, shift)
-
-    return PairScore(name, exact, extracted, prepare, score, regions, normalize, inliers)
+    there = lambda query, *where: inlier_regions(query.regions, *where)  # noqa: E731
+    return PairScore(name, exact, extracted, prepare, score, regions, normalize, there)

@@ -31,7 +31,8 @@ def region_blocks(regions: Regions) -> Blocks:
 
 def rounded(blocks: npt.NDArray[np.float32]) -> Blocks:
     """Return blocks of any shape in one vector, (L,), of whole numbers and 2 ** 24 long."""
-    return np.rint(np.float32(GLOBAL_SIMILARITY.length) * unit(blocks.ravel()))
+    whole = np.rint(GLOBAL_SIMILARITY.length * unit(blocks.ravel().astype(np.float64)))
+    return whole.astype(np.float32)
 
 
 def lateral_shifts(image: Blocks, side: int) -> npt.NDArray[np.float64]:

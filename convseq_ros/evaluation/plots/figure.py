@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures and their files."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.results import complete_or_absent
 
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 
@@ -40,9 +40,8 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
 
     take_texts_literally(figure)
     for path in paths:
-        part = path.with_name(path.name + '.part')
         kind = path.suffix[1:]
         undated = {_DATES[kind]: None} if kind in _DATES else None
-        with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
-            figure.savefig(part, format=kind, metadata=undated, **options)
-        os.replace(part, path)
+        with complete_or_absent(path) as part:
+            with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
+                figure.savefig(part, format=kind, metadata=undated, **options)

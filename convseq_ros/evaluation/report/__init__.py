@@ -4,14 +4,13 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-import os
 from pathlib import Path
-from zipfile import BadZipFile
 
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.report.accuracies import accuracy
 from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
+from convseq_ros.results import complete_or_absent
 
 MOST_MEGABYTES = 20.0
 
@@ -46,7 +45,7 @@ def _check(run: Run) -> None:
         )
         for matrix in (run.truth(), run.scores()) if sound else ():
             sound &= matrix is None or matrix.ndim == 2
-    except (OSError, ValueError, LookupError, EOFError, BadZipFile):
+    except (OSError, ValueError, SourceError):
         sound = False
     if not sound:
         raise ConvseqError(f'{run.folder}: damaged results; run `convseq evaluate` again')
@@ -63,6 +62,5 @@ def write_report(runs: list[Run], output: Path, most_megabytes: float = MOST_MEG
 
     """
     page = report_page(runs, round(most_megabytes * 1e6))
-    part = output.with_name(output.name + '.part')
-    part.write_text(page, encoding='utf-8')
-    os.replace(part, output)
+    with complete_or_absent(output) as part:
+        part.write_text(page, encoding='utf-8')

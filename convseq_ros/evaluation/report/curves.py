@@ -10,6 +10,7 @@ from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.chart import Chart, method_color, method_dash, thinned
 from convseq_ros.evaluation.report.summary_table import number
 from convseq_ros.evaluation.run_folder import Run
+from convseq_ros.files import refuse_irregular
 
 
 def read_curve(folder: Path) -> tuple[list[float], list[float]]:
@@ -25,6 +26,7 @@ def read_curve(folder: Path) -> tuple[list[float], list[float]]:
     path = folder / 'curve.csv'
     if not path.exists():
         return [], []
+    refuse_irregular(path)
     try:
         with path.open(newline='', encoding='utf-8') as file:
             rows = [

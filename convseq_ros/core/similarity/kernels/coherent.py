@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from convseq_ros.core.compiled import array, kernel, library, SIZE
 from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
+from convseq_ros.core.similarity.kernels.numpy_coherent import window
 from convseq_ros.core.similarity.kernels.panel import (
     addresses,
     Bytes,
@@ -23,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 _SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
-_WINDOW = COHERENT.window[COHERENT.reach_cells :]
+_WINDOW = window()[COHERENT.reach_cells :]
 
 _of_pairs = array('i8'), SIZE, SIZE, array('f8'), array('u8'), SIZE, array('f8')
 _compare_bytes = kernel('compare_bytes', array('i1'), array('i4'), *_of_pairs)

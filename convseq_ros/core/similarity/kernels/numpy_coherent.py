@@ -6,18 +6,24 @@ from collections.abc import Sequence
 from threading import local
 from typing import Any
 
-from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions
-from convseq_ros.core.similarity.background import subtracted
-from convseq_ros.core.similarity.cell_normalization import normalized
+from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions, unit
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import Blocks, region_blocks
+from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 from convseq_ros.core.similarity.pair_score import Scores
 from convseq_ros.core.types import Shift
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-_WINDOW = COHERENT.window
+
+def window() -> npt.NDArray[np.float64]:
+    """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
+    cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
+    return np.exp(-(cells**2) / (2 * COHERENT.sigma_cells**2)).astype(np.float32).astype(float)
+
+
+_WINDOW = window()
 
 
 def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
@@ -48,6 +54,11 @@ def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shi
     row, column = divmod(place, peak.shape[1])
     score = float(peak.flat[place]) / (2 * len(there))
     return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
+
+
+def subtracted(regions: Regions, background: Regions | None) -> Regions:
+    """Return regions (N, 32) less their background, of unit length; as they are if None."""
+    return regions if background is None else unit(regions - background)
 
 
 def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:

@@ -7,8 +7,8 @@ from math import isqrt
 from convseq_ros.core.compiled import array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.similarity.cell_normalization import NORMALIZATION
 from convseq_ros.core.similarity.global_similarity import Blocks, GLOBAL_SIMILARITY, rounded
+from convseq_ros.core.similarity.kernels.numpy_normalization import NORMALIZATION
 import numpy as np
 import numpy.typing as npt
 

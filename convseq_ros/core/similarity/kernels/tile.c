@@ -21,7 +21,7 @@ INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words s
     }
 }
 
-// Write dot products of floats, which all processors but the oldest add alike.
+// Write dot products of floats, which all processors add alike.
 INLINE void float_dots(const float *query, const float *block, int numbers, Floats sums[ROWS][2])
 {
 #pragma GCC unroll 16

@@ -1,0 +1,116 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the inner loops cost on ARM, computed: `python -m bench.arm`, from the repository.
+
+GCC compiles the kernels for ARM, and llvm-mca counts the cycles of the loop that multiplies on a
+Neoverse N1, the sister of Cortex-A76. Nothing is run. Needs aarch64-linux-gnu-gcc and llvm-mca of
+LLVM 16 or later. Writes docs/performance_arm.json, from which the page is made.
+"""
+
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import re
+import shutil
+import subprocess
+
+_NATIVE = Path('convseq_ros/core/native')
+_FLAGS = '-std=gnu11 -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wno-psabi'.split()
+_MCA = 'llvm-mca-16 -mtriple=aarch64 -mcpu=neoverse-n1 -mattr=+dotprod'.split()
+_ITERATIONS = 200
+# Instructions that multiply 16 bytes with 16 others, and how many of a kind that takes.
+_PRODUCTS = {'dotprod': ('sdot', 1), 'neon': ('smull', 1)}
+PEAK = 2.0  # products of 128 bits a cycle, of both vector pipes
+GHZ = 2.4  # of a Raspberry Pi 5
+# A pair of 650 salient regions with 900, tiles of 10 by 8, 8 steps of four numbers.
+_TILES, _VECTORS, _STEPS, _ROWS = 65, 113, 8, 10
+
+
+def computed() -> list[dict[str, object]]:
+    """Return, for each kind of processor, what the loop over a tile's numbers costs."""
+    found = []
+    for kind, (name, _) in _PRODUCTS.items():
+        source = str(_NATIVE / f'{kind}.c')
+        command = ['aarch64-linux-gnu-gcc', *_FLAGS, '-S', source, '-o', '-']
+        text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        loop = next(body for body in _loops(text) if _count(body, name) == 2 * _ROWS)
+        cycles = _cycles(loop)
+        share = 2 * _ROWS / cycles / PEAK
+        pair_ms = _TILES * _VECTORS / 2 * _STEPS * cycles / GHZ / 1e6
+        found.append(
+            {
+                'kind': kind,
+                'cycles': round(cycles, 2),
+                'products': 2 * _ROWS,
+                'share': round(share, 3),
+                'pair_ms': round(pair_ms, 3),
+            }
+        )
+    return found
+
+
+def _loops(text: str) -> Iterator[list[str]]:
+    """Yield the instructions of each innermost loop of an assembler's text."""
+    lines, labels = text.split('\n'), dict[str, int]()
+    for index, line in enumerate(lines):
+        if label := re.match(r'(\.L\d+):', line):
+            labels[label[1]] = index
+        back = re.match(r'\s+b\.?(?:ne|lt|gt|le|ge|hi|ls|cc|cs)\s+(\.L\d+)', line)
+        if back and back[1] in labels:
+            body = lines[labels[back[1]] + 1 : index + 1]
+            if not any(re.match(r'\.L\d+:', each) for each in body):
+                yield [each for each in body if not re.match(r'\s+\.', each)]
+
+
+def _count(body: list[str], name: str) -> int:
+    return sum(bool(re.match(rf'\s+{name}\b', line)) for line in body)
+
+
+def _cycles(body: list[str]) -> float:
+    command = [*_MCA, f'-iterations={_ITERATIONS}']
+    told = subprocess.run(
+        command, input='\n'.join(body) + '\n', capture_output=True, text=True, check=True
+    ).stdout
+    total = re.search(r'Total Cycles:\s+(\d+)', told)
+    assert total, told
+    return int(total[1]) / _ITERATIONS
+
+
+def section(rows: list[dict[str, object]]) -> str:
+    """Return the page's section."""
+    table = '\n'.join(
+        f'| {row["kind"]} | {row["products"]} in {row["cycles"]} cycles | {row["share"]} '
+        f'| {row["pair_ms"]} ms | {50 * float(str(row["pair_ms"])):.0f} ms |'
+        for row in rows
+    )
+    return (
+        '## On ARM, computed\n\n'
+        'Not measured: GCC compiled the kernels, and llvm-mca (LLVM 16, `-mcpu=neoverse-n1`, the '
+        'sister core\nof Cortex-A76) counted the cycles of the loop that multiplies bytes, with '
+        'all loads in the nearest\ncache. The peak is two products of 128 bits a cycle. '
+        'Of a pair of 650 with 900 regions that loop takes\nthe time shown at 2.4 GHz; votes and '
+        'the search for the largest come on top. `python -m bench.arm`\nmakes this table. '
+        '`make board` measures on a board, and writes `board.json`, which we ask you to send.\n\n'
+        '| kernels | 16 x 16 bytes, multiplied and added | share of peak '
+        '| of a pair, 2.4 GHz | of a frame, 50 pairs |\n'
+        '|---|---|---|---|---|\n'
+        f'{table}\n\n'
+    )
+
+
+def main() -> int:
+    """Write what was computed."""
+    for tool in ('aarch64-linux-gnu-gcc', _MCA[0]):
+        if not shutil.which(tool):
+            print(f'bench.arm: needs {tool}; apt install gcc-aarch64-linux-gnu llvm-16')
+            return 1
+    found = computed()
+    lines = json.dumps(found, indent=1) + '\n'
+    Path('docs/performance_arm.json').write_text(lines, encoding='utf-8')
+    print(section(found))
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

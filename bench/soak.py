@@ -1,0 +1,240 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A drawn town driven for hours through the real node: `python -m bench.soak`, from the repository.
+
+What the node holds - memory, handles, threads - and how long answers take is written as a table, a
+picture and a line; the exit code is 1 if frames are unaccounted for, or memory grows by more than
+1 % an hour beside the places.
+
+    python -m bench.soak --mode preloaded --rate 10 --minutes 100
+    python -m bench.soak --mode online --frames 288000      as fast as the node takes them
+"""
+
+import argparse
+from collections.abc import Sequence
+import csv
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
+import sys
+import tempfile
+import time
+from typing import Any
+
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.types import Frame
+from convseq_ros.evaluation.plots import new_figure, save
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.route import Route
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import PointCloud2
+
+from bench.torture.robot import image, Robot, robot, unaccounted
+
+_TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
+_PERIOD_NS = 100_000_000  # between two frames of the drive, whatever the rate: a camera of 10 Hz
+_IN_FLIGHT = 4  # frames on their way, when they go as fast as the node takes them
+_SAMPLE_S = 5.0
+_WARM_SHARE = 0.2  # of the samples, before what grows is taken for growth
+_MOST_GROWTH = 1.0  # percent an hour
+_STEADY = 0.98  # correlation of places and time
+_PATIENCE_S = 30.0
+_GRAIN = 3.0  # standard deviation of what differs from lap to lap, gray levels
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What the node was like at one moment."""
+
+    seconds: float
+    frames: int
+    places: int
+    resident_mb: float
+    handles: int
+    threads: int
+    median_ms: float
+    worst_ms: float
+
+
+class Clock:
+    """How long the answers take, by their stamps."""
+
+    def __init__(self, one: Robot) -> None:
+        self._sent: dict[int, float] = {}
+        self._took_ms: list[float] = []
+        one.node.create_subscription(PointCloud2, '/vpr_node/candidates', self._on_answer, 1000)
+
+    def sent(self, stamp_ns: int) -> None:
+        """Start to count."""
+        self._sent[stamp_ns] = time.monotonic()
+
+    def taken(self) -> tuple[float, float]:
+        """Return median and maximum since the last time, milliseconds; 0 without an answer."""
+        took, self._took_ms = self._took_ms or [0.0], []
+        return float(np.median(took)), max(took)
+
+    def _on_answer(self, message: PointCloud2) -> None:
+        stamp = message.header.stamp
+        sent_s = self._sent.pop(stamp.sec * 10**9 + stamp.nanosec, None)
+        if sent_s is not None:
+            self._took_ms.append((time.monotonic() - sent_s) * 1e3)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Drive, write what was seen, and judge it."""
+    chosen = _parser().parse_args(arguments)
+    print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
+    lap = _lap(chosen.lap)
+    with tempfile.TemporaryDirectory(prefix='convseq_soak_') as folder:
+        samples, sent, left, told = _soak(chosen, lap, Path(folder))
+    stem = f'soak_{chosen.mode}_{f"{chosen.rate:g}_hz" if chosen.rate else "fast"}'
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    with (chosen.output / f'{stem}.csv').open('w', newline='', encoding='utf-8') as file:
+        table = csv.DictWriter(file, [item.name for item in fields(Sample)], lineterminator='\n')
+        table.writeheader()
+        table.writerows(map(asdict, samples))
+    hours = samples[-1].seconds / 3600
+    percent_an_hour, kb_a_place = growth(samples)
+    text = (
+        f'{chosen.mode}, {sent:,} frames in {hours * 60:.0f} min: {samples[-1].places:,} places, '
+        f'{samples[-1].resident_mb:.0f} MB, '
+        f'{percent_an_hour:+.2f} % an hour and {kb_a_place:.2f} kB a place; '
+        f'{told.get("processed")} answered, {told.get("dropped")} dropped, '
+        f'{told.get("lost_by_middleware")} lost, {told.get("failed")} failed, '
+        f'{left} unaccounted for'
+    )
+    _picture(samples, text, chosen.output / f'{stem}.png')
+    print(text)
+    return int(left != 0 or told.get('failed') != '0' or percent_an_hour > _MOST_GROWTH)
+
+
+def growth(samples: Sequence[Sample]) -> tuple[float, float]:
+    """
+    Return by how much memory grows with time alone, and with places, after the beginning.
+
+    Returns
+    -------
+    percent_an_hour : float
+        0 if places come at so steady a pace that they and time cannot be told apart.
+    kb_a_place : float
+        0 if there are no new ones.
+
+    """
+    rows = samples[int(len(samples) * _WARM_SHARE) :]
+    if len(rows) < 3:
+        return 0.0, 0.0
+    hours = np.array([one.seconds for one in rows]) / 3600
+    places = np.array([one.places for one in rows], float)
+    memory = np.array([one.resident_mb for one in rows])
+    columns = [np.ones(len(rows)), hours - hours[0], places - places[0]]
+    if not np.ptp(places):
+        columns[2] *= 0
+    elif np.corrcoef(hours, places)[0, 1] > _STEADY:
+        columns[1] *= 0
+    (start, slope, of_places), *_ = np.linalg.lstsq(np.stack(columns, 1), memory, rcond=None)
+    return float(100 * slope / start), float(1e3 * of_places)
+
+
+def _lap(count: int) -> list[npt.NDArray[np.uint8]]:
+    speed = (_TOWN.length_m - 1) / count * 10
+    return [
+        np.asarray(shot.frame.gray)
+        for shot in draw(_TOWN, Drive(num_frames=count, speed_mps=speed, frame_rate_hz=10))
+    ]
+
+
+def _soak(
+    chosen: argparse.Namespace, lap: list[npt.NDArray[np.uint8]], folder: Path
+) -> tuple[list[Sample], int, int, dict[str, str]]:
+    path = folder / 'map.db'
+    if chosen.mode == 'preloaded':
+        build_map([Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)], path)
+    noise = np.random.default_rng(0).normal(0, _GRAIN, (8, *lap[0].shape)).astype(np.int16)
+    with robot(
+        folder,
+        mode=chosen.mode,
+        map_path=path,
+        queue_size=100,
+        max_wait_s=0.0 if not chosen.rate else 1.0,
+        keyframe_overlap=chosen.keyframe_overlap,
+    ) as one:
+        clock, samples, sent, stamp_ns = Clock(one), [], 0, 10**18
+        begun_s = sampled_s = time.monotonic()
+        until_s = begun_s + chosen.minutes * 60 if chosen.minutes else float('inf')
+        while sent < (chosen.frames or float('inf')) and time.monotonic() < until_s:
+            gray = lap[sent % len(lap)] + noise[sent % len(noise)]
+            stamp_ns += _PERIOD_NS
+            clock.sent(stamp_ns)
+            one.camera.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
+            sent += 1
+            if chosen.rate:
+                one.spin(max(0.0, begun_s + sent / chosen.rate - time.monotonic()))
+            elif not one.wait_for(partial(_few_on_their_way, one, sent), _PATIENCE_S):
+                break
+            if time.monotonic() - sampled_s > chosen.sample_s:
+                sampled_s = time.monotonic()
+                samples.append(_sample(one, clock, sent, sampled_s - begun_s))
+        one.wait_for(lambda: unaccounted(one, sent) <= 0 and not one.count('queue'), _PATIENCE_S)
+        samples.append(_sample(one, clock, sent, time.monotonic() - begun_s))
+        return samples, sent, unaccounted(one, sent), dict(one.told)
+
+
+def _few_on_their_way(one: Robot, sent: int) -> bool:
+    return one.answers >= sent - _IN_FLIGHT
+
+
+def _sample(one: Robot, clock: Clock, sent: int, seconds: float) -> Sample:
+    median_ms, worst_ms = clock.taken()
+    return Sample(
+        round(seconds, 1),
+        sent,
+        one.count('map_size'),
+        round(one.resident_mb(), 1),
+        one.handles(),
+        one.threads(),
+        round(median_ms, 1),
+        round(worst_ms, 1),
+    )
+
+
+def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:
+    figure: Any = new_figure(9, 7)
+    figure.suptitle(title.replace(': ', ':\n', 1), fontsize=9, x=0.06, ha='left')
+    minutes = [one.seconds / 60 for one in samples]
+    panels = (
+        ('memory, MB', ('resident_mb',)),
+        ('places', ('places',)),
+        ('handles and threads', ('handles', 'threads')),
+        ('from image to answer, ms', ('median_ms', 'worst_ms')),
+    )
+    for number, (label, names) in enumerate(panels):
+        axes = figure.add_axes((0.09, 0.71 - 0.21 * number, 0.86, 0.17))
+        for name, color in zip(names, ('#1f6fb2', '#d08a1d'), strict=False):
+            values = [getattr(one, name) for one in samples]
+            axes.plot(minutes, values, color=color, linewidth=1.5, label=name.split('_')[0])
+        axes.set_ylim(bottom=0)
+        axes.set_title(label, fontsize=8, loc='left')
+        axes.tick_params(labelsize=7)
+        if len(names) > 1:
+            axes.legend(fontsize=7, frameon=False, loc='lower right')
+    axes.set_xlabel('minutes', fontsize=8)
+    save(figure, path)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__.splitlines()[1])
+    parser.add_argument('--mode', choices=('online', 'preloaded'), default='preloaded')
+    parser.add_argument('--rate', type=float, default=0.0, help='Hz; 0: as fast as it can (0)')
+    parser.add_argument('--frames', type=int, default=0, help='how many to send; 0: no limit')
+    parser.add_argument('--minutes', type=float, default=0.0, help='how long; 0: no limit')
+    parser.add_argument('--lap', type=int, default=350, help='frames of the drawn town (350)')
+    parser.add_argument('--keyframe-overlap', type=float, default=0.75, help='as the parameter')
+    parser.add_argument('--sample-s', type=float, default=_SAMPLE_S, help='between samples (5)')
+    parser.add_argument('--output', type=Path, default=Path('soak'), help='folder to write (soak)')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

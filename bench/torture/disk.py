@@ -1,0 +1,67 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A disk that fails at the n-th call that changes it; a library in C, preloaded, does so."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import ctypes
+from enum import IntEnum
+import functools
+import mmap
+import os
+from pathlib import Path
+import shutil
+import subprocess
+
+
+class How(IntEnum):
+    """What happens at the n-th call; the numbers are those of disk.c."""
+
+    COUNT = 0  # nothing
+    KILL = 1  # the process ends before it
+    TEAR = 2  # the process ends when half of it is written
+    FULL = 3  # it fails, and all that take room after it: the disk is full
+    FAIL = 4  # it fails, and only it: the disk has an error
+
+
+def compiler() -> str | None:
+    """Return the C compiler, if there is one."""
+    return shutil.which('cc')
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Compile the library into a folder; return in which environment a program has it."""
+    library = folder / 'disk.so'
+    source = Path(__file__).with_name('disk.c')
+    command = ['cc', '-shared', '-fPIC', '-O1', '-o', str(library), str(source), '-ldl']
+    subprocess.run(command, check=True)
+    return os.environ | {'LD_PRELOAD': str(library)}
+
+
+@functools.cache
+def _library() -> ctypes.CDLL:
+    return ctypes.CDLL(os.environ['LD_PRELOAD'])
+
+
+def arm(call: int, how: How) -> None:
+    """Have something happen at a call from now on, counted from 1."""
+    _library().disk_arm(ctypes.c_long(call), int(how))
+
+
+def calls() -> int:
+    """Return how many there were since."""
+    return int(_library().disk_calls())
+
+
+@contextmanager
+def recorded(path: Path, number: mmap.mmap) -> Iterator[None]:
+    """Record every call that changes a disk in a file, and the 8 bytes of a number with it."""
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    watched = ctypes.c_int64.from_buffer(number)
+    arm(0, How.COUNT)
+    _library().disk_record(file, ctypes.byref(watched))
+    try:
+        yield
+    finally:
+        _library().disk_record(-1, None)
+        os.close(file)

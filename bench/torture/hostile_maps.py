@@ -1,0 +1,220 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps from a stranger, with sound checksums: what they declare, and what they would have done."""
+
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+import random
+import sqlite3
+import tempfile
+
+from convseq_ros.cli import main as convseq
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc
+from convseq_ros.core.map.writer import save_map
+import cv2
+import numpy as np
+
+from bench.torture.attack import Try
+from bench.torture.forked import problem_of
+from bench.torture.scenarios import drawn
+
+ABOUT = (
+    'A map with triggers, endless views, further tables, indices out of reach, values of '
+    'gigabytes, numbers that are none, JSON nested 100,000 deep, a file that is mostly holes, '
+    'pages that lead to each other, or a journal that names another file; `info`, `replay` '
+    'preloaded and online, `build-map --append` and `convert`'
+)
+ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched'
+COUNT, SHORT, SEED = 1_000, 12, 16
+_PLACES, _SIZE = 20, ('--image-size-px', '64')
+_ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
+_TABLES = 'about', 'sessions', 'places', 'pictures', 'images'
+_OF_A_PLACE = _TABLES[2:]
+_NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63)
+_OF_SETTINGS = ('[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', '0', 'null', '')
+
+Change = Callable[[sqlite3.Connection, random.Random], None]
+
+
+def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Make a hostile map, and have a command use it, in a fork, again and again."""
+    draw = random.Random(seed)
+    cv2.setNumThreads(1)
+    drive = folder / 'drive'
+    drive.mkdir()
+    for index in range(3):
+        noise = np.random.default_rng(index).integers(0, 256, (48, 64), np.uint8)
+        cv2.imwrite(str(drive / f'{index}.png'), noise)
+    with redirect_stdout(StringIO()):  # compiled and imported before the forks, and so but once
+        convseq(['build-map', str(drive), str(folder / 'warm.db'), *_SIZE])
+    for number in range(count):
+        with tempfile.TemporaryDirectory(dir=folder) as own:
+            path, victim = Path(own, 'map.db'), Path(own, 'victim')
+            victim.write_text('of somebody')
+            save_map(drawn(_PLACES), path)
+            name = draw.choice(list(_WAYS))
+            _WAYS[name](path, draw)
+            command = draw.choice(list(_COMMANDS))
+            arguments = _COMMANDS[command](path, drive)
+            problem = problem_of(lambda arguments=arguments: convseq(arguments))
+            if not problem and victim.read_text() != 'of somebody':
+                problem = 'another file was changed'
+            yield Try(f'{number}: {name}, {command}', problem)
+
+
+_COMMANDS: dict[str, Callable[[Path, Path], list[str]]] = {
+    'info': lambda path, _: ['info', str(path)],
+    'replay': lambda path, drive: _replay(path, drive, 'preloaded'),
+    'online': lambda path, drive: _replay(path, drive, 'online'),
+    'append': lambda path, drive: ['build-map', str(drive), str(path), '--append', *_SIZE],
+    'convert': lambda path, _: ['convert', str(path), str(path.with_name('new.db'))],
+}
+
+
+def _replay(path: Path, drive: Path, mode: str) -> list[str]:
+    own = ['--mode', mode, '--output', str(path.with_name('rows.csv')), *_SIZE]
+    return ['replay', str(drive), '--map', str(path), *own]
+
+
+def _changed(change: Change) -> Callable[[Path, random.Random], None]:
+    """Return a way that executes statements in a map, and makes all checksums good."""
+
+    def make(path: Path, draw: random.Random) -> None:
+        database = sqlite3.connect(path, isolation_level=None)
+        database.execute('BEGIN')
+        change(database, draw)
+        database.execute('COMMIT')
+        database.close()
+
+    return make
+
+
+def _set(table: str, column: str, value: Callable[[random.Random], object]) -> Change:
+    """Return a change of one value of a row, whose checksum is good."""
+
+    def change(database: sqlite3.Connection, draw: random.Random) -> None:
+        columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
+        key = columns[0]
+        (chosen,) = draw.choice(database.execute(f'SELECT {key} FROM {table}').fetchall())
+        database.execute(f'UPDATE {table} SET {column} = ? WHERE {key} = ?', (value(draw), chosen))
+        for row in database.execute(f'SELECT * FROM {table}').fetchall():
+            sound = row_crc(row[:-1]), row[0]
+            database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key} = ?', sound)
+
+    return change
+
+
+def _trigger(database: sqlite3.Connection, draw: random.Random) -> None:
+    on, then = draw.choice(_TABLES), draw.choice(_TABLES)
+    what = draw.choice((f'DELETE FROM {then}', f'{_ENDLESS} x FROM c'))
+    database.execute(f'CREATE TRIGGER own AFTER INSERT ON {on} BEGIN {what}; END')
+
+
+def _view(database: sqlite3.Connection, draw: random.Random) -> None:
+    table = draw.choice(_TABLES)
+    columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')]
+    database.execute(f'ALTER TABLE {table} RENAME TO hidden')
+    known = ', '.join(f'1 AS {name}' for name in columns)
+    database.execute(f'CREATE VIEW {table} AS {_ENDLESS} {known} FROM c')
+
+
+def _hidden_view(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Have the schema say that a table is a view, or computed, though its text is a map's."""
+    table = draw.choice(_TABLES)
+    database.execute('PRAGMA writable_schema = ON')
+    other = draw.choice(_TABLES)
+    database.execute(
+        'UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master WHERE name = ?) '
+        'WHERE name = ?',
+        (other, table),
+    )
+
+
+def _index(database: sqlite3.Connection, draw: random.Random) -> None:
+    last = draw.choice(_NUMBERS[1:])
+    for table in draw.choice((_OF_A_PLACE, _OF_A_PLACE[:1])):
+        which = f'WHERE reference_index = {_PLACES - 1}'
+        database.execute(f'UPDATE {table} SET reference_index = {last} {which}')
+        for row in database.execute(f'SELECT * FROM {table}').fetchall():
+            sound = row_crc(row[:-1]), row[0]
+            database.execute(f'UPDATE {table} SET crc32 = ? WHERE reference_index = ?', sound)
+
+
+def _blob(draw: random.Random) -> object:
+    size = draw.choice((0, 1, 255, 256, 257, 10**6))
+    return draw.choice((draw.randbytes(size), bytes(size), 'text', 1.5, -(2**63)))
+
+
+def _huge(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Store a value of which a file of zeros holds the most."""
+    table, column = draw.choice((('pictures', 'thumbnail'), ('places', 'pooled')))
+    database.execute(f'UPDATE {table} SET {column} = zeroblob(300000000) WHERE rowid = 3')
+
+
+def _holes(path: Path, draw: random.Random) -> None:
+    """Declare terabytes, most of which are a hole."""
+    size = draw.choice((10**10, 10**12))
+    data = bytearray(path.read_bytes())
+    data[28:32] = (size // PAGE_BYTES).to_bytes(4, 'big')
+    path.write_bytes(data)
+    with path.open('r+b') as file:
+        file.truncate(size // PAGE_BYTES * PAGE_BYTES)
+
+
+def _pages(path: Path, draw: random.Random) -> None:
+    """Have pages be copies of others, so that a tree leads to itself."""
+    data = bytearray(path.read_bytes())
+    for _ in range(draw.choice((1, 2, 8))):
+        one, other = (draw.randrange(1, len(data) // PAGE_BYTES) * PAGE_BYTES for _ in range(2))
+        data[one : one + PAGE_BYTES] = data[other : other + PAGE_BYTES]
+    path.write_bytes(data)
+
+
+def _journal(path: Path, draw: random.Random) -> None:
+    """Leave a journal that is hot and names another file, which SQLite would delete."""
+    name = bytes(path.with_name('victim'))
+    page = draw.randbytes(PAGE_BYTES)
+    head = bytes.fromhex('d9d505f920a163d7') + b''.join(
+        number.to_bytes(4, 'big')
+        for number in (1, 7, path.stat().st_size // PAGE_BYTES, 512, PAGE_BYTES)
+    )
+    crc = (7 + sum(page[at] for at in range(PAGE_BYTES - 200, 0, -200))) & 0xFFFFFFFF
+    body = (2).to_bytes(4, 'big') + page + crc.to_bytes(4, 'big')
+    end = draw.choice((b'', (2**30 // PAGE_BYTES + 1).to_bytes(4, 'big') + name))
+    if end:
+        end += len(name).to_bytes(4, 'big') + sum(name).to_bytes(4, 'big') + head[:8]
+    path.with_name('map.db-journal').write_bytes(head.ljust(512, b'\0') + body + end)
+
+
+def _wal(path: Path, draw: random.Random) -> None:
+    """Say that the file has a log, and lay one beside it."""
+    data = bytearray(path.read_bytes())
+    data[18:20] = b'\2\2'
+    path.write_bytes(data)
+    path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
+
+
+_WAYS: dict[str, Callable[[Path, random.Random], None]] = {
+    'trigger': _changed(_trigger),
+    'view': _changed(_view),
+    'table of another': _changed(_hidden_view),
+    'last index': _changed(_index),
+    'huge value': _changed(_huge),
+    'setting': _changed(_set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS))),
+    'camera': _changed(_set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS))),
+    'session': _changed(_set('places', 'session', lambda draw: draw.choice(_NUMBERS))),
+    'stamp': _changed(_set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS))),
+    'position': _changed(
+        _set('places', 'x', lambda draw: draw.choice((None, float('inf'), 1e308, 'text', -0.0)))
+    ),
+    'descriptor': _changed(_set('places', 'pooled', _blob)),
+    'cells': _changed(_set('pictures', 'cells', _blob)),
+    'thumbnail': _changed(_set('pictures', 'thumbnail', _blob)),
+    'image': _changed(_set('images', 'jpeg', _blob)),
+    'holes': _holes,
+    'pages': _pages,
+    'journal': _journal,
+    'log': _wal,
+}

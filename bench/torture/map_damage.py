@@ -1,0 +1,83 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps from a bad disk: a bit that flipped, a sector that is gone, a file that was cut."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import random
+import time
+
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.writer import MapWriter, save_map
+from convseq_ros.errors import MapError
+
+from bench.torture.attack import Try
+from bench.torture.scenarios import APART, drawn, ENCODING
+
+ABOUT = (
+    'In a map of 60 places one bit flips (of ten tries six), 512 bytes are zeros or those of '
+    'elsewhere (three), or the end is cut off (one); it is read, and added to'
+)
+ORACLE = 'it is refused with one line within 5 s, or all that it answers is what it was'
+COUNT, SHORT, SEED = 5_000, 100, 16
+_PLACES, _SECTOR = 60, 512
+_MOST_S = 5.0
+
+
+def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Damage the same map in many ways."""
+    path, draw = folder / 'map.db', random.Random(seed)
+    save_map(drawn(_PLACES), path)
+    whole, answers = path.read_bytes(), _answers(path)
+    for number in range(count):
+        for beside in folder.iterdir():
+            beside.unlink()
+        name, damaged = _damaged(whole, draw)
+        path.write_bytes(damaged)
+        yield Try(f'{number}: {name}', _problem(path, answers))
+
+
+def _damaged(whole: bytes, draw: random.Random) -> tuple[str, bytes]:
+    damaged, position = bytearray(whole), draw.randrange(len(whole))
+    kind = draw.choice(['flip'] * 6 + ['zeros', 'elsewhere', 'elsewhere', 'cut'])
+    if kind == 'flip':
+        damaged[position] ^= 1 << draw.randrange(8)
+    elif kind == 'cut':
+        del damaged[position:]
+    else:
+        start, other = (draw.randrange(len(whole) // _SECTOR) * _SECTOR for _ in range(2))
+        new = bytes(_SECTOR) if kind == 'zeros' else whole[other : other + _SECTOR]
+        damaged[start : start + _SECTOR] = new
+    return f'{kind} at {position}', bytes(damaged)
+
+
+def _answers(path: Path) -> object:
+    """Return all that a map answers, comparable."""
+    reader = MapReader(path)
+    reference_map = reader.reference_map()
+    pictures = reference_map.pictures(range(len(reference_map)), with_images=True)
+    return (
+        reader.settings,
+        reference_map.sessions,
+        [*reference_map.places],
+        reference_map.global_descriptors.tobytes(),
+        [(one.packed.tobytes(), one.thumbnail, one.image) for one in pictures],
+    )
+
+
+def _problem(path: Path, answers: object) -> str:
+    started_s = time.monotonic()
+    try:
+        if _answers(path) != answers:
+            return 'answers otherwise'
+        with MapWriter(path, ENCODING, APART, append=True) as writer:
+            writer.copy(drawn(_PLACES + 1), _PLACES + 1)
+        if len(MapReader(path)) != _PLACES + 1:
+            return 'what was added is not there'
+    except MapError as error:
+        if '\n' in str(error) or path.name not in str(error):
+            return f'says {error}'
+    except Exception as error:
+        return repr(error)
+    took_s = time.monotonic() - started_s
+    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''

@@ -1,0 +1,36 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every single call that changes the disk, while a map is made, grows, is saved or converted."""
+
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from bench.torture.attack import Try
+from bench.torture.disk import environment
+
+ABOUT = (
+    'A map is made, grows, grows after a crash, is saved over another, over one that a crash '
+    'left, or is converted, a result table is written: the process ends before or within the n-th '
+    'call that changes the disk, or that call fails, or the disk is full from then on'
+)
+ORACLE = (
+    'what was acknowledged is there, all that is there is right, nothing is half there; the '
+    'next program goes on with it; errors are one line'
+)
+COUNT, SHORT, SEED = 2_000, 30, 16
+
+
+def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Have a program that has the failing disk make the tries, each in a fork."""
+    command = [sys.executable, '-m', 'bench.torture.scenarios', str(count), str(seed), str(folder)]
+    with subprocess.Popen(
+        command, env=environment(folder), stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        for line in process.stdout:
+            yield Try(*json.loads(line))
+    if process.returncode:
+        yield Try('all', f'ended with {process.returncode}')

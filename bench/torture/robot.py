@@ -1,0 +1,159 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A real node in a process of its own, and a camera, an odometry and a listener on its topics."""
+
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from convseq_ros.cli.processes import environment
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32
+
+_START_S, _END_S = 90.0, 20.0
+_NAME = '/vpr_node'
+
+
+class Robot:
+    """
+    Whoever lives beside a node.
+
+    Attributes
+    ----------
+    process : Popen
+        The node.
+    node : rclpy.node.Node
+        Ours.
+    answers : int
+        Heard so far.
+    told : mapping of str to str
+        Its last diagnostics.
+
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], context: Context) -> None:
+        self.process = process
+        self.answers = 0
+        self.told: Mapping[str, str] = {}
+        self.node = rclpy.create_node('robot', context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.camera = self.node.create_publisher(Image, '/image', QoSProfile(depth=1000))
+        deep = QoSProfile(depth=100_000)
+        self.node.create_subscription(Int32, f'{_NAME}/match_index', self._on_answer, deep)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_told, 10)
+
+    def spin(self, seconds: float = 0.0) -> None:
+        """Hear what others say, for a time."""
+        until_s = time.monotonic() + seconds
+        while True:
+            left_s = until_s - time.monotonic()
+            self._executor.spin_once(timeout_sec=max(0.0, left_s))
+            if left_s <= 0:
+                return
+
+    def wait_for(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Spin until something holds; return whether it does before the time is over."""
+        until_s = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > until_s or self.process.poll() is not None:
+                return bool(condition())
+            self.spin(0.02)
+        return True
+
+    def count(self, name: str) -> int:
+        """Return a count of the last diagnostics; 0 before there are any."""
+        return int(float(self.told.get(name, '0') or 0))
+
+    def resident_mb(self) -> float:
+        """Return how much memory the node holds now."""
+        return self._status('VmRSS') / 1e3
+
+    def most_mb(self) -> float:
+        """Return how much it has held at most."""
+        return self._status('VmHWM') / 1e3
+
+    def threads(self) -> int:
+        """Return how many threads it has."""
+        return len(os.listdir(f'/proc/{self.process.pid}/task'))
+
+    def handles(self) -> int:
+        """Return how many files and sockets it has open."""
+        return len(os.listdir(f'/proc/{self.process.pid}/fd'))
+
+    def _status(self, name: str) -> int:
+        text = Path(f'/proc/{self.process.pid}/status').read_text(encoding='ascii')
+        found = re.search(rf'{name}:\s+(\d+) kB', text)
+        return int(found[1]) if found else 0
+
+    def _on_answer(self, _: Int32) -> None:
+        self.answers += 1
+
+    def _on_told(self, message: DiagnosticArray) -> None:
+        self.told = {one.key: one.value for one in message.status[0].values}
+
+
+@contextmanager
+def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
+    """Start a node with these parameters, and end it with the block; its log is vpr_node.log."""
+    own = environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    os.environ.update({name: own[name] for name in own if name.startswith(('ROS_', 'FASTRTPS_'))})
+    command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
+    for name, value in parameters.items():
+        command += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']
+    context = Context()
+    context.init()
+    with (folder / 'vpr_node.log').open('ab') as log:
+        process = subprocess.Popen(
+            command, env=own, cwd=folder, stdout=log, stderr=subprocess.STDOUT
+        )
+        try:
+            one = Robot(process, context)
+            ready = one.wait_for(lambda: one.told.get('state') == 'enabled', _START_S)
+            ready = ready and one.wait_for(one.camera.get_subscription_count, _START_S)
+            if not ready:
+                raise RuntimeError(f'the node did not come up; see {folder}')
+            yield one
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            context.try_shutdown()
+
+
+def image(gray: np.ndarray, stamp_ns: int = 0, **changes: Any) -> Image:
+    """Return a picture as a message, any field of it changed."""
+    message = Image(
+        height=gray.shape[0],
+        width=gray.shape[1],
+        encoding='mono8',
+        step=gray.shape[1],
+        data=array('B', gray.tobytes()),
+    )
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def unaccounted(one: Robot, sent: int) -> int:
+    """Return how many images were sent that the node neither answered nor counts as lost."""
+    counts = ('processed', 'dropped', 'lost_by_middleware', 'failed', 'queue')
+    return sent - sum(one.count(name) for name in counts)

@@ -1,0 +1,315 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What programs do with a map, and what must hold however the disk ends it.
+
+`python -m bench.torture.scenarios COUNT SEED FOLDER` prints a try a line, as JSON.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+import json
+import mmap
+import os
+from pathlib import Path
+import random
+import shutil
+import sys
+import tempfile
+import traceback
+
+from convseq_ros.cli.convert import convert
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map import autosave
+from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.types import Match, Pose, Reason, Status
+from convseq_ros.errors import MapError
+from convseq_ros.results import read_results, ResultWriter
+import numpy as np
+
+from bench.torture.disk import arm, calls, How
+
+ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
+GOLDEN = Path(__file__).parents[2] / 'test' / 'golden' / 'format3.db'
+_GOLDEN_PLACES = 3
+_MOST_PLACES = 40  # in a commit: some pages of every table
+_DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
+NEVER_S = 1e6
+
+
+class Acknowledged:
+    """A number that a child leaves behind, whatever becomes of it."""
+
+    def __init__(self) -> None:
+        self.shared = mmap.mmap(-1, 8)
+
+    @property
+    def value(self) -> int:
+        return int.from_bytes(self.shared[:], 'little', signed=True)
+
+    @value.setter
+    def value(self, number: int) -> None:
+        self.shared[:] = number.to_bytes(8, 'little', signed=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """
+    What a program does.
+
+    Parameters
+    ----------
+    prepare : callable
+        Makes the files that it finds, given the map's path and how many places are added at once.
+    act : callable
+        What it does; it acknowledges what must be there from then on.
+    check : callable
+        Raises AssertionError if something does not hold, given what was acknowledged.
+
+    """
+
+    prepare: Callable[[Path, list[int]], None]
+    act: Callable[[Path, list[int], Acknowledged], None]
+    check: Callable[[Path, list[int], int], None]
+
+
+def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
+    """Add places that any process can tell by their index."""
+    for index in range(len(reference_map), len(reference_map) + count):
+        pose = Pose((index, 0, 0), (0, 0, 0, 1)) if index % 2 else None
+        place = Place(index, f'drive {drive}', pose)
+        reference_map.add(place, _cells(index, drive), b'%d' % index)
+
+
+def _cells(index: int, drive: int) -> np.ndarray:
+    return pack_cells(np.random.default_rng([index, drive]).random((4, 4, 8), np.float32) * 1e5)
+
+
+def holds(path: Path, drive: int = 0) -> int:
+    """Return how many places a map has; AssertionError if one is not what was written."""
+    opened = open_map(path, ENCODING)
+    for index, place in enumerate(opened.places):
+        assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
+        assert (opened.packed(index) == _cells(index, drive)).all(), index
+        assert opened.thumbnail(index) == b'%d' % index, index
+    return len(opened)
+
+
+def drawn(count: int, drive: int = 0) -> ReferenceMap:
+    """Return a map of places that `grow` adds."""
+    reference_map = ReferenceMap(ENCODING)
+    grow(reference_map, count, drive)
+    return reference_map
+
+
+def _nothing(_path: Path, _commits: list[int]) -> None:
+    """Make nothing."""
+
+
+def _some(path: Path, commits: list[int]) -> None:
+    save_map(drawn(commits[0]), path)
+
+
+def _crashed(path: Path, commits: list[int]) -> None:
+    """Leave a map as a crash in the middle of a commit does, with what it holds safe."""
+    _some(path, commits)
+    if not os.fork():
+        owner = Autosave(path, ENCODING, APART)
+        grow(owner.reference_map, commits[1])
+        arm(8, How.TEAR)
+        owner.flush()
+        os._exit(_BROKE)
+    assert os.waitstatus_to_exitcode(os.wait()[1]) == _DIED
+
+
+def _own(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    owner = Autosave(path, ENCODING, APART)
+    acknowledged.value = owner.committed
+    try:
+        for count in commits:
+            grow(owner.reference_map, count)
+            try:
+                owner.flush()
+            except MapError:
+                arm(0, How.COUNT)  # there is room again
+                owner.flush()
+            acknowledged.value = owner.committed
+    finally:
+        owner.close()
+    assert owner.committed == len(owner.reference_map)
+
+
+def _goes_on(path: Path, _commits: list[int], acknowledged: int) -> None:
+    """See that the map holds all, and that another program adds to it, or makes it."""
+    if acknowledged >= 0:
+        assert holds(path) >= acknowledged
+    else:
+        with suppress(MapError):
+            acknowledged = holds(path)
+    owner = Autosave(path, ENCODING, APART)
+    before = len(owner.reference_map)
+    assert before >= acknowledged, f'{before} of {acknowledged}'
+    grow(owner.reference_map, 2)
+    owner.close()
+    assert holds(path) == before + 2
+    assert [one.name for one in path.parent.iterdir() if one.name.endswith('-lock')] == []
+
+
+def _save(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    save_map(drawn(sum(commits), 1), path)
+    acknowledged.value = 1
+
+
+def _old_or_new(path: Path, commits: list[int], acknowledged: int) -> None:
+    """See that the map is the old one, or the new one, and if it says so the new one."""
+    if open_map(path).places[0].source == 'drive 1':
+        assert holds(path, 1) == sum(commits)
+    else:
+        assert acknowledged < 0 and holds(path) == commits[0]
+        _goes_on(path, commits, commits[0])
+    save_map(drawn(3, 2), path)
+    assert holds(path, 2) == 3
+
+
+def _old_format(path: Path, _commits: list[int]) -> None:
+    shutil.copy(GOLDEN, path.with_name('old.db'))
+
+
+def _convert(path: Path, _commits: list[int], acknowledged: Acknowledged) -> None:
+    acknowledged.value = convert(path.with_name('old.db'), path)
+
+
+def _converted(path: Path, _commits: list[int], acknowledged: int) -> None:
+    assert path.with_name('old.db').read_bytes() == GOLDEN.read_bytes()
+    if not path.exists():
+        assert acknowledged < 0
+        convert(path.with_name('old.db'), path)
+    assert len(open_map(path)) == _GOLDEN_PLACES
+
+
+def _rows(path: Path, commits: list[int]) -> None:
+    """Leave the table of a run that crashed."""
+    table = ResultWriter(path)
+    _write(table, commits[0])
+    table.abandon()
+
+
+def _write(table: ResultWriter, count: int, acknowledged: Acknowledged | None = None) -> None:
+    for index in range(count):
+        table.write(Match(index, index, Status.SKIPPED, Reason.RECENT), 1.0)
+        if acknowledged:
+            acknowledged.value = index + 1
+
+
+def _tabulate(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    with ResultWriter(path) as table:
+        _write(table, sum(commits), acknowledged)
+
+
+def _tabulated(path: Path, commits: list[int], acknowledged: int) -> None:
+    """See that the rows of both runs are in some file each."""
+    counts = []
+    for file in path.parent.iterdir():
+        rows = read_results(file)
+        whole = [row for row in rows if row['relative_yaw_rad'] is not None]
+        assert [row['query_index'] for row in whole] == [str(each) for each in range(len(whole))]
+        counts.append(len(whole))
+    assert commits[0] in counts or max(counts) > commits[0], counts
+    assert max(counts) >= acknowledged, counts
+    assert sum(counts) >= commits[0] + max(0, acknowledged), counts
+
+
+SCENARIOS = {
+    'make': Scenario(_nothing, _own, _goes_on),
+    'grow': Scenario(_some, _own, _goes_on),
+    'grow after a crash': Scenario(_crashed, _own, _goes_on),
+    'save': Scenario(_some, _save, _old_or_new),
+    'save over a crash': Scenario(_crashed, _save, _old_or_new),
+    'convert': Scenario(_old_format, _convert, _converted),
+    'result table': Scenario(_rows, _tabulate, _tabulated),
+}
+
+
+def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the name of every try, and what did not hold."""
+    draw, made = random.Random(seed), 0
+    while made < count:
+        commits = [draw.randint(1, _MOST_PLACES) for _ in range(3)]
+        planned = [
+            (name, how, call)
+            for name, scenario in SCENARIOS.items()
+            for last in [_try(scenario, commits, How.COUNT, 0, folder)[1]]
+            for how in (How.KILL, How.TEAR, How.FULL, How.FAIL)
+            for call in range(1, last + 1)
+        ]
+        draw.shuffle(planned)
+        for name, how, call in planned[: count - made]:
+            problem, calls_made = _try(SCENARIOS[name], commits, how, call, folder)
+            if problem or calls_made >= call or calls_made < 0:
+                made += 1
+                yield f'{name} {commits}, {how.name} at call {call}', problem
+
+
+def _try(
+    scenario: Scenario, commits: list[int], how: How, call: int, folder: Path
+) -> tuple[str, int]:
+    """Return what did not hold, and how many calls were made; -1 if the process did not end."""
+    with tempfile.TemporaryDirectory(dir=folder) as own:
+        path = Path(own, 'map.db')
+        scenario.prepare(path, commits)
+        acknowledged, made = Acknowledged(), Acknowledged()
+        acknowledged.value = made.value = -1
+        if not os.fork():
+            _act(scenario, path, commits, acknowledged, made, how, call)
+        code = os.waitstatus_to_exitcode(os.wait()[1])
+        # Now and then a checksum is shorter, a page is not needed, and there are fewer calls.
+        is_over = 0 <= made.value < call
+        if code not in (
+            (_DIED,) if how in (How.KILL, How.TEAR) and not is_over else (0, _REFUSED)
+        ):
+            return f'ended with {code}', made.value
+        try:
+            scenario.check(path, commits, acknowledged.value)
+        except (AssertionError, MapError, OSError, IndexError) as error:
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            return f'{error!r} ({where.name}, line {where.lineno})', made.value
+    return '', made.value
+
+
+def _act(
+    scenario: Scenario,
+    path: Path,
+    commits: list[int],
+    acknowledged: Acknowledged,
+    made: Acknowledged,
+    how: How,
+    call: int,
+) -> None:
+    """Do it, and end this process."""
+    code = _BROKE
+    try:
+        arm(call, how)
+        scenario.act(path, commits, acknowledged)
+        made.value, code = calls(), 0
+    except (MapError, OSError) as error:
+        code = _REFUSED if '\n' not in str(error) else _BROKE
+    except BaseException:
+        traceback.print_exc()
+    os._exit(code)
+
+
+def main() -> None:
+    """Make the tries."""
+    count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+    autosave._COMMIT_EVERY_S = NEVER_S  # what is written is asked for, one thing after another
+    for found in tries(count, seed, folder):
+        print(json.dumps(found), flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,16 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The process of `convseq`, also `python -m convseq_ros.cli`."""
+
+import sys
+
+from convseq_ros.process import run
+
+
+def main() -> int:
+    """Run a sub-command, and say in one line if a signal ended it."""
+    return run('convseq_ros.cli', 1, 'convseq: interrupted\n')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,149 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A growing map is persisted as it grows."""
+
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from threading import Event, Lock, Thread
+import time
+
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.errors import MapError
+
+_COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
+_PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
+
+
+class NoAutosave:
+    """Stands in for a map that is in memory alone."""
+
+    committed = 0  # places that are safe in a file
+    committed_s: float | None = None  # monotonic time at which the file grew last
+    is_failing = False  # whether what was added last could not be written
+
+    def save(self) -> None:
+        """Do nothing."""
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class Autosave(NoAutosave):
+    """
+    Owns a map file, and writes to it what is added to the map, in a thread of its own.
+
+    What was added is safe half a second later, whether or not anything comes after it. What is
+    safe outlives a crash, and is evicted from memory, so that a map may grow all day. An owner
+    whose file was moved or replaced, or added to by another in spite of the lock, says so once
+    and goes on in memory; it writes again once its file is back as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The file; there is one owner at a time.
+    encoding, keyframes : EncodingConfig, KeyframeConfig
+        What makes its places.
+    append : bool, optional
+        Whether there must be a map; None takes one, or makes it.
+    keeps_empty : bool
+        Whether a file that was made stays if it got no place.
+
+    Attributes
+    ----------
+    reference_map : ReferenceMap
+        What the file holds, and what is added.
+
+    Raises
+    ------
+    MapError
+        If the map has another owner, cannot be written, or is refused by `MapWriter`.
+
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        encoding: EncodingConfig,
+        keyframes: KeyframeConfig,
+        append: bool | None = None,
+        keeps_empty: bool = True,
+    ) -> None:
+        self._path, self._keeps_empty = path, keeps_empty
+        with ExitStack() as opened:
+            opened.enter_context(MapLock(path))
+            self._writer = MapWriter(path, encoding, keyframes, append)
+            opened.callback(self._writer.close)
+            self.reference_map = self._writer.reader.reference_map()
+            self._file = path.stat().st_ino
+            self.committed = self._writer.committed
+            self._opened = opened.pop_all()
+        self._writing = Lock()
+        self._error: MapError | None = None  # to be told
+        self._news, self._end = Event(), Event()
+        self._thread = Thread(target=self._run, name='autosave', daemon=True)
+        self._thread.start()
+
+    def save(self) -> None:
+        """
+        Have what was added written, soon; call it after every frame.
+
+        MapError, once, if it could not be written; it is tried again and again, without a word
+        until it worked.
+        """
+        if self.committed < len(self.reference_map):
+            self._news.set()
+        error, self._error = self._error, None
+        if error:
+            raise error
+
+    def flush(self) -> None:
+        """Make all that was added safe before it returns; MapError if it cannot be written."""
+        with self._writing:
+            try:
+                self._write()
+            except MapError:
+                self.is_failing = True
+                raise
+            self.is_failing = False
+
+    def close(self) -> None:
+        """Make all that was added safe and close the file; MapError if it cannot be written."""
+        self._end.set()
+        self._news.set()
+        self._thread.join()
+        with self._opened:
+            self.flush()
+            if not (self.committed or self._keeps_empty) and self._writer.is_new:
+                self._refuse_replaced()
+                self._path.unlink()
+
+    def _run(self) -> None:
+        while self._news.wait() and not self._end.is_set():
+            self._news.clear()
+            is_known = self.is_failing
+            try:
+                self.flush()
+            except MapError as error:
+                self._error = self._error if is_known else error
+                self._news.set()
+            self._end.wait(_COMMIT_EVERY_S)
+
+    def _write(self) -> None:
+        end = len(self.reference_map)
+        while self.committed < end:
+            self._refuse_replaced()
+            stop = min(end, self.committed + _PLACES_AT_ONCE)
+            self._writer.copy(self.reference_map, stop)
+            self.committed, self.committed_s = stop, time.monotonic()
+            self.reference_map.evict(stop, self._writer.reader.pictures)
+
+    def _refuse_replaced(self) -> None:
+        with suppress(OSError):
+            if self._path.stat().st_ino == self._file:
+                return
+        raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')

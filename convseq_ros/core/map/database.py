@@ -1,0 +1,213 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map's SQLite file, of which nothing is believed before it was checked."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+import os
+from pathlib import Path
+import shutil
+import sqlite3
+import tempfile
+import time
+from typing import Any
+
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, PAGE_BYTES, SCHEMA
+from convseq_ros.errors import MapError
+
+Rows = list[tuple[Any, ...]]
+
+_SAFELY = (  # https://sqlite.org/security.html
+    'PRAGMA trusted_schema = OFF',
+    'PRAGMA cell_size_check = ON',
+    'PRAGMA mmap_size = 0',
+)
+_LONGEST_BYTES = 1 << 26  # of a row or a value; the largest image of a camera is some 20 MB
+_LIMIT_S = 2.0  # of the processor's time, for a statement; 1,024 rows take some 10 ms
+_PATIENCE_S = 10.0  # for who holds the file; a slow card may take seconds to sync
+_STEPS = 1000  # of SQLite's machine, between two looks at the clock: some 20 us
+_MOST_SAID = 200  # characters of an error
+_TRIES = 5  # to read what a crash left behind while another program mends it
+# The end of a journal that names further files, which SQLite would delete.
+_NAMES_OTHERS = bytes.fromhex('d9d505f920a163d7')
+EMPTY = 'is empty, no map yet'
+_DAMAGED = 'damaged map ({}); build it again'
+_READ = 'cannot be read ({}); is the disk failing?'
+_WENT_WRONG = {  # by result code of SQLite, extended or primary
+    sqlite3.SQLITE_NOTADB: 'not a convseq map',
+    sqlite3.SQLITE_BUSY: 'another program holds it ({}); try again',
+    sqlite3.SQLITE_CONSTRAINT: 'another program added to this map ({}); what comes now is not '
+    'kept: let only one do so, and start again',
+    sqlite3.SQLITE_READONLY: 'is read-only ({}); make it and its folder writable',
+    sqlite3.SQLITE_CANTOPEN: 'cannot be opened ({}); is it in a folder that exists, and allowed?',
+    sqlite3.SQLITE_FULL: 'cannot write ({}); make room on the disk',
+    sqlite3.SQLITE_IOERR: 'cannot write ({}); is the disk full, or failing?',
+    sqlite3.SQLITE_IOERR_READ: _READ,
+    sqlite3.SQLITE_IOERR_SHORT_READ: _READ,
+    sqlite3.SQLITE_INTERRUPT: _DAMAGED.format(f'a statement took more than {_LIMIT_S:g} s'),
+}
+
+
+class Database:
+    """
+    A connection to a map file: `mode` is ro, rw or, to make it if there is none, rwc.
+
+    What a stranger put into the file is not executed, no statement takes for ever, no value takes
+    more memory than an image may. Use it within `explained`.
+    """
+
+    def __init__(self, path: Path, mode: str) -> None:
+        address = f'{path.absolute().as_uri()}?mode={mode}'
+        self._database = sqlite3.connect(
+            address, _PATIENCE_S, isolation_level=None, check_same_thread=False, uri=True
+        )
+        self.close = self._database.close
+        self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_BYTES)
+        for pragma in _SAFELY:
+            self._database.execute(pragma)
+        self._until_s = 0.0
+        self._database.set_progress_handler(lambda: time.thread_time() > self._until_s, _STEPS)
+
+    def rows(self, statement: str, values: tuple[object, ...] = ()) -> Rows:
+        """Execute a statement; return what it yields."""
+        self._until_s = time.thread_time() + _LIMIT_S
+        return self._database.execute(statement, values).fetchall()
+
+    def number(self, statement: str) -> int:
+        """Return the one number that a statement yields."""
+        return int(self.rows(statement)[0][0])
+
+    @contextmanager
+    def transaction(self, kind: str = 'DEFERRED') -> Iterator[None]:
+        """Do all of what follows, or nothing; see what the file held at one moment."""
+        self.begin(kind)
+        try:
+            yield
+            self.commit()
+        except BaseException:
+            self.roll_back()
+            raise
+
+    def begin(self, kind: str = 'IMMEDIATE') -> None:
+        """Begin a transaction, unless one is begun: by default one that writes."""
+        if not self._database.in_transaction:
+            self.rows(f'BEGIN {kind}')
+
+    def commit(self) -> None:
+        """End the transaction, if one is begun: what it wrote is safe."""
+        self._database.commit()
+
+    def roll_back(self) -> None:
+        """End the transaction, if one is begun: nothing was written."""
+        with suppress(sqlite3.Error):
+            self._database.rollback()
+
+    def check(
+        self, path: Path, version: int = FORMAT_VERSION, schema: Mapping[str, str | None] = SCHEMA
+    ) -> None:
+        """Raise MapError if this is no map of a format; ValueError if it holds more, or less."""
+        if self.number('PRAGMA application_id') != APPLICATION_ID:
+            raise MapError(f'{path}: not a convseq map but another SQLite file')
+        own = self.number('PRAGMA user_version')
+        if own != version:
+            remedy = 'update convseq_ros' if own > version else 'build the map again'
+            if own == 3 and version == FORMAT_VERSION:
+                remedy = f'run: convseq convert {path} NEW'
+            raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
+        found = self.rows('SELECT name, sql FROM sqlite_master')
+        if len(found) != len(schema) or dict(found) != schema:
+            others = sorted({str(name) for name, _ in found} - schema.keys())
+            raise ValueError(f'{others or "tables"} that no map has')
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Raise MapError, one line with the file's name, for whatever goes wrong with a map file."""
+    try:
+        yield
+    except OSError as error:
+        raise MapError(f'{path}: cannot be read ({error.strerror})') from error
+    except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
+        code = getattr(error, 'sqlite_errorcode', 0)
+        words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, _DAMAGED)
+        # A stranger's words may be long, and more than text to a terminal.
+        said = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
+        raise MapError(f'{path}: {words.format(said)}') from error
+
+
+def open_to_read(path: Path) -> Database:
+    """Return a map file that is not changed; if a crash left it with a journal, a mended copy."""
+    if path.is_dir():
+        raise MapError(f'{path}: is a folder; name the map file in it')
+    if not path.is_file():
+        raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
+    for last in range(_TRIES, 0, -1):
+        database = Database(path, 'ro')
+        try:
+            pages = database.number('PRAGMA page_count')
+            if path.stat().st_size < pages * database.number('PRAGMA page_size'):
+                raise MapError(f'{path}: {_DAMAGED.format("cut short")}')
+            if not pages:
+                raise MapError(f'{path}: {EMPTY}; make one with `convseq build-map RECORDING MAP`')
+            return database
+        except sqlite3.OperationalError:
+            database.close()
+            if not _journal(path).exists() or last == 1:
+                raise
+            if mended := _mended_copy(path):
+                return mended
+        except BaseException:
+            database.close()
+            raise
+    raise AssertionError('the last try returns or raises')
+
+
+def open_to_write(path: Path) -> Database:
+    """Return a map file, mended if a crash left it with a journal, or a new one without pages."""
+    if path.exists() and not path.is_file():
+        raise MapError(f'{path}: is no file; name the map file')
+    _refuse_other_files(path)
+    database = Database(path, 'rwc')
+    # The folder is synced as well, so that a power cut does not bring a journal back to life.
+    for pragma in (f'page_size = {PAGE_BYTES}', 'journal_mode = DELETE', 'synchronous = EXTRA'):
+        database.rows(f'PRAGMA {pragma}')
+    return database
+
+
+def _journal(path: Path) -> Path:
+    return path.with_name(path.name + '-journal')
+
+
+def _mended_copy(path: Path) -> Database | None:
+    """Return a copy without what was not committed; None if the file changed meanwhile."""
+    _refuse_other_files(path)
+
+    def state() -> list[tuple[int, int, int]]:
+        found = [os.stat(one) for one in (path, _journal(path))]
+        return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in found]
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, 'map')
+        try:
+            before = state()
+            shutil.copyfile(_journal(path), _journal(copy))
+            shutil.copyfile(path, copy)
+            if state() != before:
+                return None
+        except FileNotFoundError:
+            return None
+        database = Database(copy, 'rw')
+        try:
+            if not database.number('PRAGMA page_count'):
+                raise MapError(f'{path}: {EMPTY}; make one with `convseq build-map RECORDING MAP`')
+        except BaseException:
+            database.close()
+            raise
+    return database
+
+
+def _refuse_other_files(path: Path) -> None:
+    with suppress(FileNotFoundError), _journal(path).open('rb') as journal:
+        journal.seek(max(0, journal.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
+        if journal.read() == _NAMES_OTHERS:
+            raise MapError(f'{_journal(path)}: names other files, and no map does; delete it')

@@ -1,0 +1,145 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small files that a stranger may have made: what they declare is checked first."""
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+import stat
+from typing import Any
+import zipfile
+
+from convseq_ros.errors import ConfigError, SourceError
+import numpy as np
+import numpy.typing as npt
+
+_KINDS = {
+    stat.S_IFIFO: 'a pipe',
+    stat.S_IFCHR: 'a device',
+    stat.S_IFBLK: 'a device',
+    stat.S_IFSOCK: 'a socket',
+}
+_MOST_YAML_BYTES = 262_144  # PyYAML reads some 100 kB a second; `convseq config` prints 8 kB
+_MOST_ARRAY_BYTES = 1 << 29  # a truth of 23,000 by 23,000 frames
+
+
+def refuse_irregular(path: Path) -> None:
+    """
+    Let files, folders and what is not there pass: opening a pipe may wait for ever.
+
+    Raises
+    ------
+    SourceError
+        If it is a pipe, a device or a socket, or its name is none.
+
+    """
+    try:
+        kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode))
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise SourceError(f'{path}: {reason}; check the path') from None
+    if kind:
+        raise SourceError(f'{path}: is {kind}, not a file; give a file or a folder')
+
+
+def read_yaml(path: Path) -> Mapping[str, Any]:
+    """
+    Return the mapping in a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or the file is too large, nested too deeply, or refers to its own parts,
+        which ROS does not read either: a few lines can stand for terabytes.
+
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise ConfigError(f'{path}: needs PyYAML; pip install pyyaml') from None
+    try:
+        refuse_irregular(path)
+        with path.open('rb') as file:
+            text = file.read(_MOST_YAML_BYTES + 1)
+        if len(text) > _MOST_YAML_BYTES:
+            raise ConfigError(f'{path}: more than {_MOST_YAML_BYTES >> 10} kB; shorten it')
+        loader = yaml.SafeLoader(text.decode('utf-8'))
+        content = _plain(loader, path)
+    except OSError as error:
+        raise ConfigError(f'{path}: {error.strerror}; check the path') from None
+    except SourceError as error:
+        raise ConfigError(str(error)) from None
+    except RecursionError:
+        raise ConfigError(f'{path}: not YAML that can be read: nested too deeply') from None
+    except (ValueError, ArithmeticError, LookupError, TypeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: not YAML ({" ".join(str(error).split())[:200]})') from None
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'{path}: the file is not a list of `key: value`')
+    return content
+
+
+def _plain(loader: Any, path: Path) -> Any:
+    """Return what a loader reads, if no part of it stands for another."""
+    import yaml
+
+    compose = loader.compose_node
+
+    def compose_node(parent: Any, index: Any) -> Any:
+        if loader.check_event(yaml.AliasEvent):
+            raise ConfigError(f'{path}: has an alias, such as *name; write its content instead')
+        return compose(parent, index)
+
+    loader.compose_node = compose_node
+    try:
+        return loader.get_single_data()
+    finally:
+        loader.dispose()
+
+
+def read_array(path: Path, name: str = '') -> npt.NDArray[Any]:
+    """
+    Return an array of plain numbers from a .npy file, or from a .npz file under its name.
+
+    Raises
+    ------
+    SourceError
+        If there is none, it holds less than it declares, or it declares more than half a
+        gigabyte.
+
+    """
+    refuse_irregular(path)
+    try:
+        if not name:
+            with path.open('rb') as file:
+                return _array(file, path)
+        with zipfile.ZipFile(path) as archive, archive.open(f'{name}.npy') as member:
+            return _array(member, path)
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror or error}; check the path') from None
+    except SourceError:
+        raise
+    except Exception as error:
+        raise SourceError(
+            f'{path}: not a file of plain numbers ({" ".join(str(error).split())[:200]}); '
+            'save it again'
+        ) from None
+
+
+def _array(file: Any, path: Path) -> npt.NDArray[Any]:
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+        version, np.lib.format.read_array_header_2_0
+    )
+    shape, is_fortran, dtype = read(file)
+    size = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject:
+        raise ValueError('it holds objects')
+    if size > _MOST_ARRAY_BYTES:
+        raise SourceError(
+            f'{path}: declares an array of {size / 1e9:.1f} GB, more than '
+            f'{_MOST_ARRAY_BYTES / 1e9:.1f} GB; give a smaller one'
+        )
+    # Not by NumPy, which takes the memory before it looks whether the numbers are there.
+    return np.ndarray(shape, dtype, file.read(size), order='F' if is_fortran else 'C')

@@ -1,0 +1,92 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What SIGINT and SIGTERM do to a process of ours, from its first moment to its last.
+
+Importing NumPy, OpenCV and rclpy takes a second, in which nothing is at stake yet: a signal then
+ends the process at once. Later it is handed over to whoever has something to finish.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+import os
+import signal
+import sys
+from typing import Any, NoReturn
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+_later: Callable[[], None] | None = None
+
+
+def run(module: str, code: int, text: str = '') -> int:
+    """
+    Import a module and return what its `main` returns; needs nothing but Python itself.
+
+    Parameters
+    ----------
+    module : str
+        Whose import may take long.
+    code, text : int, str
+        Of a process that a signal ends before it is handed over.
+
+    """
+    stand(code, text)
+    # Whoever became this process by `execve` had them wait.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    try:
+        return int(import_module(module).main())
+    finally:
+        ignore()
+
+
+def run_node(module: str) -> NoReturn:
+    """
+    Do as `run`, and end this process.
+
+    Python would take apart all that was imported, for up to seconds on a busy machine.
+    """
+    code = run(module, 0)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def stand(code: int, text: str = '') -> None:
+    """Have a signal end this process at once, with this code and text, until it is handed over."""
+
+    def on_signal(*_: Any) -> None:
+        if _later:
+            _later()
+        else:
+            os.write(2, text.encode())
+            os._exit(code)
+
+    global _later
+    _later = None
+    for number in SIGNALS:
+        signal.signal(number, on_signal)
+
+
+def hand_over(later: Callable[[], None]) -> None:
+    """Have a signal call this from now on, in the main thread, where `stand` was called before."""
+    global _later
+    _later = later
+
+
+def interrupt() -> None:
+    """Raise KeyboardInterrupt; when called again, end the process at once."""
+    hand_over(lambda: os._exit(1))
+    # What is raised where nobody can catch it, as in a finaliser, would be printed and forgotten.
+    sys.unraisablehook = lambda what: (
+        os._exit(1)
+        if isinstance(what.exc_value, KeyboardInterrupt)
+        else sys.__unraisablehook__(what)
+    )
+    raise KeyboardInterrupt
+
+
+def ignore() -> None:
+    """Let no signal disturb the end: Python gives them back their deadly default before it."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)

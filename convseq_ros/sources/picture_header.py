@@ -1,0 +1,144 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What an encoded picture says of its size, read before anything is decoded."""
+
+from collections.abc import Callable
+import re
+import struct
+from typing import NamedTuple
+
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # ITU T.81, table B.1: SOFn
+_JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # ibid.: markers without a length
+_JPEG_SCAN = b'\xff\xda'
+_CHUNK_BYTES = 12  # of a PNG besides its content: length, kind, checksum
+_MOST_CHUNKS = 100_000  # an encoder's are 8 kB and more, save some of text
+# TIFF 6.0, section 8; types of a tag's value that are numbers: SHORT, LONG, and BigTIFF's LONG8.
+_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_BITS, _TIFF_SAMPLES = 256, 257, 258, 277
+_TIFF_TILE_WIDTH, _TIFF_TILE_HEIGHT = 322, 323
+_TIFF_TYPES = {3: 'H', 4: 'I', 16: 'Q'}
+_COLOUR_BITS = 24
+
+
+class Declared(NamedTuple):
+    """
+    What a picture declares.
+
+    Parameters
+    ----------
+    pixels : int
+        That a decoder takes memory for, at 3 bytes each.
+    passes : int
+        Times that it goes through all of them: scans of a JPEG.
+
+    """
+
+    pixels: int
+    passes: int = 1
+
+
+def declared(data: bytes) -> Declared | None:
+    """
+    Return what a picture declares; None if it is of no known kind or its header is damaged.
+
+    Parameters
+    ----------
+    data : bytes
+        A JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM.
+
+    """
+    for magic, read in _READERS:
+        if re.match(magic, data, re.DOTALL):
+            try:
+                return read(data)
+            except (struct.error, LookupError, ValueError):
+                return None
+    return None
+
+
+def _jpeg(data: bytes) -> Declared:
+    at = 2
+    while True:
+        # As in libjpeg, what is no marker is passed over.
+        at = data.index(b'\xff', at)
+        while data[at] == 0xFF:
+            at += 1
+        marker = data[at]
+        at += 1
+        if marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from('>HH', data, at + 3)
+            return Declared(width * height, max(1, data.count(_JPEG_SCAN, at)))
+        if marker and marker not in _JPEG_ALONE:
+            at += struct.unpack_from('>H', data, at)[0]
+
+
+def _png(data: bytes) -> Declared:
+    at = 8
+    for _ in range(_MOST_CHUNKS):
+        if at + _CHUNK_BYTES > len(data):
+            break
+        (length,) = struct.unpack_from('>I', data, at)
+        at += _CHUNK_BYTES + length
+        if at > len(data):
+            # OpenCV takes the memory before it looks whether so much is there.
+            raise ValueError('a chunk is longer than the file')
+    else:
+        raise ValueError('more chunks than any picture has')
+    width, height = struct.unpack_from('>II', data, 16)
+    return Declared(width * height)
+
+
+def _bmp(data: bytes) -> Declared:
+    (head,) = struct.unpack_from('<I', data, 14)
+    width, height = struct.unpack_from('<HH' if head == 12 else '<ii', data, 18)
+    return Declared(abs(width * height))
+
+
+def _netpbm(data: bytes) -> Declared:
+    words = re.sub(rb'#[^\n]*', b'', data[2:1024]).split(None, 2)
+    return Declared(int(words[0]) * int(words[1]))
+
+
+def _webp(data: bytes) -> Declared:
+    kind, at = data[12:16], 20
+    if kind == b'VP8X':
+        width = int.from_bytes(data[at + 4 : at + 7], 'little') + 1
+        height = int.from_bytes(data[at + 7 : at + 10], 'little') + 1
+    elif kind == b'VP8L':
+        (bits,) = struct.unpack_from('<I', data, at + 1)
+        width, height = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    else:
+        width, height = (side & 0x3FFF for side in struct.unpack_from('<HH', data, at + 6))
+    return Declared(width * height)
+
+
+def _tiff(data: bytes) -> Declared:
+    order = '<' if data[:2] == b'II' else '>'
+    is_big = struct.unpack_from(order + 'H', data, 2)[0] == 43
+    offset, count, entry, room = ('Q', 'Q', 'HHQ', 8) if is_big else ('I', 'H', 'HHI', 4)
+    (at,) = struct.unpack_from(order + offset, data, 8 if is_big else 4)
+    (entries,) = struct.unpack_from(order + count, data, at)
+    at += struct.calcsize(order + count)
+    size = struct.calcsize(order + entry) + room
+    tags: dict[int, int] = {}
+    for start in range(at, at + min(entries, 4096) * size, size):
+        tag, kind, values = struct.unpack_from(order + entry, data, start)
+        value = start + size - room
+        if kind not in _TIFF_TYPES:
+            continue
+        if struct.calcsize(order + _TIFF_TYPES[kind]) * values > room:
+            (value,) = struct.unpack_from(order + offset, data, value)
+        tags[tag] = struct.unpack_from(order + _TIFF_TYPES[kind], data, value)[0]
+    bits = tags.get(_TIFF_BITS, 1) * tags.get(_TIFF_SAMPLES, 1)
+    tile = tags.get(_TIFF_TILE_WIDTH, 0) * tags.get(_TIFF_TILE_HEIGHT, 0)
+    pixels = max(tags[_TIFF_WIDTH] * tags[_TIFF_HEIGHT], tile)
+    return Declared(max(pixels, pixels * bits // _COLOUR_BITS))
+
+
+_READERS: tuple[tuple[bytes, Callable[[bytes], Declared]], ...] = (
+    (rb'\xff\xd8', _jpeg),
+    (rb'\x89PNG\r\n\x1a\n.{4}IHDR', _png),
+    (rb'BM', _bmp),
+    (rb'P[1-6]\s', _netpbm),
+    (rb'RIFF.{4}WEBP', _webp),
+    (rb'II[*+]\0|MM\0[*+]', _tiff),
+)

@@ -1,0 +1,60 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short part of what `make torture` does to maps."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from bench.torture.attack import attacks
+from bench.torture.disk import compiler
+from bench.torture.scenarios import SCENARIOS
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+NEED_A_COMPILER = 'map_power', 'map_writes'
+
+
+@pytest.mark.parametrize('name', ['hostile_maps', 'map_damage', 'map_kills', *NEED_A_COMPILER])
+def test_maps_survive_a_short_part_of_the_torture(name):
+    if name in NEED_A_COMPILER and not compiler():
+        pytest.skip('needs a C compiler')
+    command = [sys.executable, '-m', 'bench.torture', name, '--short']
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    count = attacks()[name].short
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith(f'{name}: {count} of {count} in '), done.stdout + done.stderr
+
+
+LIES = """
+import sys
+from pathlib import Path
+from bench.torture import scenarios
+from convseq_ros.core.map.autosave import Autosave
+# A program that says at once that all is safe.
+Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
+scenarios.SCENARIOS = {'grow': scenarios.SCENARIOS['grow']}
+sys.argv[1:] = ['12', '0', sys.argv[1]]
+scenarios.main()
+"""
+
+
+def test_the_torture_finds_out_who_lies(tmp_path):
+    assert 'grow' in SCENARIOS
+    if not compiler():
+        pytest.skip('needs a C compiler')
+    from bench.torture.disk import environment
+
+    done = subprocess.run(
+        [sys.executable, '-c', LIES, str(tmp_path)],
+        cwd=REPOSITORY,
+        env=environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    told = done.stdout.splitlines()
+    assert len(told) == 12 and sum('AssertionError' in line for line in told) > 6, done

@@ -1,0 +1,80 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short part of what `make torture` gives to all that reads; and it sees what is wrong."""
+
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bench.soak import growth, Sample
+from bench.torture import forked, fuzz
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize('name', ['hostile_files', 'fuzz'])
+def test_reading_survives_a_short_part_of_the_torture(name):
+    command = [sys.executable, '-m', 'bench.torture', name, '--short']
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def fails():
+    raise ZeroDivisionError('on purpose')
+
+
+def takes_memory():
+    return len(bytearray(b'x' * forked.MOST_BYTES)) * 0
+
+
+def burns():
+    while time.process_time() < 1:
+        pass
+    return 0
+
+
+def test_the_oracle_sees_what_is_wrong(monkeypatch):
+    monkeypatch.setattr(forked, 'MOST_BYTES', 500_000_000)
+    assert forked.problem_of(lambda: 0) == ''
+    assert 'on purpose' in forked.problem_of(fails)
+    assert 'without a word' in forked.problem_of(lambda: 1)
+    assert 'exit 3' in forked.problem_of(lambda: 3)
+    assert 'GB' in forked.problem_of(takes_memory)
+    assert 'took more than' in forked.problem_of(burns, most_s=0.3)
+    monkeypatch.setattr(forked, 'BLOCKED_S', 0.0)
+    assert 'took more than' in forked.problem_of(lambda: time.sleep(60), most_s=0.2)
+
+
+def test_the_fuzzer_goes_on_behind_a_crash(tmp_path):
+    def decode(number, _):
+        if number == 3:
+            import os
+
+            os.kill(os.getpid(), 9)
+        assert number != 5
+
+    target = fuzz.Target(lambda draw: int(draw), decode)
+    numbers = iter(range(100))
+    target = target._replace(make=lambda _: next(numbers))
+    tries = list(fuzz._batch('numbers', target, range(8), 0, tmp_path))
+    assert len(tries) == 8
+    broken = [one.name for one in tries if one.problem]
+    assert 'numbers 3' in broken and len(broken) >= 2
+
+
+def test_growth_is_told_from_places():
+    def samples(leak_mb):
+        made = []
+        for minute in range(240):
+            places = min(minute, 60) * 100
+            resident_mb = 200 + 0.001 * places + leak_mb * minute / 60
+            made.append(Sample(minute * 60.0, 0, places, resident_mb, 9, 9, 1.0, 1.0))
+        return made
+
+    assert growth(samples(0.0)) == pytest.approx((0.0, 1.0), abs=0.01)
+    percent_an_hour, kb_a_place = growth(samples(20.0))
+    assert percent_an_hour == pytest.approx(10.0, abs=1.0)
+    assert kb_a_place == pytest.approx(1.0, abs=0.1)

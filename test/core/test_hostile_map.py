@@ -1,0 +1,346 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map from a stranger, or a bad disk: refused in one line, and nothing in it is executed."""
+
+from contextlib import suppress
+import os
+import sqlite3
+import time
+
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map import database as module
+from convseq_ros.core.map import reader
+from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.format import PAGE_BYTES, row_crc
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import MapWriter, save_map
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import MapError
+import numpy as np
+import pytest
+
+ENCODING = EncodingConfig(image_size_px=64)
+ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
+
+
+def cells(seed):
+    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
+
+
+def grown(count):
+    reference_map = ReferenceMap(ENCODING)
+    for index in range(count):
+        reference_map.add(Place(index, pose=Pose((index, 0, 0), (0, 0, 0, 1))), cells(index))
+    return reference_map
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / 'map.db'
+    save_map(grown(20), path)
+    return path
+
+
+def change(path, *statements):
+    with sqlite3.connect(path) as database:
+        for statement in statements:
+            database.execute(statement)
+    database.close()
+
+
+def refusal(function, *args, **kwargs):
+    with pytest.raises(MapError) as found:
+        function(*args, **kwargs)
+    assert str(found.value).isprintable() and 'map.db: ' in str(found.value)
+    return str(found.value)
+
+
+@pytest.mark.parametrize(
+    'statement',
+    [
+        'CREATE TRIGGER own AFTER INSERT ON places BEGIN DELETE FROM places; END',
+        'CREATE TRIGGER own AFTER INSERT ON pictures BEGIN DELETE FROM about; END',
+        f'CREATE VIEW own AS {ENDLESS} * FROM c',
+        'CREATE TABLE own (x)',
+        'CREATE TABLE "\n\x1b[2Jown\x7f" (x)',
+        'CREATE INDEX own ON places (stamp_ns)',
+        'ALTER TABLE pictures ADD COLUMN own INTEGER DEFAULT 7',
+    ],
+)
+def test_what_does_not_belong_in_a_map_is_refused_before_it_is_used(path, statement):
+    change(path, statement)
+    before = path.read_bytes()
+    said = refusal(open_map, path)
+    assert 'damaged map (' in said
+    assert refusal(MapWriter, path, ENCODING, KeyframeConfig(), append=True) == said
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize('table', ['about', 'places', 'pictures'])
+def test_a_view_that_never_ends_is_not_read(path, table):
+    with sqlite3.connect(path) as database:
+        database.execute(f'ALTER TABLE {table} RENAME TO hidden')
+        columns = [row[1] for row in database.execute('PRAGMA table_info(hidden)')]
+        known = ', '.join(f'1 AS {name}' for name in columns)
+        database.execute(f'CREATE VIEW {table} AS {ENDLESS} {known} FROM c')
+    database.close()
+    start_s = time.monotonic()
+    assert 'hidden' in refusal(open_map, path)
+    assert time.monotonic() - start_s < 2
+
+
+def test_a_statement_that_never_ends_is_ended(path, monkeypatch):
+    monkeypatch.setattr(module, '_LIMIT_S', 0.05)
+    database = Database(path, 'ro')
+    with pytest.raises(MapError, match=r'map.db: damaged map \(a statement took more than'):
+        with explained(path):
+            database.rows(f'{ENDLESS} count(*) FROM c')
+    assert database.number('SELECT count(*) FROM places') == 20
+    database.close()
+
+
+@pytest.mark.parametrize('index', [2**31, 10**8, 2**62])
+def test_a_last_index_out_of_reach_takes_no_memory(path, index):
+    change(
+        path,
+        *(
+            f'UPDATE {table} SET reference_index = {index} WHERE reference_index = 19'
+            for table in ('places', 'pictures', 'images')
+        ),
+    )
+    assert 'damaged map (' in refusal(open_map, path)
+
+
+def test_a_value_larger_than_an_image_takes_no_memory(path):
+    change(path, 'UPDATE pictures SET thumbnail = zeroblob(200000000) WHERE reference_index = 3')
+    opened = open_map(path)
+    with pytest.raises(MapError, match='too big'):
+        opened.thumbnail(3)
+    assert (opened.packed(4) == cells(4)).all()
+
+
+def rewrite(path, table, index, **values):
+    """Change a row, and its checksum with it."""
+    with sqlite3.connect(path) as database:
+        for name, value in values.items():
+            where = f'WHERE reference_index = {index}'
+            database.execute(f'UPDATE {table} SET {name} = ? {where}', (value,))
+            (row,) = database.execute(f'SELECT * FROM {table} {where}')
+            database.execute(f'UPDATE {table} SET crc32 = ? {where}', (row_crc(row[:-1]),))
+    database.close()
+
+
+@pytest.mark.parametrize('number', [np.nan, np.inf, -np.inf])
+def test_descriptors_and_poses_that_are_not_finite_are_refused(path, number):
+    descriptor = np.array(open_map(path).global_descriptors[7])
+    descriptor[3] = number
+    rewrite(path, 'places', 7, pooled=descriptor.tobytes())
+    assert 'reference 7 has numbers without a value' in refusal(open_map, path)
+
+
+@pytest.mark.parametrize('value', [None, float('inf')])
+def test_half_a_pose_is_refused(path, value):
+    rewrite(path, 'places', 7, y=value)
+    assert 'reference 7 has numbers without a value' in refusal(open_map, path)
+
+
+@pytest.mark.parametrize('number', [np.nan, np.inf, -1.0])
+def test_cells_that_are_not_finite_are_found_when_they_are_read(path, number):
+    packed = cells(7)
+    packed[1, 2, 3] = number
+    rewrite(path, 'pictures', 7, cells=packed.tobytes())
+    opened = open_map(path)
+    assert 'its cells are not finite, or negative' in refusal(opened.packed, 7)
+    assert (opened.packed(8) == cells(8)).all()
+
+
+@pytest.mark.parametrize('number', [-0.0, np.nan, np.inf, 1e300])
+def test_a_pose_of_odometry_whatever_it_is_leaves_a_map_that_opens(tmp_path, number):
+    reference_map, path = grown(2), tmp_path / 'map.db'
+    for numbers in ((number, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, number, 1)):
+        pose = Pose(numbers[:3], numbers[3:])
+        reference_map.add(Place(9, pose=pose), cells(9))
+    save_map(reference_map, path)
+    opened = open_map(path)
+    known = number in (0, 1e300)
+    assert [place.pose is not None for place in opened.places] == [True, True, known, known]
+
+
+def test_a_name_that_is_no_text_is_stored_as_one(tmp_path):
+    reference_map = ReferenceMap(ENCODING)
+    reference_map.add(Place(0, os.fsdecode(b'caf\xe9.png')), cells(0))
+    save_map(reference_map, tmp_path / 'map.db')
+    assert open_map(tmp_path / 'map.db').places[0].source == 'caf\\udce9.png'
+
+
+def test_a_flipped_bit_in_the_settings_is_never_another_answer(path):
+    whole, original = path.read_bytes(), MapReader(path).settings
+    start, end = whole.index(b'{"keyframe_interval_s"'), whole.index(b'"exact"}') + 20
+    refused = 0
+    for position in range(start, end):
+        for bit in range(8):
+            flipped = bytearray(whole)
+            flipped[position] ^= 1 << bit
+            path.write_bytes(flipped)
+            try:
+                assert MapReader(path).settings == original
+            except MapError:
+                refused += 1
+    assert refused == 8 * (end - start) > 1000
+
+
+@pytest.mark.parametrize(
+    ('table', 'column', 'key'),
+    [('about', 'value', "name = 'encoding'"), ('sessions', 'camera', 'session = 0')],
+)
+@pytest.mark.parametrize('text', ['[' * 100_000, '[]', '7', '{"a": 1}', '{'])
+def test_json_that_no_map_has_is_damage(path, table, column, key, text):
+    with sqlite3.connect(path) as database:
+        database.execute(f'UPDATE {table} SET {column} = ? WHERE {key}', (text,))
+        (row,) = database.execute(f'SELECT * FROM {table} WHERE {key}')
+        database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key}', (row_crc(row[:-1]),))
+    database.close()
+    assert 'damaged map (' in refusal(open_map, path)
+
+
+@pytest.mark.parametrize('name', ['map_id', 'encoding', 'keyframes'])
+def test_a_setting_that_is_lost_is_never_a_default(path, name):
+    change(path, f"DELETE FROM about WHERE name = '{name}'")
+    assert f"settings: '{name}'" in refusal(open_map, path)
+
+
+@pytest.mark.parametrize(
+    ('change_to', 'found'),
+    [
+        ('DELETE FROM sessions', 'reference 0 is of no session'),
+        ("UPDATE sessions SET name = 'x'", 'sessions fails its checksum'),
+        ('DELETE FROM images WHERE reference_index = 19', 'reference 19 is missing'),
+    ],
+)
+def test_what_is_lost_of_any_table_is_found(path, change_to, found):
+    change(path, change_to)
+    assert found in refusal(open_map, path)
+
+
+HOT = """
+PRAGMA cache_size = 1;
+BEGIN;
+UPDATE pictures SET thumbnail = zeroblob(9000);
+"""
+
+
+@pytest.fixture
+def crashed(path):
+    """Return a map in the state in which a crash in the middle of a commit leaves it."""
+    whole, database = path.read_bytes(), sqlite3.connect(path, isolation_level=None)
+    for statement in HOT.strip().split(';')[:-1]:
+        database.execute(statement)
+    torn = path.read_bytes(), path.with_name('map.db-journal').read_bytes()
+    database.execute('ROLLBACK')
+    database.close()
+    assert torn[0] != whole
+    path.write_bytes(torn[0])
+    path.with_name('map.db-journal').write_bytes(torn[1])
+    return path
+
+
+def test_what_a_crash_left_is_mended(crashed):
+    opened = open_map(crashed)
+    assert all((opened.packed(index) == cells(index)).all() for index in range(20))
+    with MapWriter(crashed, ENCODING, KeyframeConfig(), append=True) as writer:
+        assert writer.committed == 20
+    assert list(crashed.parent.iterdir()) == [crashed]
+
+
+def test_the_journal_of_the_old_map_does_not_spoil_the_one_that_replaces_it(crashed):
+    save_map(grown(30), crashed)
+    opened = open_map(crashed)
+    assert len(opened) == 30
+    assert all((opened.packed(index) == cells(index)).all() for index in range(30))
+    assert list(crashed.parent.iterdir()) == [crashed]
+
+
+def test_a_copy_of_what_changes_meanwhile_is_not_read(crashed, monkeypatch):
+    """Another program mends the map, and replaces it, while its journal is copied."""
+    copy = module.shutil.copyfile
+
+    def copy_slowly(source, target):
+        monkeypatch.setattr(module.shutil, 'copyfile', copy)
+        found = copy(source, target)
+        save_map(grown(30), crashed)
+        return found
+
+    monkeypatch.setattr(module.shutil, 'copyfile', copy_slowly)
+    opened = open_map(crashed)
+    assert len(opened) == 30
+    assert all((opened.packed(index) == cells(index)).all() for index in range(30))
+
+
+def test_a_journal_that_names_other_files_deletes_none(crashed, tmp_path):
+    """SQLite deletes the file that a journal names as that of several databases."""
+    victim, journal = tmp_path / 'victim', crashed.with_name('map.db-journal')
+    victim.write_text('of somebody')
+    name = os.fsencode(victim)
+    end = len(name).to_bytes(4, 'big') + sum(name).to_bytes(4, 'big')
+    magic, page = bytes.fromhex('d9d505f920a163d7'), (2**30 // PAGE_BYTES + 1).to_bytes(4, 'big')
+    journal.write_bytes(journal.read_bytes() + page + name + end + magic)
+    for use in (open_map, lambda path: MapWriter(path, ENCODING, KeyframeConfig(), append=True)):
+        with pytest.raises(MapError, match='names other files'):
+            use(crashed)
+    save_map(grown(3), crashed)
+    assert victim.read_text() == 'of somebody' and len(open_map(crashed)) == 3
+
+
+def test_a_map_that_grows_while_it_is_opened_is_one_of_one_moment(path, monkeypatch):
+    places = reader.Places
+
+    def grow_and_count(*args):
+        with suppress(sqlite3.OperationalError), sqlite3.connect(path, timeout=0) as database:
+            for table in ('places', 'pictures', 'images'):
+                columns = [row[1] for row in database.execute(f'PRAGMA table_info({table})')][1:]
+                own = f'SELECT 20, {", ".join(columns)} FROM {table} WHERE reference_index = 19'
+                database.execute(f'INSERT INTO {table} {own}')
+        database.close()
+        return places(*args)
+
+    monkeypatch.setattr(reader, 'Places', grow_and_count)
+    assert len(open_map(path)) == 20
+
+
+def test_a_file_of_the_user_beside_the_map_is_left_alone(path):
+    for name in ('map.db.part', 'map.part', 'other'):
+        path.with_name(name).write_text('of the user')
+    save_map(grown(3), path)
+    for name in ('map.db.part', 'map.part', 'other'):
+        assert path.with_name(name).read_text() == 'of the user'
+    assert len(list(path.parent.iterdir())) == 4
+
+
+def test_a_read_only_file_is_not_called_a_full_disk(path, monkeypatch):
+    monkeypatch.setattr(module.sqlite3, 'connect', read_only(sqlite3.connect))
+    with MapWriter(path, ENCODING, KeyframeConfig(), append=True) as writer:
+        with pytest.raises(MapError, match=r'map.db: is read-only .*make it and its folder writ'):
+            writer.copy(grown(21), 21)
+
+
+def read_only(connect):
+    return lambda address, *args, **own: connect(
+        address.replace('mode=rwc', 'mode=ro'), *args, **own
+    )
+
+
+def test_an_error_of_saving_names_the_map_and_not_a_passing_file(path, monkeypatch):
+    class Full(sqlite3.OperationalError):
+        sqlite_errorcode = sqlite3.SQLITE_FULL
+
+    def fail(*_):
+        raise Full('database or disk is full')
+
+    monkeypatch.setattr(Database, 'commit', fail)
+    assert refusal(save_map, grown(3), path).endswith(
+        'map.db: cannot write (database or disk is full); make room on the disk'
+    )
+    monkeypatch.undo()
+    assert len(open_map(path)) == 20 and list(path.parent.iterdir()) == [path]

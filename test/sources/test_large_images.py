@@ -1,0 +1,133 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What an image declares is checked before it is decoded, whatever its format."""
+
+from types import SimpleNamespace
+
+from convseq_ros.config import ReadingConfig
+from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.sources import open_source
+from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
+from convseq_ros.sources.picture_header import declared
+import cv2
+import numpy as np
+import pytest
+
+SMALL = ReadingConfig(max_image_mpx=0.01)
+WAYS = {
+    'jpg': ('.jpg', []),
+    'progressive': ('.jpg', [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]),
+    'png': ('.png', []),
+    'bmp': ('.bmp', []),
+    'tiff': ('.tiff', []),
+    'ppm': ('.ppm', []),
+    'webp': ('.webp', [cv2.IMWRITE_WEBP_QUALITY, 101]),
+    'lossy webp': ('.webp', [cv2.IMWRITE_WEBP_QUALITY, 50]),
+}
+
+
+def picture(way, height=100, width=120):
+    gray = np.random.default_rng(3).integers(0, 256, (height, width, 3), np.uint8)
+    suffix, options = WAYS[way]
+    return cv2.imencode(suffix, gray, options)[1].tobytes()
+
+
+def jpeg_of(height, width, scans=1):
+    """Return a JPEG whose header says so, with as many times its first scan."""
+    data = picture('jpg', 16, 16)
+    frame = data.index(b'\xff\xc0')
+    sides = height.to_bytes(2, 'big') + width.to_bytes(2, 'big')
+    data = data[: frame + 5] + sides + data[frame + 9 :]
+    scan = data.index(b'\xff\xda')
+    return data[:scan] + data[scan:-2] * scans + data[-2:]
+
+
+@pytest.fixture
+def decoded(monkeypatch):
+    """Return a list that grows with every call of a decoder."""
+    calls, decode = [], cv2.imdecode
+    monkeypatch.setattr(cv2, 'imdecode', lambda *all_: calls.append(1) or decode(*all_))
+    return calls
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_a_header_tells_the_size_and_a_larger_one_is_not_decoded(way, decoded):
+    data = picture(way)
+    assert declared(data).pixels == 12_000
+    assert decode_picture(data, ReadingConfig(max_image_mpx=0.012)).shape == (100, 120)
+    decoded.clear()
+    with pytest.raises(ImageError, match=r'0\.012 Mpx is more than max_image_mpx, 0\.01;'):
+        decode_picture(data, SMALL)
+    assert not decoded
+
+
+def test_a_jpeg_that_declares_900_megapixels_is_not_decoded(decoded):
+    message = SimpleNamespace(format='jpeg', data=jpeg_of(30_000, 30_000))
+    with pytest.raises(ImageError, match='900 Mpx is more than max_image_mpx, 64;'):
+        decode_compressed(message)
+    assert not decoded
+
+
+def test_a_jpeg_with_scans_without_end_is_not_decoded(decoded):
+    with pytest.raises(ImageError, match='500 scans of 16 Mpx'):
+        decode_picture(jpeg_of(4_000, 4_000, scans=500))
+    assert not decoded
+
+
+def test_a_tile_that_is_larger_than_its_picture_counts(decoded):
+    def entry(tag, value):
+        return tag.to_bytes(2, 'little') + b'\4\0\1\0\0\0' + value.to_bytes(4, 'little')
+
+    tags = {256: 16, 257: 16, 258: 8, 277: 3, 322: 30_000, 323: 30_000}
+    entries = b''.join(entry(tag, value) for tag, value in tags.items())
+    data = b'II*\0\x08\0\0\0' + len(tags).to_bytes(2, 'little') + entries + bytes(4)
+    with pytest.raises(ImageError, match='900 Mpx'):
+        decode_picture(data)
+    assert not decoded
+
+
+@pytest.mark.parametrize('length', [2**31 - 1, 2**32 - 1, 100_000])
+def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, decoded):
+    data = picture('png')
+    at = data.index(b'IDAT') - 4
+    data = data[:at] + length.to_bytes(4, 'big') + data[at + 4 :]
+    with pytest.raises(ImageError, match='cannot be decoded'):
+        decode_picture(data)
+    assert not decoded
+
+
+@pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'P6 x', b'II*\0'])
+def test_what_has_no_size_is_not_decoded(data, decoded):
+    with pytest.raises(ImageError, match='cannot be decoded'):
+        decode_picture(data)
+    assert not decoded
+
+
+def test_a_raw_image_that_is_too_large_is_unreadable():
+    message = SimpleNamespace(
+        encoding='mono8', height=100, width=120, step=120, data=bytes(12_000), is_bigendian=0
+    )
+    assert decode_image(message).shape == (100, 120)
+    with pytest.raises(ImageError, match='100 x 120 px is more than max_image_mpx'):
+        decode_image(message, SMALL)
+
+
+def test_a_folder_and_a_recording_heed_the_limit(recorder, pictures, tmp_path):
+    path = recorder.write('mcap file', recorder.drive(pictures))
+    tiny = ReadingConfig(max_image_mpx=0.01)
+    large = cv2.imencode('.png', np.zeros((101, 120), np.uint8))[1].tobytes()
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'folder' / '1.png').write_bytes(large)
+    with pytest.raises(SourceError, match='max_image_mpx'):
+        list(open_source(tmp_path / 'folder', reading=tiny))
+    frames = list(open_source(path, reading=ReadingConfig(max_image_mpx=0.0100)))
+    sizes = [picture.size for picture in pictures]
+    assert [frame.gray is None for frame in frames] == [size > 10_000 for size in sizes]
+
+
+def test_a_picture_file_larger_than_any_picture_is_not_read(tmp_path):
+    with (tmp_path / '1.png').open('wb') as file:
+        file.write(picture('png'))
+        file.truncate(2_000_000_000)
+    with pytest.raises(SourceError, match=r'2e\+03 MB is more than max_image_mpx'):
+        list(open_source(tmp_path))

@@ -1,0 +1,64 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A signal that comes while a process still imports what it needs."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+# Sends a signal to itself as soon as something is about to be imported, then runs what is named.
+INTERRUPTED = """
+import os, runpy, sys
+
+_, number, when, module, *arguments = sys.argv
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == when and self in sys.meta_path:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), int(number))
+
+sys.meta_path.insert(0, Interrupting())
+sys.argv[1:] = arguments
+runpy.run_module(module, run_name='__main__', alter_sys=True)
+"""
+NODES = ['convseq_ros.node', 'convseq_ros.node.vpr_node', 'convseq_ros.node.player']
+
+
+def interrupted(number, when, module, *arguments):
+    return subprocess.run(
+        [sys.executable, '-c', INTERRUPTED, str(int(number)), when, module, *arguments],
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('when', ['numpy', 'rclpy'])
+@pytest.mark.parametrize('module', NODES)
+def test_a_node_that_is_still_importing_ends_at_once_and_says_nothing(number, when, module):
+    pytest.importorskip('rclpy')
+    done = interrupted(number, when, module)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('when', ['numpy', 'cv2'])
+def test_a_command_that_is_still_importing_says_one_line(number, when):
+    done = interrupted(number, when, 'convseq_ros.cli', 'build-map', 'none', 'none.db')
+    assert (done.returncode, done.stderr) == (1, 'convseq: interrupted\n')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_command_at_work_says_one_line(number, tmp_path):
+    # What reads recordings is imported when the work has begun.
+    (tmp_path / 'drive.mcap').write_text('hello')
+    arguments = 'build-map', str(tmp_path / 'drive.mcap'), str(tmp_path / 'map.db')
+    done = interrupted(number, 'rosbags', 'convseq_ros.cli', *arguments)
+    assert (done.returncode, done.stderr) == (1, 'convseq build-map: interrupted\n')
