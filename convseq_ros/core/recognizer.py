@@ -109,13 +109,12 @@ class PlaceRecognizer:
         buffer.append(verdict.descriptor, usable, search.update, most)
         if (features := buffer.newest.features) is None or not usable:
             return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
-        # III-E, III-F: information gain, then entropy, choose the length k of the sequence. Ours:
-        # before there are so many frames, those that there are may be verified.
+        # III-E, III-F: information gain and entropy choose the length k; ours: or what there is.
         described = [one.descriptor for one in buffer.outward]
         length = choose_length(described, self._similarity, config.sequence)
         count = length or (len(described) if acceptance.verifies else None)
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
-        rivals = config.acceptance.rival_distance
+        rivals, own = config.acceptance.rival_distance, self.mapping.session_start
         ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
         acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer)
         if count is None:
@@ -127,7 +126,6 @@ class PlaceRecognizer:
         # Ours: is the best one a match? The paper always says yes.
         reason, sure = why_none(usable, count, velocity), None
         if found:
-            own = self.mapping.session_start
             reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
