@@ -136,6 +136,10 @@ class AcceptanceConfig(Checked):
         1.7, 'Track rule: a match is accepted if the last 30 frames stand out, on average, by '
         'this many times the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
     )
+    verification: bool = parameter(
+        True, 'Track rule: the few likeliest places of a frame are verified by where its regions '
+        'lie in them; what is verified far better than any other place is found sooner.',
+    )
     min_margin: float = parameter(
         0.003, 'Margin rule: a match is accepted if it scores this much more than its best rival.',
         low=0.0, high=1.0, dynamic=True,

@@ -25,7 +25,7 @@ COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
     'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
-    'relative_yaw_rad',
+    'relative_yaw_rad', 'inliers',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
 
@@ -54,6 +54,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'shift_rows_px': _decimals(rows_px, 1),
         'shift_cols_px': _decimals(cols_px, 1),
         'relative_yaw_rad': _decimals(match.relative_yaw_rad, 5),
+        'inliers': best.inliers if best else None,
     }
 
 

@@ -7,7 +7,7 @@ from convseq_ros.errors import SourceError
 from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
 import pytest
 
-BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0))
+BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
     3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08
 )  # fmt: skip
@@ -19,7 +19,7 @@ def test_columns_are_those_that_other_programs_read():
     assert ','.join(COLUMNS) == (
         'query_index,query_stamp_ns,status,reason,reference_index,reference_stamp_ns,score,'
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
-        'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad'
+        'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers'
     )
 
 
@@ -51,6 +51,7 @@ def test_rows_round_trip(tmp_path):
                 '7.5',
                 '-40.0',
                 '0.08000',
+                '231',
             ),
             strict=True,
         )

@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import NoBackground
 from convseq_ros.core.similarity.pair_score import PairScore
-from convseq_ros.core.types import Indices, Row
+from convseq_ros.core.types import Indices, Row, Shift
 import numpy as np
 
 _AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
@@ -89,6 +89,15 @@ class FeatureCache:
 
         self._threads.run([len(some) for _, some in work], score)
         return found
+
+    def shifts(self, query: Any, indices: Sequence[int]) -> list[Shift | None]:
+        """Return rows and columns, in cells, from a query to each reference, as far as known."""
+        references = self.of(indices)
+        shown = [one for one in references if one is not None]
+        shifts = self.pair.compare(query, shown)[1] if shown else None
+        known = iter([None] * len(shown) if shifts is None else shifts.tolist())
+        told = [None if one is None else next(known) for one in references]
+        return [(one[0], one[1]) if one else None for one in told]
 
     def _made(self, indices: Sequence[int]) -> list[Any]:
         cells, own = self._map.cells_of(indices), self._background

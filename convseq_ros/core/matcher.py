@@ -9,7 +9,10 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.feature_cache import FeatureCache, Threads
+from convseq_ros.core.geometry.displacement import Arranged, arranged
+from convseq_ros.core.geometry.verification import NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -29,6 +32,7 @@ class Features:
 
     approximate: Any  # by the chosen kernel
     exact: Any  # by an exact one, which may be the same
+    arranged: Arranged | None = None  # by the geometry
 
 
 class Matcher:
@@ -45,12 +49,14 @@ class Matcher:
         matching: MatchingConfig,
         saliency_threshold: float,
         kept: int | None = None,
+        verifies: bool = False,
     ) -> None:
         fast, exact = chosen_kernels(matching)
         # What computes `scores`, and whether they are the definition's to 1e-6.
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
+        self._verifies = verifies and exact.regions is not None
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
         threads = Threads((matching.threads or usable) - 1)
         self._background = own = NoBackground()
@@ -67,10 +73,12 @@ class Matcher:
         """Return what is compared of a query, or None if it shows nothing."""
         self._follow_map()
         cells = self._background.normalize(descriptor.cells)
-        shown = replace(descriptor, cells=cells), self._least_bits, self._background.update(cells)
-        fast = self._fast.pair.extract(*shown)
-        exact = fast if self.exact or fast is None else self._exact.pair.extract(*shown)
-        return None if fast is None else Features(fast, exact)
+        background = self._background.update(cells)
+        shown = replace(descriptor, cells=cells), self._least_bits, background
+        if (fast := self._fast.pair.extract(*shown)) is None:
+            return None
+        exact = fast if self.exact else self._exact.pair.extract(*shown)
+        return Features(fast, exact, self._arranged(cells, background))
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -86,11 +94,7 @@ class Matcher:
 
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
-        (reference,) = self._exact.of([index])
-        if reference is None:
-            return None
-        shifts = self._exact.pair.compare(query.exact, [reference])[1]
-        return None if shifts is None else (float(shifts[0, 0]), float(shifts[0, 1]))
+        return self._exact.shifts(query.exact, [index])[0]
 
     def with_shift(self, query: Features, candidates: Candidates) -> Candidates:
         """Return at least one candidate, the first of them with its shift, if that is known."""
@@ -103,6 +107,24 @@ class Matcher:
         if pair.inliers is None or pair.regions is None or not cells.any():
             return np.zeros((0, 4))
         return pair.inliers(query.exact, pair.regions(cells, self._background.of_map)[0], shift)
+
+    def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
+        """Return what geometry says of a query and some references; nothing if it is not asked."""
+        if query.arranged is None or not indices:
+            return {}
+        shifts = self._fast.shifts(query.approximate, indices)
+        found = {}
+        for index, shift, cells in zip(indices, shifts, self._map.cells_of(indices), strict=True):
+            normalized = self._background.normalize(cells)
+            reference = self._arranged(normalized, self._background.of_map)
+            found[index] = NOTHING
+            if shift is not None and reference is not None:
+                found[index] = verify(query.arranged, reference, shift)
+        return found
+
+    def _arranged(self, cells: Cells, background: Regions | None) -> Arranged | None:
+        regions = self._exact.pair.regions
+        return arranged(regions(cells, background)[0]) if self._verifies and regions else None
 
     def warm_up(self) -> None:
         """Make what is compared of all references, if it is kept, so that no frame is late."""
@@ -119,4 +141,5 @@ class Matcher:
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
     """Return the matcher that a configuration asks for."""
     kept = _KEPT if config.matching.search == 'shortlist' else None
-    return Matcher(reference_map, config.matching, config.encoding.saliency_threshold, kept)
+    threshold, verifies = config.encoding.saliency_threshold, config.acceptance.verification
+    return Matcher(reference_map, config.matching, threshold, kept, verifies)

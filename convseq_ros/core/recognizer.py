@@ -6,7 +6,8 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
-from convseq_ros.core.decision.acceptance import Acceptance, best_candidates, why_none
+from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.candidates import ranked, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.map.online import make_mapping
@@ -73,10 +74,8 @@ class PlaceRecognizer:
         dropped frames hold their places; (5) another velocity than the map's is followed.
 
         """
-        answer = partial(Match, self._frames, frame.stamp_ns)
-        self._frames += 1
-        order = self._order.update(frame.stamp_ns)
-        if order is Order.LATE:
+        answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
+        if (order := self._order.update(frame.stamp_ns)) is Order.LATE:
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
         if order is Order.JUMPED_BACK:
             self.reset()
@@ -108,39 +107,40 @@ class PlaceRecognizer:
         buffer.hold_places(verdict.missing, self._blank, most)
         usable = self.mapping.update(frame.stamp_ns, frame.pose)
         buffer.append(verdict.descriptor, usable, search.update, most)
-        if buffer.newest.features is None:
-            return skipped(Reason.UNINFORMATIVE)
-        if not usable:
-            return skipped(self.mapping.nothing_usable)
-        # III-E, III-F: information gain, then entropy, choose the length k of the sequence.
+        if (features := buffer.newest.features) is None or not usable:
+            return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
+        # III-E, III-F: information gain and entropy choose the length k; ours: or what there is.
         described = [one.descriptor for one in buffer.outward]
         length = choose_length(described, self._similarity, config.sequence)
+        count = length or (len(described) if acceptance.verifies else None)
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
-        rivals = config.acceptance.rival_distance
-        ends, velocity = search.propose(buffer, length, acceptance.window, usable, rivals)
-        rows = [one.row for one in buffer.outward]
-        acceptance.update(buffer.frame, rows, ends, rivals, velocity)
-        if length is None:
+        rivals, own = config.acceptance.rival_distance, self.mapping.session_start
+        ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
+        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer)
+        if count is None:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
-        scores = buffer.best_scores(length, ends, velocity)
+        scores = buffer.best_scores(count, ends, velocity)
         search.verify(ends, scores)
-        candidates = best_candidates(ends, scores, self.reference_map.places, config.acceptance)
-        if not candidates:
-            return skipped(why_none(usable, length, velocity), (), length, buffer.pairs_scored)
+        found = ranked(acceptance, ends, scores, self.reference_map.places, config.acceptance)
         # Ours: is the best one a match? The paper always says yes.
-        reason, sure = acceptance.judge(frame.stamp_ns, candidates, config.acceptance)
+        reason, sure = why_none(usable, count, velocity), None
+        if found:
+            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
+        if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
+            told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
+            return skipped(*told, buffer.pairs_scored)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
-        candidates = self.matcher.with_shift(buffer.newest.features, candidates)
-        return answer(status, reason, candidates, length, buffer.pairs_scored, sure)
+        found = self.matcher.with_shift(features, found)
+        return answer(status, reason, found, count, buffer.pairs_scored, sure)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
         last = self._last
         if reason is Reason.UNINFORMATIVE or last is None or not last.candidates:
             return answer(Status.SKIPPED, reason)
-        known = last.candidates, last.sequence_length, 0, last.confidence
-        return answer(Status.REJECTED, reason, *known)
+        known = last.sequence_length, 0, last.confidence
+        return answer(Status.REJECTED, reason, last.candidates, *known)
 
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""

@@ -76,6 +76,7 @@ class Reason(StrEnum):
     WEAK = 'weak'
     INCONSISTENT = 'inconsistent'
     TOO_FEW_RIVALS = 'too_few_rivals'
+    UNVERIFIED = 'unverified'
     COOL_DOWN = 'cool_down'
     RECENT = 'recent'
     STATIONARY = 'stationary'
@@ -96,6 +97,7 @@ class Candidate:
     reference_stamp_ns: int  # when the place was taken
     score: float  # of the sequence, in [0, 1]
     shift: Shift | None = None  # rows and columns, in cells, from query to reference, if known
+    inliers: int | None = None  # regions that moved alike from query to reference, if verified
 
 
 @dataclass(frozen=True, slots=True)

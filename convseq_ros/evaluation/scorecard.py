@@ -3,7 +3,7 @@
 """From what a method said to the figures in its summary."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -170,6 +170,32 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
     }
 
 
+def first_closures(verdicts: Verdicts, halves: Sequence[str]) -> list[int | None]:
+    """
+    Return how many frames after its first known one each run has its first right closure.
+
+    Parameters
+    ----------
+    verdicts : Verdicts
+        Of all M answers.
+    halves : sequence of M str
+        Which half of the map was kept; one run each.
+
+    Returns
+    -------
+    list of int or None
+        One for every half of which a frame is known; None without a right closure.
+
+    """
+    right, waits = verdicts.accepted & verdicts.correct, list[int | None]()
+    for half in dict.fromkeys(halves):
+        here = np.array([one == half for one in halves])
+        known, found = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
+        if len(known):
+            waits.append(int(found[0] - known[0]) if len(found) else None)
+    return waits
+
+
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str, Any]:
     """Return every figure of one method on one set, with 95 % intervals of the main ones."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
@@ -199,6 +225,7 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str,
         },
         'in_reach': int(verdicts.reach.sum()),
         **decisions(verdicts),
+        'frames_to_first_closure': first_closures(verdicts, outcome.halves),
         'mean_k': float(lengths.mean()) if len(lengths) else None,
         'k_distribution': dict(
             sorted(Counter(map(str, lengths.tolist())).items(), key=lambda item: int(item[0]))

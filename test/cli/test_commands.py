@@ -72,7 +72,9 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     rows = read_results(output)
     assert [row['query_index'] for row in rows] == [str(index) for index in range(COUNT)]
     assert all(row['best_index'] == row['query_index'] for row in rows[2:])
-    assert {row['reason'] for row in rows[:2]} == {'warming_up'}
+    # Before the sequence is full a place is told only if geometry is sure of it.
+    for row in rows[:2]:
+        assert row['reason'] == 'warming_up' or row['reference_index'] == row['query_index']
 
 
 def test_maps_are_appended_to(drive, tmp_path, capsys):

@@ -12,12 +12,8 @@ from convseq_ros.config import (
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.core.decision.acceptance import (
-    Acceptance,
-    best_candidates,
-    confidence,
-    decide_by_margin,
-)
+from convseq_ros.core.decision.acceptance import Acceptance, confidence, decide_by_margin
+from convseq_ros.core.decision.candidates import best_candidates
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
@@ -266,7 +262,8 @@ def test_unreadable_frames_do_not_break_a_track(reference_map, coherent):
 
 
 def test_a_recogniser_that_starts_anew_forgets_the_track(reference_map, coherent):
-    recognizer = PlaceRecognizer(reference_map, coherent)
+    by_track = replace(coherent, acceptance=replace(coherent.acceptance, verification=False))
+    recognizer = PlaceRecognizer(reference_map, by_track)
     first = drive(recognizer, range(10, 30))
     recognizer.reset()
     again = drive(recognizer, range(10, 30), start=100)

@@ -2,7 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shortlist."""
 
-from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, MotionConfig, SequenceConfig
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EVERY_FRAME,
+    MatchingConfig,
+    MotionConfig,
+    SequenceConfig,
+)
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -32,9 +39,10 @@ def reference_map(described):
 def run(image):
     """Return a way to drive past places."""
 
-    def drive_past(reference_map, search, places, **more):
+    def drive_past(reference_map, search, places, verification=True, **more):
         config = Config(
             matching=MatchingConfig(matching='coherent', search=search, **more),
+            acceptance=AcceptanceConfig(verification=verification),
             sequence=SequenceConfig(fixed_length=5),
         )
         recognizer = PlaceRecognizer(reference_map, config)
@@ -195,7 +203,7 @@ def test_sequences_that_were_verified_stay_listed():
 def test_the_recogniser_tells_how_listed_sequences_scored(reference_map, run, monkeypatch):
     told = []
     monkeypatch.setattr(Shortlist, 'verify', lambda _, ends, scores: told.append((ends, scores)))
-    matches = run(reference_map, 'shortlist', range(20, 30), shortlist_length=12)
+    matches = run(reference_map, 'shortlist', range(20, 30), False, shortlist_length=12)
     answered = [match for match in matches if match.candidates]
     assert len(told) == len(answered) == 6
     for (ends, scores), match in zip(told, answered, strict=True):

@@ -4,7 +4,7 @@
 
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.evaluation.protocols import in_reach
-from convseq_ros.evaluation.scorecard import decisions, figures, Verdicts
+from convseq_ros.evaluation.scorecard import decisions, figures, first_closures, Verdicts
 from convseq_ros.evaluation.transfer import Measured, transferred
 import numpy as np
 import pytest
@@ -55,6 +55,13 @@ def test_decisions_are_counted_over_known_places_and_over_those_in_reach():
         'accepted_recall_in_reach': 1 / 3,
     }
     assert decisions(verdicts(reach=np.zeros(5, bool)))['accepted_recall_in_reach'] is None
+
+
+def test_waits_for_the_first_right_closure_count_from_the_first_known_frame_of_each_half():
+    assert first_closures(verdicts(), [''] * 5) == [1]
+    # The second half knows its first frame, whose answer is a slip, and no other.
+    assert first_closures(verdicts(), ['first'] * 3 + ['last'] * 2) == [1, None]
+    assert first_closures(verdicts(known=np.zeros(5, bool)), [''] * 5) == []
 
 
 def test_without_answers_there_are_no_figures():

@@ -1,17 +1,18 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The best few places among all scores, whether the best is a match, and how sure that is."""
+"""Whether the best candidate is a match, and how sure that is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+from typing import Protocol
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
-from convseq_ros.core.map.place import Place
-from convseq_ros.core.sequence.diagonals import diagonal, Rows, Values
-from convseq_ros.core.types import Candidate, Indices, Reason
-import numpy as np
+from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEvidence
+from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.sequence.diagonals import Rows
+from convseq_ros.core.types import Candidate, Indices, Reason, Row
 
 Candidates = Sequence[Candidate]
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
@@ -26,6 +27,17 @@ class CONFIDENCE:
     least_evidence: float = 0.1  # added, so that none has a logarithm
 
 
+class Geometry(Protocol):
+    """What can be verified of the newest frame."""
+
+    def verified(self, indices: Sequence[int]) -> Mapping[int, Verification]:
+        """Return what geometry says of it and some references, if it is asked."""
+
+    @property
+    def verified_step(self) -> Verification | None:
+        """What geometry says of it and the frame before, if it is asked."""
+
+
 class Acceptance:
     """Decides frame after frame, by the track or by the margin; keeps matches apart in time."""
 
@@ -33,25 +45,98 @@ class Acceptance:
         rule, matching = config.acceptance.acceptance_rule, config.matching.matching
         self._by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
         self.window = TRACK.window if self._by_track else 1  # newest frames that must have scores
+        self.verifies = self._by_track and config.acceptance.verification
         self.reset()
 
     def reset(self) -> None:
         """Forget the drive."""
         self._accepted_ns: int | None = None
-        self._track, self._frame, self._velocity = TrackEvidence(), 0, 1.0
+        self._track, self._verified = TrackEvidence(), VerifiedEvidence()
+        self._frame, self._velocity, self._usable = 0, 1.0, 0
         self._newest: FrameEvidence | None = None
+        self._geometry: Geometry | None = None
+        self._row: Row | None = None
 
     def update(
-        self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
+        self,
+        frame: int,
+        rows: Rows,
+        ends: Indices,
+        rival_distance: int,
+        velocity: float = 1.0,
+        geometry: Geometry | None = None,
     ) -> None:
-        """Take in a frame; as `TrackEvidence.update`."""
+        """Take in a frame; as `TrackEvidence.update`; a few likely places are verified."""
         self._frame, self._velocity = frame, velocity
-        if self._by_track:
-            self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
+        if not self._by_track:
+            return
+        self._row = rows[0]
+        self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
+        self._verified.update({}, rival_distance)
+        if self._newest is None or geometry is None or rows[0] is None:
+            return
+        self._geometry, self._usable = geometry, len(rows[0])
+        found = geometry.verified(self._track.likely())
+        if not found:
+            return
+        self._verified.update(found, rival_distance)
+        self._track.verify(self._verified.beside_scores(self._newest.reference))
+        row = rows[0]
+        likeliest = max(found, key=lambda index: float(row[index]) * found[index].strength)
+        self._verified.see(frame, likeliest, self._track.lead(likeliest))
 
-    def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
-        """Return whether the best of at least one candidate of the newest frame is a match."""
+    def surest(self) -> tuple[int, float] | None:
+        """
+        Return the place that speaks most for itself, along a track or alone, and the evidence.
+
+        Sequences of many frames find a place late that has just been entered.
+        """
+        places = [self._entered()]
+        if self._newest and (along := self._along(self._newest.reference)) is not None:
+            places.append((self._newest.reference, along))
+        return max((one for one in places if one), key=lambda one: one[1], default=None)
+
+    def _entered(self) -> tuple[int, float] | None:
+        """Return what the newest few frames show alone; None on the border of the map."""
+        seen = self._verified.alone(self._frame)
+        if seen is None or not 0 < seen[0] < self._usable - TRACK.border:
+            return None
+        return seen
+
+    def _along(self, reference: int) -> float | None:
+        """Return the evidence along a track; none at another velocity that geometry denies."""
+        evidence = self._track.evidence(self._frame, reference, self._velocity)
+        if evidence is not None and self._velocity != 1.0 and self._verified.denies(reference):
+            return min(evidence, 0.0)
+        return evidence
+
+    def newest_score(self, reference: int) -> float:
+        """Return the pair score of the newest frame with a likely place."""
+        return 0.0 if self._row is None else max(0.0, float(self._row[reference]))
+
+    def inliers(self, reference: int) -> int | None:
+        """Return how many regions moved alike to a reference, or one next to it, if verified."""
+        near = (reference, reference - 1, reference + 1)
+        found = [self._verified.found[one] for one in near if one in self._verified.found]
+        return found[0].inliers if found else None
+
+    def judge(
+        self,
+        stamp_ns: int,
+        candidates: Candidates,
+        config: AcceptanceConfig,
+        session_start: int | None = None,
+    ) -> Judgement:
+        """
+        Return whether the best of at least one candidate of the newest frame is a match.
+
+        References from `session_start` on were seen on this drive.
+        """
         reason, sure = self._decide(candidates, config)
+        best = candidates[0].reference_index
+        if reason is Reason.ACCEPTED and session_start is not None and best >= session_start:
+            if self._is_unlike_own_drive(best):
+                return Reason.UNVERIFIED, sure
         if reason is Reason.ACCEPTED:
             interval_ns = round(config.closure_interval_s * 1e9)
             if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
@@ -63,12 +148,15 @@ class Acceptance:
         if not self._by_track:
             return decide_by_margin(candidates, config), None
         best = candidates[0].reference_index
-        reason = self._doubt(best)
-        if (evidence := self._track.evidence(self._frame, best, self._velocity)) is None:
-            return reason, None
-        if reason is not Reason.INCONSISTENT and evidence >= config.min_evidence:
+        reason, along, entered = self._doubt(best), self._along(best), self._entered()
+        # A track that its own newest frame does not follow is none.
+        followed = -math.inf if along is None or reason is Reason.INCONSISTENT else along
+        is_entered = entered is not None and abs(entered[0] - best) <= TRACK.same_track
+        most = max(followed, entered[1] if entered and is_entered else -math.inf)
+        if most >= config.min_evidence:
             reason = Reason.ACCEPTED
-        return reason, confidence(evidence)
+        known = [one for one in (along, most) if one is not None and one > -math.inf]
+        return reason, confidence(max(known)) if known else None
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""
@@ -78,7 +166,15 @@ class Acceptance:
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
+        if self._verified.is_rivalled(best):
+            return Reason.AMBIGUOUS
         return Reason.AMBIGUOUS if newest.margin < (self._track.scatter or 0.0) else Reason.WEAK
+
+    def _is_unlike_own_drive(self, best: int) -> bool:
+        """Return whether a place is verified too badly to be one that this drive has shown."""
+        own = self._verified.recent_strength(self._frame, best)
+        step = self._geometry.verified_step if self._geometry and own is not None else None
+        return own is not None and step is not None and own < VERIFIED.of_step * step.strength
 
 
 def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
@@ -93,23 +189,3 @@ def confidence(evidence: float) -> float:
     """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
     strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
     return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))
-
-
-def best_candidates(
-    ends: Indices, scores: Values, places: Sequence[Place], config: AcceptanceConfig
-) -> tuple[Candidate, ...]:
-    """Return the best places, best first, no neighbours; of scores (n,) at `ends`, or -inf."""
-    remaining = scores.copy()
-    found: list[Candidate] = []
-    while len(found) < config.num_candidates and np.isfinite(remaining).any():
-        top = int(remaining.argmax())
-        index = int(ends[top])
-        found.append(Candidate(index, places[index].stamp_ns, float(scores[top])))
-        remaining[abs(ends - index) <= config.rival_distance] = -np.inf
-    return tuple(found)
-
-
-def why_none(usable: int, length: int, velocity: float) -> Reason:
-    """Return why no sequence of so many frames has a score, with so many usable references."""
-    short = usable <= diagonal(length, velocity)[-1]
-    return Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP

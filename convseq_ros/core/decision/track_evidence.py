@@ -8,12 +8,13 @@ best. So margins beyond chance are summed along it and divided by how much other
 track ends where its newest frame ends it: where a road forks, nine of ten show the known one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.sequence.diagonals import diagonal, pairs_along, Rows, Values
-from convseq_ros.core.types import Indices, Row
+from convseq_ros.core.decision.usual_scores import UsualScores
+from convseq_ros.core.sequence.diagonals import Rows, Values
+from convseq_ros.core.types import Indices
 import numpy as np
 
 
@@ -26,50 +27,15 @@ class TRACK:
     same_track: int = 2  # references by which two frames of one diagonal may differ
     border: int = 2  # last references of the map, beyond which a peak may lie
     window: int = 8  # frames of a diagonal whose scores are compared
+    few: int = 3  # newest of these, by which a place that is just entered is likely
     memory: int = 30  # frames over which margins are summed
     fewest_rivals: int = 8  # other places, without which a margin says nothing
     chance: float = 6.0  # scatters by which the best of one rival's neighbours leads by chance
-    prior_frames: int = 5  # that the mean of all counts for in what a reference usually scores
     prior_windows: int = 2  # that the usual scatter counts for
     usual_scatter: float = 0.006  # of sequence scores of other places
     least_scatter: float = 0.001  # added to it, as sets of few places scatter too little
     shortest_drive: int = 20  # frames that the mean is taken over at least
     doubt_of_other_velocities: float = 1.5  # by which evidence is divided, as there are many
-
-
-class UsualScores:
-    """What references usually score on a drive: means over frames that hardly show them."""
-
-    def __init__(self) -> None:
-        self._sums, self._counts = np.zeros(0), np.zeros(0)
-        self._total, self._pairs = 0.0, 0
-
-    def __len__(self) -> int:
-        return len(self._sums)
-
-    def above(self, rows: Rows, ends: Indices, velocity: float) -> Values:
-        """Return pair scores (k, n) above what their references usually score, and their mean."""
-        if rows[0] is not None and len(rows[0]) > len(self):
-            more = np.zeros(len(rows[0]) - len(self))
-            self._sums, self._counts = np.append(self._sums, more), np.append(self._counts, more)
-        steps = diagonal(len(rows), velocity)
-        prior = TRACK.prior_frames * self._total / max(self._pairs, 1)
-        pairs = pairs_along(rows, ends, steps, np.float64)
-        for values, step in zip(pairs, steps, strict=True):
-            known = np.flatnonzero(np.isfinite(values))
-            met = ends[known] - step
-            usual = (self._sums[met] + prior) / (self._counts[met] + TRACK.prior_frames)
-            above = values[known] - usual
-            values[known] = above - above.mean() if len(above) else above
-        return pairs
-
-    def learn(self, row: Row, ends: Indices) -> None:
-        """Take in the scores of some references in a row (R,), NaN where there is none."""
-        known = ends[np.isfinite(row[ends])]
-        self._sums[known] += row[known]
-        self._counts[known] += 1
-        self._total += float(row[known].sum(dtype=np.float64))
-        self._pairs += len(known)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +48,7 @@ class FrameEvidence:
     # border of the map, where the peak may lie beyond.
     margin: float
     rivals: int  # diagonals further than the rivals' distance from the best
+    verified: float = 0.0  # what geometry adds to the margin, in scatters
 
     @property
     def enough_rivals(self) -> bool:
@@ -102,6 +69,7 @@ class TrackEvidence:
         self._variance, self._windows = 0.0, 0
         self._start: int | None = None
         self._ends, self._now, self._rival_distance = np.zeros(0, np.int64), np.zeros(0), 0
+        self._window, self._scores = np.zeros((0, 0)), np.zeros(0)
 
     @property
     def scatter(self) -> float | None:
@@ -125,6 +93,7 @@ class TrackEvidence:
         scored = np.isfinite(window)
         scores = np.where(scored, window, 0.0).sum(axis=0) / TRACK.window
         scores[2 * scored.sum(axis=0) < len(window)] = np.nan
+        self._window, self._scores = window, scores
         known = np.flatnonzero(np.isfinite(scores + self._now))
         if not len(known):
             self._usual.learn(newest, ends)
@@ -150,11 +119,11 @@ class TrackEvidence:
         """
         Return how strongly the last 30 frames, and the newest, say that it shows a reference.
 
-        The mean margin, in scatters, of those whose own best diagonal is this one, others 0; early
-        in a drive over 20 frames at least. No more than the standard deviations by which the
-        newest alone speaks for it; a third less at another velocity than 1. 0 for the last two
-        references on a slower drive than the map's: so looks one that has left the map and still
-        sees its end. None while the scatter is unknown.
+        The mean margin, in scatters and with what geometry adds, of those whose own best diagonal
+        is this one, others 0; early in a drive over 20 frames at least. No more than the standard
+        deviations by which the newest alone speaks for it; a third less at another velocity than
+        1. 0 for the last two references on a slower drive than the map's: so looks one that has
+        left the map and still sees its end. None while the scatter is unknown.
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
@@ -164,9 +133,48 @@ class TrackEvidence:
             return 0.0
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
-        margins = sum(one.margin for one in self._along(frame, reference, velocity))
-        along = min(margins / (frames * self.scatter), self._newest_alone(reference))
-        return along if velocity == 1.0 else along / TRACK.doubt_of_other_velocities
+        along = self._along(frame, reference, velocity)
+        sums = sum(one.margin / self.scatter + one.verified for one in along)
+        evidence = min(sums / frames, self._newest_alone(reference))
+        return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities
+
+    def likely(self) -> list[int]:
+        """
+        Return the places that the newest frame may show, likeliest first, of one place one end.
+
+        These end the best diagonals of 8 frames, of 3 and of 1, which finds a place sooner; and
+        the best elsewhere than the first of these, of 8 and of 1.
+        """
+        few = self._window[: TRACK.few]
+        scored = np.isfinite(few).sum(axis=0)
+        sums = np.where(np.isfinite(few), few, 0.0).sum(axis=0)
+        of_few = np.where(
+            np.isfinite(self._now) & (2 * scored > len(few)), sums / len(few), np.nan
+        )
+        kinds = self._scores, of_few, self._now
+        best = [int(self._ends[np.nanargmax(one)]) for one in kinds if np.isfinite(one).any()]
+        for one in (self._scores, self._now):
+            beyond = np.isfinite(one) & (abs(self._ends - best[0]) > self._rival_distance)
+            if beyond.any():
+                best.append(int(self._ends[np.where(beyond, one, -np.inf).argmax()]))
+        apart: list[int] = []
+        for end in best:
+            if all(abs(end - other) > TRACK.same_track for other in apart):
+                apart.append(end)
+        return apart
+
+    def verify(self, verified: float) -> None:
+        """Add to the newest frame's evidence what geometry says of it."""
+        self._frames[-1] = replace(self._frames[-1], verified=verified)
+
+    def lead(self, reference: int) -> float:
+        """Return by how many standard deviations the newest frame alone prefers a reference."""
+        elsewhere = _beyond(self._now, self._ends, reference, self._rival_distance)
+        near = self._now[abs(self._ends - reference) <= 1]
+        if len(elsewhere) < TRACK.fewest_rivals or not np.isfinite(near).any():
+            return 0.0
+        above = float(np.nanmax(near) - elsewhere.max())
+        return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
     def _along(self, frame: int, reference: int, velocity: float) -> list[FrameEvidence]:
         return [

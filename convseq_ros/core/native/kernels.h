@@ -17,3 +17,4 @@
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
 #include "../similarity/kernels/regions.c"
+#include "../geometry/kernels.c"

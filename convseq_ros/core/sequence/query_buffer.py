@@ -3,11 +3,12 @@
 """The rolling buffer of query frames, and their pair scores as far as they are known (III-A)."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.geometry.verification import Verification, verify
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores, Values
 from convseq_ros.core.types import Candidate, Descriptor, Indices, Row
@@ -64,6 +65,11 @@ class QueryBuffer:
     def row(self) -> Row | None:
         """Pair scores of the newest frame, (R,), NaN where there is none; None if it has none."""
         return self._frames[-1].row if self._frames else None
+
+    @property
+    def rows(self) -> list[Row | None]:
+        """The same of all frames, newest first."""
+        return [one.row for one in self.outward]
 
     def reset(self) -> None:
         self._frames.clear()
@@ -126,6 +132,18 @@ class QueryBuffer:
         if features is None or candidate is None or candidate.shift is None:
             return np.zeros((0, 4))
         return self._matcher.inliers(features, candidate.reference_index, candidate.shift)
+
+    def verified(self, indices: Sequence[int]) -> dict[int, Verification]:
+        """Return what geometry says of the newest frame and some references, if it is asked."""
+        features = self.newest.features
+        return {} if features is None else self._matcher.verified(features, indices)
+
+    @property
+    def verified_step(self) -> Verification | None:
+        """What geometry says of the newest frame and the one before, if it is asked."""
+        features = [one.features for one in self.outward[:2]]
+        shown = [one.arranged for one in features if one and one.arranged]
+        return verify(shown[0], shown[1], (0.0, 0.0)) if len(shown) == 2 else None
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:
         self._frames = deque((*self._frames, frame), most)

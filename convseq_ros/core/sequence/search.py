@@ -24,6 +24,8 @@ class SHORTLIST:
     admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
     verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
     group: int = 64  # scores of which only the best is looked at first
+    scouts: int = 12  # places that are likely by the newest frame alone, which get one pair each
+    entered: int = 2  # best of these that are listed: a map may just have been entered there
     closer: int = 20  # likeliest sequences that are scored for a second velocity; a few ms
 
 
@@ -89,8 +91,18 @@ class ShortlistSearch(ExhaustiveSearch):
 
         velocity = self._velocity.update(coarse, closer)
         ends = self._shortlist.update(coarse, rivals, velocity)
+        ends = np.union1d(ends, self._scouted(buffer, rivals))
         buffer.score_promising(max(length, window), ends, velocity)
         return ends, velocity
+
+    def _scouted(self, buffer: QueryBuffer, rivals: int) -> Indices:
+        """Return where the newest frame alone is likely, by pair scores: what was just entered."""
+        if (coarse := buffer.newest.coarse) is None:
+            return _NONE
+        scouts = self._shortlist.top([coarse], rivals, 1.0, SHORTLIST.scouts)
+        buffer.score(1, scouts)
+        scores = buffer.approximate_scores(1, scouts)
+        return scouts[np.argsort(-scores, kind='stable')[: SHORTLIST.entered]]
 
 
 class Shortlist:

@@ -1,0 +1,147 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What geometry adds to the evidence: how much better a place is verified than any other.
+
+A few likely places of each frame are verified. Beside the scores of a track counts by how much its
+place is verified better than its rivals; and a few newest frames, or one, that stand out both by
+their own scores and by geometry are evidence alone, as soon as they come.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.track_evidence import TRACK
+from convseq_ros.core.geometry.verification import Verification
+
+Verify = Callable[[Sequence[int]], Mapping[int, Verification]]  # the newest frame and references
+
+
+@constants
+class VERIFIED:
+    """Chosen on drawn drives and on real images made dark (docs/GEOMETRY.md)."""
+
+    least_strength: float = 30.0  # of unrelated images, in the middle of all sets
+    same_scene: int = 1  # references by which two frames of one place may differ ...
+    drift: float = 0.5  # ... and each frame between them adds so many: half to 1.5 times as fast
+    recent: int = 3  # newest frames over which strengths are averaged
+    frames: int = 5  # newest ones that are evidence alone
+    # A lead by geometry, the square root of a strength, counts for so many scatters of a track ...
+    scatters: float = 0.36
+    chance: float = 0.5  # ... less these, by which a rival may well be verified worse
+    deviations: float = 0.73  # and for so many standard deviations of a frame's own scores
+    # Deviations that count alone as much as a scatter in each frame of a track. Houses that a
+    # street has twice reach 43 at most, of 44 that make a match at an evidence of 1.7.
+    alone: float = 26.0
+    as_good: float = 0.8  # of the best place's strength, with which a rival makes it ambiguous
+    # Of the strength between a frame and the one before, that a place of the same drive has at
+    # least: there, camera and light are the same. Identical lockers have a third.
+    of_step: float = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """The likeliest place of one frame."""
+
+    frame: int  # its number
+    reference: int
+    evidence: float  # how much it stands out; at least 0
+    strength: float  # of its verification
+
+
+class VerifiedEvidence:
+    """Keeps what geometry says of the newest frame, and the likeliest places of the last five."""
+
+    def __init__(self) -> None:
+        self._sightings: list[Sighting] = []
+        self.found: Mapping[int, Verification] = {}
+        self._rival_distance = 0
+
+    def update(self, found: Mapping[int, Verification], rival_distance: int) -> None:
+        """Take in what geometry says of the newest frame and its likely places."""
+        self.found, self._rival_distance = found, rival_distance
+
+    def strength(self, reference: int, distance: int = 0) -> float | None:
+        """Return how strongly a place, or the best within a distance, is verified, if it is."""
+        near = [
+            one.strength for index, one in self.found.items() if abs(index - reference) <= distance
+        ]
+        return max(near, default=None)
+
+    def rival_strength(self, reference: int) -> float | None:
+        """Return how strongly the best place elsewhere is verified, if any is."""
+        beyond = (abs(index - reference) > self._rival_distance for index in self.found)
+        pairs = zip(beyond, self.found.values(), strict=True)
+        return max((one.strength for is_beyond, one in pairs if is_beyond), default=None)
+
+    def is_rivalled(self, reference: int) -> bool:
+        """Return whether a place elsewhere is verified nearly as well."""
+        own, rival = self.strength(reference, TRACK.same_track), self.rival_strength(reference)
+        return own is not None and rival is not None and rival >= VERIFIED.as_good * own
+
+    def lead(self, reference: int) -> float | None:
+        """
+        Return by how much a place is verified better than any other, if both are verified.
+
+        As strengths are much like counts, in square roots of the rival's.
+        """
+        own, rival = self.strength(reference), self.rival_strength(reference)
+        if own is None or rival is None:
+            return None
+        return (own - rival) / math.sqrt(max(rival, VERIFIED.least_strength))
+
+    def beside_scores(self, reference: int) -> float:
+        """Return what geometry adds to a frame's margin, in scatters of the track."""
+        lead = self.lead(reference)
+        return 0.0 if lead is None else max(0.0, VERIFIED.scatters * lead - VERIFIED.chance)
+
+    def denies(self, reference: int) -> bool:
+        """Return whether a place is verified no better than a rival may be by chance."""
+        near = [one for one in self.found if abs(one - reference) <= TRACK.same_track]
+        return bool(near) and not any(self.beside_scores(one) > 0 for one in near)
+
+    def see(self, frame: int, reference: int, deviations: float) -> None:
+        """Take in the newest frame's likeliest place, and by how much its score stands out."""
+        lead = self.lead(reference) or 0.0
+        evidence = max(0.0, deviations + VERIFIED.deviations * lead)
+        kept = [one for one in self._sightings if one.frame > frame - VERIFIED.frames]
+        strength = self.strength(reference) or 0.0
+        self._sightings = [*kept, Sighting(frame, reference, evidence, strength)]
+
+    def alone(self, frame: int) -> tuple[int, float] | None:
+        """
+        Return the newest frame's likeliest place, and how strongly the newest frames speak for it.
+
+        The most that any number of them, up to five, say: the sum of those on one way, over the
+        square root of how many they are; in units of the evidence of a track.
+        """
+        on_way = self._on_way(frame)
+        if 0 not in on_way:
+            return None
+        total = most = 0.0
+        for past in range(VERIFIED.frames):
+            total += on_way[past].evidence if past in on_way else 0.0
+            most = max(most, total / math.sqrt(past + 1))
+        return on_way[0].reference, most / VERIFIED.alone
+
+    def recent_strength(self, frame: int, reference: int) -> float | None:
+        """Return how strongly a place is verified by the newest frames, on average, if it is."""
+        on_way = self._on_way(frame)
+        if 0 not in on_way or abs(on_way[0].reference - reference) > TRACK.same_track:
+            return self.strength(reference, TRACK.same_track)
+        recent = [one.strength for past, one in on_way.items() if past < VERIFIED.recent]
+        return sum(recent) / len(recent)
+
+    def _on_way(self, frame: int) -> dict[int, Sighting]:
+        """Return the likeliest places that a robot may have come along, by frames ago."""
+        if not self._sightings or self._sightings[-1].frame != frame:
+            return {}
+        newest, found = self._sightings[-1], {}
+        for one in self._sightings:
+            past = frame - one.frame
+            off = abs(newest.reference - one.reference - past)
+            if off <= VERIFIED.same_scene + VERIFIED.drift * past:
+                found[past] = one
+        return found

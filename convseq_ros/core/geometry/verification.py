@@ -1,0 +1,41 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Verification: how much of a displacement field one smooth motion of the image explains.
+
+At the true place neighbours move alike, and slowly otherwise from left to right and from near to
+far; elsewhere what is found there and back by chance scatters. No sample is drawn: the motion
+starts as the common shift and is fitted again and again to what agrees with it, so that the answer
+is repeatable, and chance finds no motion that explains it best.
+"""
+
+from dataclasses import dataclass
+
+from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.geometry.displacement import Arranged
+from convseq_ros.core.geometry.motion import MOTION
+from convseq_ros.core.types import Shift
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What the geometry of two images says."""
+
+    inliers: int  # regions found there and back that are at most 2 cells off the motion
+    # The similarities of regions found there and back, those off the motion counted for less. Of
+    # 900 regions, unrelated images give 26 to 50, the same place 60 at night to 500 by day.
+    strength: float
+
+
+NOTHING = Verification(0, 0.0)
+
+
+def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
+    """Return what the geometry of two images of one size says, given their common shift."""
+    kernels, start = kernels_of(__package__), (round(shift[0]), round(shift[1]))
+    found = kernels.displacements(query, reference, start)
+    if not len(found):
+        return NOTHING
+    _, off = kernels.fit_motion(found, query.side, start)
+    strength = found[:, 4] @ (1 / (1 + (off / MOTION.sigma_cells) ** 2))
+    return Verification(int((off <= MOTION.sigma_cells).sum()), max(0.0, float(strength)))

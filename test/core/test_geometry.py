@@ -1,0 +1,182 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Displacement fields, the motion that they share, and what it says of two images."""
+
+from convseq_ros.core.compiled import available
+from convseq_ros.core.encoding.regions import unit
+from convseq_ros.core.geometry import numpy_kernels
+from convseq_ros.core.geometry.displacement import arranged, weights
+from convseq_ros.core.geometry.motion import MOTION
+from convseq_ros.core.geometry.verification import NOTHING, verify
+import cv2
+import numpy as np
+import pytest
+
+SIDE = 30
+compiled = pytest.mark.skipif(not available(), reason='needs compiled kernels')
+
+
+def scene(seed, size=60):
+    """Return numbers (size, size, 32) that change from cell to cell, as regions do."""
+    drawn = np.random.default_rng(seed).standard_normal((size, size, 32)).astype(np.float32)
+    return cv2.GaussianBlur(drawn, (0, 0), 1.0)
+
+
+def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
+    """Return the regions that a camera sees of a scene, from a corner on."""
+    middle = (side - 1) / 2
+    matrix = np.array([
+        [zoom, 0, column + middle - zoom * middle], [0, zoom, row + middle - zoom * middle],
+    ])  # fmt: skip
+    seen = cv2.warpAffine(
+        numbers, matrix, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
+    return arranged(unit(seen.reshape(side * side, -1)))
+
+
+def kernels():
+    yield pytest.param(numpy_kernels, id='numpy')
+    if available():
+        from convseq_ros.core.geometry import kernels
+
+        yield pytest.param(kernels, id='compiled')
+
+
+each = pytest.mark.parametrize('kernel', list(kernels()))
+
+
+def test_weights_are_a_mean_over_neighbours():
+    found = weights()
+    assert found.sum() == pytest.approx(1)
+    assert found[3] / found[2] == pytest.approx(np.exp(0.5))
+    assert list(found) == list(found[::-1])
+
+
+def test_regions_are_arranged_without_loss():
+    regions = unit(scene(1, SIDE).reshape(-1, 32))
+    assert np.array_equal(arranged(regions).regions, regions)
+
+
+@each
+@pytest.mark.parametrize('moved', [(0, 0), (2, -3), (-5, 1), (3, 3)])
+def test_a_known_shift_is_the_displacement_of_every_region(kernel, moved):
+    # What lies at a row in the query lies so many rows further down in the reference.
+    query, reference = view(scene(1)), view(scene(1), 15 - moved[0], 15 - moved[1])
+    found = kernel.displacements(query, reference, (moved[0] - 1, moved[1] + 2))
+    inside = (SIDE - abs(moved[0])) * (SIDE - abs(moved[1]))
+    assert len(found) > 0.9 * inside
+    assert np.abs(found[:, 2:4] - moved).max() < 0.2
+    assert found[:, 4].min() > 0.95
+
+
+@each
+def test_a_shift_beyond_the_search_is_not_found(kernel):
+    # Displacements on the border of the search are dropped, too: they may lie beyond.
+    query, reference = view(scene(1)), view(scene(1), 15, 15 + 4)
+    assert len(kernel.displacements(query, reference, (0, -2))) > 500
+    assert len(kernel.displacements(query, reference, (0, 0))) < 150
+    assert len(kernel.displacements(query, reference, (0, 12))) < 150
+
+
+@each
+def test_half_a_cell_is_told(kernel):
+    query, reference = view(scene(3)), view(scene(3), 15.5, 14.75)
+    found = kernel.displacements(query, reference, (0, 0))
+    assert np.median(found[:, 2]) == pytest.approx(-0.5, abs=0.1)
+    assert np.median(found[:, 3]) == pytest.approx(0.25, abs=0.1)
+
+
+@each
+def test_the_motion_of_a_hand_worked_field_is_found_among_false_displacements(kernel):
+    # Rows move by 1 + 0.1 (row - middle), columns by -2 + 0.05 (column - middle); a third of the
+    # regions moved anywhere.
+    rng, middle = np.random.default_rng(4), (SIDE - 1) / 2
+    places = rng.integers(0, SIDE, (300, 2))
+    moved = np.array([1.0, -2.0]) + [0.1, 0.05] * (places - middle)
+    moved[:100] = rng.uniform(-4, 4, (100, 2))
+    found = np.column_stack((places, moved, np.ones(300))).astype(np.float32)
+    motion, off = kernel.fit_motion(found, SIDE, (0, 0))
+    assert off[100:].max() < 0.25  # the false ones and the stiffness bias it a little
+    assert np.median(off[:100]) > MOTION.sigma_cells
+    assert motion[:, 0] == pytest.approx([1, -2], abs=0.1)
+    assert motion[0, 1:] / SIDE == pytest.approx([0.1, 0], abs=0.02)
+    assert motion[1, 1:] / SIDE == pytest.approx([0, 0.05], abs=0.02)
+
+
+@each
+def test_a_field_of_one_region_has_a_motion(kernel):
+    found = np.array([[3, 4, 1, -1, 0.5]], np.float32)
+    motion, off = kernel.fit_motion(found, SIDE, (0, 0))
+    assert np.isfinite(motion).all()
+    assert off == pytest.approx([0], abs=1e-3)
+
+
+@compiled
+@pytest.mark.parametrize('side', [6, 14, 30, 45])
+@pytest.mark.parametrize('start', [(0, 0), (-3, 5), (5, -5)])
+def test_compiled_kernels_find_what_numpy_finds(side, start):
+    from convseq_ros.core.geometry import kernels
+
+    query, other = view(scene(5, 100), side=side), view(scene(6, 100), side=side)
+    for reference in (view(scene(5, 100), 16.3, 13.6, 1.1, side), other):
+        ours = kernels.displacements(query, reference, start)
+        theirs = numpy_kernels.displacements(query, reference, start)
+        assert ours.shape == theirs.shape
+        assert ours == pytest.approx(theirs, abs=1e-4)
+        motions = (one.fit_motion(ours, side, start) for one in (kernels, numpy_kernels))
+        for one, two in zip(*motions, strict=True):
+            assert one == pytest.approx(two, abs=1e-6)
+
+
+def test_the_same_scene_is_verified_and_another_is_not():
+    query = view(scene(7))
+    for row, column, zoom in ((15, 15, 1.0), (16.4, 13.7, 1.0), (15, 15, 1.08)):
+        same = verify(
+            query, view(scene(7), row, column, zoom), (round(15 - row), round(15 - column))
+        )
+        assert same.inliers > 500
+        assert same.strength > 350
+    for seed in range(20, 30):
+        elsewhere = verify(query, view(scene(seed)), (0, 0))
+        assert elsewhere.inliers < 150
+        assert elsewhere.strength < 60
+
+
+def test_identical_images_are_all_inliers():
+    query = view(scene(8))
+    found = verify(query, query, (0, 0))
+    assert found.inliers > 0.9 * SIDE**2
+    assert found.strength == pytest.approx(found.inliers, rel=1e-3)
+
+
+def test_one_half_that_is_flat_leaves_the_other():
+    half = scene(9)
+    half[:, :30] = 0
+    whole = verify(view(scene(9)), view(scene(9)), (0, 0))
+    found = verify(view(half), view(scene(9)), (0, 0))
+    assert 0.3 < found.inliers / whole.inliers < 0.65
+
+
+@pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
+def test_what_shows_nothing_verifies_nothing(value):
+    nothing = arranged(np.full((SIDE**2, 32), value, np.float32))
+    for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
+        with np.errstate(invalid='ignore'):
+            assert verify(*pair, (0.0, 0.0)) == NOTHING
+
+
+@pytest.mark.parametrize('shift', [(29, 0), (-40, 0), (0, 90), (-29, 29)])
+def test_images_that_hardly_overlap_verify_next_to_nothing(shift):
+    assert verify(view(scene(1)), view(scene(1)), shift).inliers < 20
+
+
+def test_an_answer_is_repeatable():
+    pair = view(scene(10)), view(scene(11))
+    assert len({verify(*pair, (1.0, -1.0)) for _ in range(3)}) == 1
+
+
+def test_the_way_back_is_verified_alike():
+    query, reference = view(scene(12)), view(scene(12), 17, 14, 1.05)
+    there, back = verify(query, reference, (-2, 1)), verify(reference, query, (2, -1))
+    assert there.inliers == pytest.approx(back.inliers, rel=0.1)
+    assert there.strength == pytest.approx(back.strength, rel=0.1)

@@ -1,0 +1,155 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Places that are verified: found sooner, refused, or ambiguous."""
+
+from dataclasses import replace
+
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    EVERY_FRAME,
+    MatchingConfig,
+    SequenceConfig,
+)
+from convseq_ros.core.compiled import available
+from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Candidate, Frame, Reason
+import numpy as np
+import pytest
+
+SMALL = EncodingConfig(image_size_px=256)
+PLACES = 50
+BY_KIND = {
+    search: Config(
+        encoding=SMALL,
+        matching=MatchingConfig(matching='coherent', search=search, shortlist_length=20),
+        sequence=SequenceConfig(fixed_length=6),
+    )
+    for search in ('shortlist', 'exhaustive')
+}
+both = pytest.mark.parametrize('config', BY_KIND.values(), ids=BY_KIND)
+
+
+@pytest.fixture(scope='module')
+def described(image):
+    known = {}
+
+    def of(place, seed=0):
+        if (place, seed) not in known:
+            known[place, seed] = describe(image(place, seed), SMALL)
+        return known[place, seed]
+
+    return of
+
+
+def map_of(described, places):
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for index, place in enumerate(places):
+        made.add(Place(index), pack_cells(described(place).cells))
+    return made
+
+
+def drive(recognizer, described, places):
+    return [
+        recognizer.process(Frame(index, None), described(place, 1))
+        for index, place in enumerate(places)
+    ]
+
+
+@both
+def test_the_first_frame_of_a_drive_may_be_a_match(described, config):
+    recognizer = PlaceRecognizer(map_of(described, range(PLACES)), config)
+    first = drive(recognizer, described, [20])[0]
+    assert first.accepted.reference_index == 20
+    assert first.sequence_length == 1 and first.confidence > 0.5
+    assert first.accepted.inliers > 50
+
+
+@both
+def test_a_map_that_was_just_entered_is_recognised_at_once(described, config):
+    recognizer = PlaceRecognizer(map_of(described, range(PLACES)), config)
+    matches = drive(recognizer, described, [*range(200, 220), *range(20, 30)])
+    assert not any(match.accepted for match in matches[:20])
+    found = [match.accepted and match.accepted.reference_index for match in matches[20:]]
+    assert found[2:] == [*range(22, 30)]
+    assert set(found[:2]) <= {None, 20, 21}
+
+
+@both
+def test_a_place_that_the_map_holds_twice_is_ambiguous(described, config):
+    twice = map_of(described, [*range(30), *range(30)])
+    matches = drive(PlaceRecognizer(twice, config), described, range(5, 25))
+    assert not any(match.accepted for match in matches)
+    assert matches[-1].reason is Reason.AMBIGUOUS
+
+
+@both
+def test_without_verification_nothing_is_verified(described, config):
+    off = replace(config, acceptance=AcceptanceConfig(verification=False))
+    recognizer = PlaceRecognizer(map_of(described, range(PLACES)), off)
+    matches = drive(recognizer, described, range(10, 30))
+    assert {match.reason for match in matches[:5]} == {Reason.WARMING_UP}
+    assert {one.inliers for match in matches for one in match.candidates} == {None}
+    assert matches[-1].accepted.reference_index == 29
+
+
+def test_the_papers_way_of_matching_verifies_nothing(described):
+    paper = replace(
+        BY_KIND['exhaustive'], matching=MatchingConfig(matching='regional', search='exhaustive')
+    )
+    recognizer = PlaceRecognizer(map_of(described, range(PLACES)), paper)
+    matches = drive(recognizer, described, range(10, 20))
+    assert {one.inliers for match in matches for one in match.candidates} == {None}
+
+
+@pytest.mark.skipif(not available(), reason='needs compiled kernels')
+def test_decisions_and_inliers_are_those_without_compiled_kernels(described, monkeypatch):
+    def answers(kernel):
+        matching = replace(BY_KIND['exhaustive'].matching, kernel=kernel)
+        config = replace(BY_KIND['exhaustive'], matching=matching)
+        recognizer = PlaceRecognizer(map_of(described, range(PLACES)), config)
+        return [
+            (match.reason, match.best and (match.best.reference_index, match.best.inliers))
+            for match in drive(recognizer, described, [*range(200, 205), *range(20, 32)])
+        ]
+
+    compiled = answers('float32')
+    monkeypatch.setattr('convseq_ros.core.compiled.available', lambda: False)
+    assert answers('numpy') == compiled
+
+
+class Given:
+    """Stands in for what can be verified of a frame."""
+
+    def __init__(self, strengths, step):
+        self.strengths, self.verified_step = strengths, Verification(0, step)
+
+    def verified(self, indices):
+        return {index: Verification(0, self.strengths.get(index, 20.0)) for index in indices}
+
+
+@pytest.mark.parametrize(
+    ('step', 'session_start', 'reason'),
+    [
+        (400.0, 0, Reason.UNVERIFIED),
+        (400.0, 31, Reason.ACCEPTED),
+        (400.0, None, Reason.ACCEPTED),
+        (200.0, 0, Reason.ACCEPTED),
+    ],
+)
+def test_a_place_of_this_drive_must_look_as_this_drive_does(step, session_start, reason):
+    # Its own frames are verified with 400; the place it returns to has 120.
+    acceptance, rng = Acceptance(Config()), np.random.default_rng(1)
+    config = AcceptanceConfig()
+    row = rng.normal(0.05, 0.002, 100).astype(np.float32)
+    row[30] = 0.3
+    acceptance.update(0, [row], np.arange(100), 10, geometry=Given({30: 120.0}, step))
+    found = acceptance.judge(0, [Candidate(30, 30, 0.3)], config, session_start)
+    assert found[0] is reason
+    assert acceptance.inliers(30) == 0 and acceptance.inliers(50) is None
