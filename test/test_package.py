@@ -88,8 +88,14 @@ def find_executable(prefix: Path, name: str) -> Path:
 
 
 def files_of(folder: Path) -> set[str]:
+    """Return what belongs to the package: not what C is compiled from, and to."""
     paths = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
-    return {path.as_posix() for path in paths if '__pycache__' not in path.parts}
+    compiled = '.c', '.h', '.so'
+    return {
+        path.as_posix()
+        for path in paths
+        if '__pycache__' not in path.parts and path.suffix not in compiled
+    }
 
 
 def assert_shared_files_are_in(prefix: Path) -> None:

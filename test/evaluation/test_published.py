@@ -9,7 +9,8 @@ from convseq_ros.evaluation.recognition import with_known
 from convseq_ros.evaluation.study import run_study, Study
 import pytest
 
-PAPER = with_known(Config(), {'matching': 'regional', 'search': 'exhaustive'})
+# The released script resizes by OpenCV's INTER_LINEAR.
+PAPER = with_known(Config(), {'matching': 'regional', 'search': 'exhaustive', 'resize': 'linear'})
 
 
 @pytest.fixture(scope='module')
