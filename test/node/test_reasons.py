@@ -44,7 +44,8 @@ DRIVES = {
         0, ONLINE | {'keyframe_interval_s': 5.0}, [0, 1, 2], 'recent between_keyframes',
     ),
     'a robot that stands': (
-        25, PAIR | {'matching': 'coherent'}, [3, 4, 4, 4], 'warming_up weak stationary',
+        25, PAIR | {'matching': 'coherent', 'verification': False}, [3, 4, 4, 4],
+        'warming_up weak stationary',
     ),
 }  # fmt: skip
 
@@ -109,7 +110,9 @@ def test_a_reason_is_told_in_the_table_and_counted(client, vpr, part_of, seen, t
 
 def test_no_reason_was_forgotten():
     shown = {reason for *_, expected in DRIVES.values() for reason in expected.split()}
-    assert shown == set(Reason)
+    # One needs images of one place that scores take for one and geometry does not: see
+    # test_verified_recognition.
+    assert shown | {Reason.UNVERIFIED} == set(Reason)
 
 
 def test_a_revisit_closes_at_the_stated_rate_which_may_be_changed(client, vpr, seen):
