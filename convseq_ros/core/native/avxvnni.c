@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // AVX2 with VNNI: Intel's small and desktop processors since Alder Lake, AMD since Zen 5.
 #ifdef __x86_64__
-#pragma GCC target("avx2,fma,avxvnni")
+#pragma GCC target("avx2,fma,f16c,avxvnni")
 #define VARIANT avxvnni
 #define LANES 8
 #define ROWS 6

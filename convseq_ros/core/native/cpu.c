@@ -10,7 +10,7 @@ TELL(version) { return 5; }
 #ifdef __x86_64__
 // The compiler's run time asks the processor what it has, and the system what it keeps.
 #define HAS(name) __builtin_cpu_supports(name)
-TELL(has_avx2) { return HAS("avx2") && HAS("fma"); }
+TELL(has_avx2) { return HAS("avx2") && HAS("fma") && HAS("f16c"); }
 TELL(has_avxvnni) { return convseq_has_avx2() && HAS("avxvnni"); }
 TELL(has_avx512)
 {

@@ -46,17 +46,27 @@ static inline Words larger(Words one, Words other)
 // Add a product to a sum, rounded once.
 static inline Floats fused(Floats one, Floats other, Floats sum)
 {
-    for (int lane = 0; lane < LANES; lane++)
-        sum[lane] = __builtin_fmaf(one[lane], other[lane], sum[lane]);
-    return sum;
+#if defined(__AVX512F__)
+    return (Floats)_mm512_fmadd_ps((__m512)one, (__m512)other, (__m512)sum);
+#elif defined(__FMA__)
+    return (Floats)_mm256_fmadd_ps((__m256)one, (__m256)other, (__m256)sum);
+#else
+    return (Floats)vfmaq_f32((float32x4_t)sum, (float32x4_t)one, (float32x4_t)other);
+#endif
 }
 
-// Return numbers in half precision as floats: a half's bits, moved to where a float has them, are
-// a number too small by 2 ** 112.
+// Return numbers in half precision as floats.
 static inline Floats widened(const uint16_t *halves)
 {
+#if defined(__AVX512F__)
+    return (Floats)_mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)halves));
+#elif defined(__F16C__)
+    return (Floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)halves));
+#else
+    // A half's bits, moved to where a float has them, are a number too small by 2 ** 112.
     Words bits = __builtin_convertvector(*(const ShortsAnywhere *)halves, Words);
     return (Floats)(bits << 13 & splat((int32_t)0x8fffe000)) * 0x1p112f;
+#endif
 }
 
 #ifdef PAIRS

@@ -8,25 +8,25 @@ enum { ENDS = 512 }; // of diagonals at a time: what rows hold of them stays in 
 // row or not numbers, count as expected. No newest pair, no score.
 static void add_up(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
                    const float *expected, intptr_t frames, intptr_t first, intptr_t ends,
-                   float *sums, int32_t *known)
+                   float *restrict sums, int32_t *restrict known)
 {
     for (intptr_t place = 0; place < ends; place++)
         sums[place] = 0, known[place] = 0;
     for (intptr_t frame = 0; frame < frames; frame++) {
         intptr_t least = steps[frame] > first ? steps[frame] - first : 0;
         intptr_t most = lengths[frame] + steps[frame] - first;
-        intptr_t met = first - steps[frame];
+        const float *restrict row = rows[frame] + (first - steps[frame]);
+        const float usual = expected[frame];
         least = least < ends ? least : ends;
         most = most < least ? least : most < ends ? most : ends;
         for (intptr_t place = 0; place < least; place++)
-            sums[place] += expected[frame];
+            sums[place] += usual;
         for (intptr_t place = most; place < ends; place++)
-            sums[place] += expected[frame];
+            sums[place] += usual;
         for (intptr_t place = least; place < most; place++) {
-            float score = rows[frame][met + place];
-            int32_t there = score == score;
-            sums[place] += there ? score : expected[frame];
-            known[place] += there;
+            float score = row[place];
+            sums[place] += score == score ? score : usual;
+            known[place] += score == score;
         }
         for (intptr_t place = 0; place < ends && !frame; place++)
             known[place] -= known[place] ? 0 : (int32_t)frames;
