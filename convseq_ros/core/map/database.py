@@ -25,7 +25,7 @@ _SAFELY = (  # https://sqlite.org/security.html
 _LONGEST_BYTES = 1 << 26  # of a row or a value; the largest image of a camera is some 20 MB
 _LIMIT_S = 2.0  # of the processor's time, for a statement; 1,024 rows take some 10 ms
 _PATIENCE_S = 10.0  # for who holds the file; a slow card may take seconds to sync
-_STEPS = 1000  # of SQLite's machine, between two looks at the clock: some 20 us
+_STEPS = 20_000  # of SQLite's machine, between two looks at the clock: some .4 ms
 _MOST_SAID = 200  # characters of an error
 _TRIES = 5  # to read what a crash left behind while another program mends it
 # The end of a journal that names further files, which SQLite would delete.

@@ -125,9 +125,11 @@ class Settings:
 
 def row_crc(values: Row) -> int:
     """Return the checksum of a row: that of its numbers and texts, then of its blobs."""
-    blobs = [value for value in values if isinstance(value, bytes)]
-    plain = [len(value) if isinstance(value, bytes) else value for value in values]
-    crc = zlib.crc32(repr(plain).encode())
+    plain = len(values)
+    while plain and type(values[plain - 1]) is bytes:  # blobs come last
+        plain -= 1
+    blobs = [value for value in values[plain:] if isinstance(value, bytes)]
+    crc = zlib.crc32(repr([*values[:plain], *map(len, blobs)]).encode())
     for blob in blobs:
         crc = zlib.crc32(blob, crc)
     return crc
