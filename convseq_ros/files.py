@@ -143,3 +143,35 @@ def _array(file: Any, path: Path) -> npt.NDArray[Any]:
         )
     # Not by NumPy, which takes the memory before it looks whether the numbers are there.
     return np.ndarray(shape, dtype, file.read(size), order='F' if is_fortran else 'C')
+
+
+def read_text(path: Path, most_bytes: int, what: str) -> str:
+    """
+    Return what is in a text file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most_bytes : int
+        That it may have.
+    what : str
+        It holds, such as `a calibration`.
+
+    Raises
+    ------
+    SourceError
+        If it is missing, no file, larger, not to be read, or no text.
+
+    """
+    refuse_irregular(path)
+    try:
+        if not path.is_file():
+            raise SourceError(f'{path}: no such file; give {what}')
+        if path.stat().st_size > most_bytes:
+            raise SourceError(f'{path}: more than {most_bytes} bytes; give {what}')
+        return path.read_text('utf-8')
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+    except UnicodeDecodeError:
+        raise SourceError(f'{path}: not a text file; give {what}') from None

@@ -8,7 +8,7 @@ from typing import Any
 
 from convseq_ros.core.types import Camera
 from convseq_ros.errors import ConfigError, SourceError
-from convseq_ros.files import read_yaml, refuse_irregular
+from convseq_ros.files import read_text, read_yaml
 from convseq_ros.sources.camera_info import camera_from_info
 
 _MOST_BYTES = 1_000_000  # of a file; calibrations have one or two thousand
@@ -33,15 +33,7 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
         If the file cannot be read, is neither, or its camera is not calibrated.
 
     """
-    refuse_irregular(path)
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise SourceError(f'{path}: a calibration has at most {_MOST_BYTES} bytes')
-        text = path.read_text('utf-8')
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror}; check the name and permissions') from None
-    except UnicodeDecodeError:
-        raise SourceError(f'{path}: not a text file; give a calibration') from None
+    text = read_text(path, _MOST_BYTES, 'a calibration')
     try:
         camera = camera_from_info(_projection(text, height, width) or _calibration(path))
     except (

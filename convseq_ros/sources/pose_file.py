@@ -9,6 +9,7 @@ from pathlib import Path
 
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
+from convseq_ros.files import read_text
 from convseq_ros.sources.pose_track import PoseTrack
 import numpy as np
 import numpy.typing as npt
@@ -60,16 +61,7 @@ def read_pose_file(path: Path, frames: int) -> PoseAt:
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines' numbers, from 1, and their words; all alike many."""
-    try:
-        if not path.is_file():
-            raise SourceError(f'{path}: no such file of poses; give a text file, a pose a line')
-        if path.stat().st_size > _MOST_BYTES:
-            raise SourceError(f'{path}: a file of poses has at most {_MOST_BYTES} bytes')
-        text = path.read_text('utf-8')
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
-    except UnicodeDecodeError:
-        raise SourceError(f'{path}: not a text file; give poses, one a line') from None
+    text = read_text(path, _MOST_BYTES, 'a text file of poses, one a line')
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
     rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
     if not rows:

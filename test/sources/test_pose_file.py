@@ -97,7 +97,7 @@ def test_what_is_no_pose_is_named_with_its_line(file, lines, said):
 
 
 def test_files_that_hold_no_text_are_refused(tmp_path):
-    with pytest.raises(SourceError, match='no such file of poses'):
+    with pytest.raises(SourceError, match='no such file; give a text file of poses'):
         read_pose_file(tmp_path, 1)
     path = tmp_path / 'binary'
     path.write_bytes(b'\xff\xfe\x00')
