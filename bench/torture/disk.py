@@ -7,11 +7,15 @@ from contextlib import contextmanager
 import ctypes
 from enum import IntEnum
 import functools
+import json
 import mmap
 import os
 from pathlib import Path
 import shutil
 import subprocess
+import sys
+
+from bench.torture.attack import Try
 
 
 class How(IntEnum):
@@ -65,3 +69,16 @@ def recorded(path: Path, number: mmap.mmap) -> Iterator[None]:
     finally:
         _library().disk_record(-1, None)
         os.close(file)
+
+
+def tries_of(module: str, count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Have a module make tries, as a program on the watched disk; yield what came of them."""
+    command = [sys.executable, '-m', f'bench.torture.{module}', str(count), str(seed), str(folder)]
+    with subprocess.Popen(
+        command, env=environment(folder), stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout
+        for line in process.stdout:
+            yield Try(*json.loads(line))
+    if process.returncode:
+        yield Try('all', f'ended with {process.returncode}')

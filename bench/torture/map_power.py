@@ -10,14 +10,13 @@ import os
 from pathlib import Path
 import random
 import struct
-import subprocess
 import sys
 import tempfile
 import traceback
 
 from bench.torture import scenarios
 from bench.torture.attack import Try
-from bench.torture.disk import environment, recorded
+from bench.torture.disk import recorded, tries_of
 from bench.torture.scenarios import Acknowledged, autosave, SCENARIOS
 
 ABOUT = (
@@ -103,15 +102,7 @@ class Disk:
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Have a program whose disk is recorded make the tries."""
-    command = [sys.executable, '-m', 'bench.torture.map_power', str(count), str(seed), str(folder)]
-    with subprocess.Popen(
-        command, env=environment(folder), stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout
-        for line in process.stdout:
-            yield Try(*json.loads(line))
-    if process.returncode:
-        yield Try('all', f'ended with {process.returncode}')
+    yield from tries_of('map_power', count, seed, folder)
 
 
 def tries(count: int, seed: int, folder: Path) -> Iterator[tuple[str, str]]:

@@ -3,13 +3,10 @@
 """Every single call that changes the disk, while a map is made, grows, is saved or converted."""
 
 from collections.abc import Iterator
-import json
 from pathlib import Path
-import subprocess
-import sys
 
 from bench.torture.attack import Try
-from bench.torture.disk import environment
+from bench.torture.disk import tries_of
 
 ABOUT = (
     'A map is made, grows, grows after a crash, is saved over another, over one that a crash '
@@ -25,12 +22,4 @@ COUNT, SHORT, SEED = 2_000, 30, 16
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Have a program that has the failing disk make the tries, each in a fork."""
-    command = [sys.executable, '-m', 'bench.torture.scenarios', str(count), str(seed), str(folder)]
-    with subprocess.Popen(
-        command, env=environment(folder), stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout
-        for line in process.stdout:
-            yield Try(*json.loads(line))
-    if process.returncode:
-        yield Try('all', f'ended with {process.returncode}')
+    yield from tries_of('scenarios', count, seed, folder)

@@ -8,13 +8,12 @@ from contextlib import contextmanager
 import os
 from pathlib import Path
 import re
-import signal
 import subprocess
 import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.processes import environment
+from convseq_ros.cli.processes import end, environment
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import rclpy
@@ -129,12 +128,7 @@ def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
                 raise RuntimeError(f'the node did not come up; see {folder}')
             yield one
         finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            end(process, _END_S)
             context.try_shutdown()
 
 

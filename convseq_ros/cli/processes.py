@@ -102,12 +102,17 @@ def running(
         try:
             yield process
         finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(end_s)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            end(process, end_s)
+
+
+def end(process: subprocess.Popen[bytes], end_s: float) -> None:
+    """Ask a process to end as Ctrl-C does; kill it if it takes longer than that."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(end_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:

@@ -16,14 +16,14 @@ from convseq_ros.core.geometry.verification import NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.types import Candidate, Descriptor, Indices, Row, Shift
+from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 import numpy as np
 import numpy.typing as npt
 
-Candidates = tuple[Candidate, ...]
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
 _KEPT = 1000  # references whose features are kept beside a shortlist; 30 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
+_KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,6 @@ class Matcher:
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
-        self._verifies = verifies and exact.regions is not None
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
         threads = Threads((matching.threads or usable) - 1)
         self._background = own = NoBackground()
@@ -65,6 +64,14 @@ class Matcher:
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
+        self._to_verify: FeatureCache | None = None
+        if verifies and (regions := exact.regions):
+
+            def prepare(cells: Cells, background: Regions | None) -> Arranged:
+                return arranged(regions(cells, background)[0])
+
+            pair = replace(exact, prepare=prepare)
+            self._to_verify = FeatureCache(reference_map, pair, own, threads, _KEPT_TO_VERIFY)
 
     def reset(self) -> None:
         self._background.reset()
@@ -78,7 +85,9 @@ class Matcher:
         if (fast := self._fast.pair.extract(*shown)) is None:
             return None
         exact = fast if self.exact else self._exact.pair.extract(*shown)
-        return Features(fast, exact, self._arranged(cells, background))
+        if self._to_verify is None:
+            return Features(fast, exact)
+        return Features(fast, exact, self._to_verify.pair.prepare(cells, background))
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -110,21 +119,17 @@ class Matcher:
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of a query and some references; nothing if it is not asked."""
-        if query.arranged is None or not indices:
+        if query.arranged is None or self._to_verify is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
         found = {}
-        for index, shift, cells in zip(indices, shifts, self._map.cells_of(indices), strict=True):
-            normalized = self._background.normalize(cells)
-            reference = self._arranged(normalized, self._background.of_map)
+        for index, shift, reference in zip(
+            indices, shifts, self._to_verify.of(indices), strict=True
+        ):
             found[index] = NOTHING
             if shift is not None and reference is not None:
                 found[index] = verify(query.arranged, reference, shift)
         return found
-
-    def _arranged(self, cells: Cells, background: Regions | None) -> Arranged | None:
-        regions = self._exact.pair.regions
-        return arranged(regions(cells, background)[0]) if self._verifies and regions else None
 
     def warm_up(self) -> None:
         """Make what is compared of all references, if it is kept, so that no frame is late."""
@@ -134,8 +139,9 @@ class Matcher:
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            self._fast.clear()
-            self._exact.clear()
+            for cache in (self._fast, self._exact, self._to_verify):
+                if cache:
+                    cache.clear()
 
 
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:

@@ -100,6 +100,9 @@ class Candidate:
     inliers: int | None = None  # regions that moved alike from query to reference, if verified
 
 
+Candidates = tuple[Candidate, ...]  # best first
+
+
 @dataclass(frozen=True, slots=True)
 class Match:
     """The answer to one frame."""
@@ -108,7 +111,7 @@ class Match:
     query_stamp_ns: int
     status: Status
     reason: Reason
-    candidates: tuple[Candidate, ...] = ()  # best first; empty if the frame was skipped
+    candidates: Candidates = ()  # best first; empty if the frame was skipped
     sequence_length: int = 0  # frames matched together, k in the paper; 0 if none could be chosen
     pairs_scored: int = 0  # image pairs compared for this frame
     confidence: float | None = None  # probability in [0, 1] that the best is right, if calibrated

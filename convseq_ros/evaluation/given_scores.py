@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Candidates, Features, Matcher
+from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Descriptor, Frame, Indices, Match
+from convseq_ros.core.types import Candidates, Descriptor, Frame, Indices, Match
 from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.rerun import part_of
 import numpy as np

@@ -12,9 +12,8 @@ from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, Track
 from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEvidence
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.sequence.diagonals import Rows
-from convseq_ros.core.types import Candidate, Indices, Reason, Row
+from convseq_ros.core.types import Candidates, Indices, Reason, Row
 
-Candidates = Sequence[Candidate]
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
 
 

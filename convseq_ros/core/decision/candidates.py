@@ -11,10 +11,8 @@ from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.sequence.diagonals import diagonal, Values
-from convseq_ros.core.types import Candidate, Indices, Reason
+from convseq_ros.core.types import Candidate, Candidates, Indices, Reason
 import numpy as np
-
-Candidates = tuple[Candidate, ...]
 
 
 def best_candidates(

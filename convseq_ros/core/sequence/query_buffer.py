@@ -110,8 +110,7 @@ class QueryBuffer:
 
     def approximate_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored."""
-        rows = [one.row for one in self.outward[:length]]
-        return sequence_scores(rows, velocity, ends, partial=self._partial)
+        return sequence_scores(self.rows[:length], velocity, ends, partial=self._partial)
 
     def best_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """Return scores that are exact for the 8 best at most, those within 0.02 of the best."""

@@ -55,7 +55,7 @@ class ExhaustiveSearch:
         buffer.score(1, ends)
         if length is None:
             return ends, 1.0
-        return ends, self._velocity.update([one.row for one in buffer.outward[:length]])
+        return ends, self._velocity.update(buffer.rows[:length])
 
     def verify(self, ends: Indices, scores: Values) -> None: ...
 

@@ -14,7 +14,7 @@ import numpy as np
 class VELOCITY:
     """Of the search; chosen on drawn drives and halves of real maps (docs/MATCHING.md)."""
 
-    # One to one, slower and faster; what lies between is met to within two references.
+    # One to one, slower ones, faster ones; no further apart than a fifth or a quarter.
     velocities: tuple[float, ...] = (
         1.0, 0.08, 0.1, 0.12, 0.14, 0.17, 0.2, 0.24, 0.29, 0.34, 0.41, 0.5, 0.57, 0.67, 0.8,
         1.25, 1.5, 1.75, 2.0, 2.4, 2.9, 3.5, 4.2, 5.0, 6.0,
