@@ -123,7 +123,8 @@ class PoseGraphNode(Node):
         self._pairs.append((query_ns, reference_ns))
 
     def _work(self) -> None:
-        if len(self._pairs) > self._solved:
+        # A closure may be heard before the first odometry is.
+        if len(self._odometry) and len(self._pairs) > self._solved:
             self._solve()
             self._tell()
         if len(self._odometry) > self._shown:
