@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
-from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import ranked, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.map.online import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -44,8 +43,7 @@ class PlaceRecognizer:
         matcher: Matcher | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
-        threshold = config.encoding.saliency_threshold
-        self._encoding = replace(reference_map.encoding, saliency_threshold=threshold)
+        self._encoding = of_queries(reference_map.encoding, config.encoding)
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)

@@ -47,6 +47,11 @@ def _turned_left(camera: Camera) -> Camera:
     )
 
 
+def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:
+    """Return a map's encoding with what queries may have of their own: which regions count."""
+    return replace(own, saliency_threshold=asked.saliency_threshold)
+
+
 def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
     """
     Return an encoding whose mask is the cells that are seen, as maps keep it, not a file's path.
