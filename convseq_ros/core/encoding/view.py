@@ -3,15 +3,20 @@
 """What of an image is the world: frames turned upright, and what the robot hides masked."""
 
 from dataclasses import replace
+import math
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
+from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError
 import cv2
 import numpy as np
+
+# What was to the right of a lens is above it when the image is turned to the left.
+_ON_ITS_SIDE = of_roll_pitch_yaw((0.0, 0.0, 0.0), math.pi / 2, 0.0, 0.0)
 
 
 @constants
@@ -44,7 +49,26 @@ def _turned_left(camera: Camera) -> Camera:
         fy_px=camera.fx_px,
         cx_px=camera.cy_px,
         cy_px=camera.width_px - 1 - camera.cx_px,
+        distortion=_distortion_turned_left(camera),
+        mount=camera.mount and pose_of(matrix(camera.mount) @ matrix(_ON_ITS_SIDE)),
     )
+
+
+def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
+    """Return coefficients of a lens that is turned: the tangential ones change places."""
+    if camera.distortion_model == 'equidistant' or len(camera.distortion) < 4:
+        return camera.distortion
+    k1, k2, p1, p2, *others = camera.distortion
+    return k1, k2, -p2, p1, *others
+
+
+def mounted(frame: Frame, robot: RobotConfig) -> Frame:
+    """Return a frame whose camera knows where it is on the robot, as said unless it does."""
+    if frame.camera is None or frame.camera.mount or not any(robot.mount):
+        return frame
+    x, y, z, roll, pitch, yaw = robot.mount
+    mount = of_roll_pitch_yaw((x, y, z), roll, pitch, yaw)
+    return replace(frame, camera=replace(frame.camera, mount=mount))
 
 
 def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:

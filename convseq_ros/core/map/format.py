@@ -16,7 +16,7 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
-from convseq_ros.core.types import Camera
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
@@ -71,16 +71,30 @@ class MapSession:
     @property
     def row(self) -> Row:
         """Return what is stored of it."""
-        camera = json.dumps(asdict(self.camera)) if self.camera else None
+        camera = json.dumps(_described(self.camera)) if self.camera else None
         return self.id, self.name, self.start_ns, camera, self.frame
 
     @classmethod
     def of_row(cls, row: Row) -> 'MapSession':
         """Return what was stored; ValueError or TypeError if it is no session."""
         ident, name, start_ns, camera, frame = row
-        intrinsics = None if camera is None else Camera(**json.loads(str(camera)))
         described = None if frame is None else str(frame)
-        return cls(str(ident), str(name), int(str(start_ns)), intrinsics, described)
+        return cls(str(ident), str(name), int(str(start_ns)), _camera(camera), described)
+
+
+def _described(camera: Camera) -> dict[str, object]:
+    """Return what is stored of a camera; what is unknown is left out."""
+    return {name: value for name, value in asdict(camera).items() if value or value == 0}
+
+
+def _camera(stored: object) -> Camera | None:
+    """Return a camera that was stored; ValueError or TypeError if it is none."""
+    if stored is None:
+        return None
+    said = json.loads(str(stored))
+    if mount := said.get('mount'):
+        said['mount'] = Pose(tuple(mount['position']), tuple(mount['orientation']))
+    return Camera(**said | {'distortion': tuple(said.get('distortion', ()))})
 
 
 @dataclass(frozen=True, slots=True)

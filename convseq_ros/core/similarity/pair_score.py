@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.types import Descriptor, Shift
+from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
@@ -34,6 +34,3 @@ class PairScore:
     # normalised ones. Only where a background can be subtracted.
     regions: ShowRegions | None = None
     normalize: Callable[[Cells], Cells] | None = None
-    # From a query, a reference's regions and a shift to those that moved by it, (n, 4): row and
-    # column in the query and in the reference, as shares of the image.
-    inliers: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None
