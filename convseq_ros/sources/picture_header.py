@@ -17,6 +17,7 @@ _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_BITS, _TIFF_SAMPLES = 256, 257, 258, 277
 _TIFF_TILE_WIDTH, _TIFF_TILE_HEIGHT = 322, 323
 _TIFF_TYPES = {3: 'H', 4: 'I', 16: 'Q'}
 _COLOUR_BITS = 24
+_NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # what fits in 32 bits
 
 
 class Declared(NamedTuple):
@@ -94,8 +95,10 @@ def _bmp(data: bytes) -> Declared:
 
 
 def _netpbm(data: bytes) -> Declared:
-    words = re.sub(rb'#[^\n]*', b'', data[2:1024]).split(None, 2)
-    return Declared(int(words[0]) * int(words[1]))
+    found = _NETPBM_SIZE.match(re.sub(rb'#[^\n]*', b'', data[2:1024]))
+    if not found:
+        raise ValueError('its size is no two numbers')
+    return Declared(int(found[1]) * int(found[2]))
 
 
 def _webp(data: bytes) -> Declared:

@@ -96,7 +96,10 @@ def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, de
     assert not decoded
 
 
-@pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'P6 x', b'II*\0'])
+NO_SIZES = [b'P6 x', b'P5 -8 8 255 ', b'P5 6_4 8 255 ', b'P5 ' + b'9' * 400 + b' 8 255 ']
+
+
+@pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'II*\0', *NO_SIZES])
 def test_what_has_no_size_is_not_decoded(data, decoded):
     with pytest.raises(ImageError, match='cannot be decoded'):
         decode_picture(data)
