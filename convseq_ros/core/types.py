@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 Shift = tuple[float, float]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]  # x, y, z, w; of unit length
 Indices = npt.NDArray[np.int64]
 Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
 
@@ -17,8 +19,8 @@ Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is non
 class Pose:
     """Where a camera was."""
 
-    position: tuple[float, float, float]  # x, y, z in metres
-    orientation: tuple[float, float, float, float]  # unit quaternion x, y, z, w
+    position: Vector  # x, y, z in metres
+    orientation: Quaternion
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,26 @@ class Candidate:
 Candidates = tuple[Candidate, ...]  # best first
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class RelativePose:
+    """
+    Where the query's base was in the reference's base frame: x ahead, y left, z up.
+
+    Equal to itself only. The rotation is always known. Where nothing gives the scale, `position_m`
+    is None; where there is no baseline either, so is `direction`. Rows and columns of the
+    covariance whose position is unknown hold a variance of `UNKNOWN_M2`.
+    """
+
+    orientation: Quaternion
+    position_m: Vector | None
+    direction: Vector | None  # of the position, a unit vector
+    covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z and turns about them; m and rad
+    inliers: int  # correspondences that agree with it
+
+
+UNKNOWN_M2 = 1e6  # variance of a position that is not known, in square metres
+
+
 @dataclass(frozen=True, slots=True)
 class Match:
     """The answer to one frame."""
@@ -122,6 +144,8 @@ class Match:
     # from above (REP-103), if the shift and the camera are known. Turned left, positive, it sees
     # things further right than the reference does: negative columns.
     relative_yaw_rad: float | None = None
+    # Of the base, against the accepted reference's; None if it was not measured.
+    relative_pose: RelativePose | None = None
 
     @property
     def best(self) -> Candidate | None:
