@@ -34,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2
 
+from bench.torture.page import keep_soak
 from bench.torture.robot import image, Robot, robot, unaccounted
 
 _TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
@@ -116,7 +117,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
+    if chosen.docs:
+        keep_soak(chosen.docs, stem, _command(chosen), text)
+        _picture(samples, text, chosen.docs / 'images' / f'{stem}.png')
     return int(left != 0 or told.get('failed') != '0' or percent_an_hour > _MOST_GROWTH)
+
+
+def _command(chosen: argparse.Namespace) -> str:
+    """Return the options that were not left as they are."""
+    asked = {name: value for name, value in vars(chosen).items() if name not in ('docs', 'output')}
+    usual = vars(_parser().parse_args([]))
+    given = {name: one for name, one in asked.items() if one != usual[name] or name == 'mode'}
+    shown = {name: f'{one:g}' if isinstance(one, float) else one for name, one in given.items()}
+    return ' '.join(f'--{name.replace("_", "-")} {one}' for name, one in shown.items())
 
 
 def growth(samples: Sequence[Sample]) -> tuple[float, float]:
@@ -227,15 +240,17 @@ def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:
         ('from image to answer, ms', ('median_ms', 'worst_ms')),
     )
     for number, (label, names) in enumerate(panels):
-        axes = figure.add_axes((0.09, 0.71 - 0.21 * number, 0.86, 0.17))
+        axes = figure.add_axes((0.09, 0.72 - 0.215 * number, 0.86, 0.16))
         for name, color in zip(names, ('#1f6fb2', '#d08a1d'), strict=False):
             values = [getattr(one, name) for one in samples]
             axes.plot(minutes, values, color=color, linewidth=1.5, label=name.split('_')[0])
         axes.set_ylim(bottom=0)
         axes.set_title(label, fontsize=8, loc='left')
-        axes.tick_params(labelsize=7)
+        axes.tick_params(labelsize=7, labelbottom=number == len(panels) - 1)
         if len(names) > 1:
-            axes.legend(fontsize=7, frameon=False, loc='lower right')
+            axes.legend(
+                fontsize=7, frameon=False, loc='lower right', ncols=2, bbox_to_anchor=(1, 1)
+            )
     axes.set_xlabel('minutes', fontsize=8)
     save(figure, path)
 
@@ -251,6 +266,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--image-size-px', type=int, default=512, help='as the parameter (512)')
     parser.add_argument('--keyframe-overlap', type=float, default=0.75, help='as the parameter')
     parser.add_argument('--sample-s', type=float, default=_SAMPLE_S, help='between samples (5)')
+    parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
     parser.add_argument('--output', type=Path, default=Path('soak'), help='folder to write (soak)')
     return parser
 

@@ -32,8 +32,9 @@ _SOAK = """
 ## Soak
 
 A drawn town is driven through the real node; memory, handles, threads and latency are written as a
-table and a picture. Growth is what comes with time alone, and what comes with places; frames that
-were sent are answered, or counted as dropped or lost.
+table and a picture. Growth is what comes with time alone, and what comes with places; where places
+come at a steady pace, all of it counts as theirs. Frames that were sent are answered, or counted
+as dropped or lost.
 
 | command | what came of it |
 |---|---|
