@@ -11,11 +11,13 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.process import hand_over, ignore, run_node, stand
+from convseq_ros.process import hand_over, ignore, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    run_node('convseq_ros.node.vpr_node')
+    from convseq_ros.node.__main__ import main as start
+
+    start()
 
 from convseq_ros.config import Config
 from convseq_ros.core.session import Session
@@ -25,6 +27,7 @@ from convseq_ros.node.diagnostics import Diagnostics, Situation
 from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
+from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
@@ -123,6 +126,9 @@ class VprNode(Node):
             self._images.advice,
             config.diagnostics_period_s,
         )
+        self._progress = ProgressLog(
+            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
+        )
         self._warm = self.create_guard_condition(self._listen)
         self._worker.between_items(self._warm_up)
         self._worker.start()
@@ -133,6 +139,7 @@ class VprNode(Node):
             self._recognition.close()
         elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
+        self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
         self._results.close()
