@@ -35,13 +35,20 @@ class EncodingConfig(Checked):
         'exact', 'How images are resized: exact is the same on every processor, linear as in maps '
         'that were made before; a map keeps its own.', choices=('exact', 'linear'),
     )
+    image_mask: str = parameter(
+        '', 'Picture file: white where the camera sees the world, black where it sees the robot '
+        'or nothing; of any size; empty for none, or the one that a map keeps.',
+    )
+    image_rotation_deg: int = parameter(
+        0, 'Images are turned counter-clockwise by this before all else, for a camera on its '
+        'side or upside down: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
-        if self.image_size_px % 16:
-            raise ConfigError(
-                f'image_size_px: {self.image_size_px} is not a multiple of the 16 px cell'
-            )
+        for name, step in (('image_size_px', 16), ('image_rotation_deg', 90)):
+            if (value := getattr(self, name)) % step:
+                raise ConfigError(f'{name}: {value} is not a multiple of {step}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +156,7 @@ class AcceptanceConfig(Checked):
         unit='places', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = parameter(
-        5, 'Candidates in every result, no two of them nearer than rival_distance.',
-        low=1, high=100,
+        5, 'Candidates in every result, no two nearer than rival_distance.', low=1, high=100,
     )
     closure_interval_s: float = parameter(
         0.0, 'Least time between two accepted matches; 0 accepts every sure frame.',

@@ -20,7 +20,7 @@ _PAGE = (
     'my.yaml` prints all of them, ready',
     'to edit; a name that is not listed is an error. Those marked * may change while the node '
     'runs. `build-map` takes those of',
-    'keyframes and motion, `image_size_px` and `max_image_mpx`.',
+    'keyframes and motion, `image_size_px`, `image_mask`, `image_rotation_deg` and `max_image_mpx`.',
     '',
 )
 
