@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
+from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 
 Group = TypeVar('Group')
@@ -252,6 +253,7 @@ class Config:
     motion: MotionConfig = MotionConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    localization: LocalizationConfig = LocalizationConfig()
     reading: ReadingConfig = ReadingConfig()
 
 
