@@ -60,6 +60,18 @@ class NodeConfig(Checked):
         'is not known.',
         unit='rad', low=0.0, high=math.pi, dynamic=True,
     )
+    localize_timeout_s: float = parameter(
+        10.0, '~/localize answers after this time at the latest, with the reason why the robot is '
+        'not localised.', unit='s', low=0.0, high=3600.0, dynamic=True,
+    )
+    publish_initial_pose: bool = parameter(
+        False, 'Whether one pose goes to the topic `initialpose` each time that the robot was '
+        'lost and is localised, if the map has poses.',
+    )
+    lifecycle: bool = parameter(
+        False, 'Whether the node waits to be configured and activated by ~/change_state '
+        '(lifecycle_msgs) instead of starting at once.',
+    )
     diagnostics_period_s: float = parameter(
         1.0, 'Time between two messages on /diagnostics.', unit='s', low=0.1, high=60.0,
     )

@@ -18,7 +18,9 @@ class LOCALIZER:
     """Engineering; scripts/relocalise.py measures what comes of it."""
 
     near_m: float = 5.0  # beyond what odometry says, within which it is the same place
-    places_a_keyframe: int = 6  # most that a drive moves on in the map: the velocities searched
+    # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
+    # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
+    places_a_keyframe: int = 2
     silent_keyframes: int = 30  # that recognise nothing, after which it is lost
 
 

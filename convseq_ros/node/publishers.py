@@ -63,8 +63,14 @@ class MatchPublishers:
         """Show another map."""
         self._path.follow(reference_map, self.config.map_frame)
 
-    def publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
-        """Publish the answer to one frame; -1 and 0 stand for no match and no score."""
+    def publish(
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer
+    ) -> PoseEstimate | None:
+        """
+        Publish the answer to one frame, and return the pose that was, if any.
+
+        -1 and 0 stand for no match and no score.
+        """
         best, accepted = match.best, match.accepted
         places = recognizer.reference_map.places
         poses = {
@@ -78,6 +84,7 @@ class MatchPublishers:
         if accepted:
             estimate = self._publish_accepted(match, accepted, recognizer)
         self._show(frame, match, recognizer, estimate)
+        return estimate
 
     def _publish_accepted(
         self, match: Match, accepted: Candidate, recognizer: PlaceRecognizer
