@@ -70,7 +70,7 @@ def test_an_unknown_name_is_refused_with_the_nearest_known_one():
         ('max_length', 2.5, 'expected int, got 2.5'),
         ('max_length', True, 'expected int, got True'),
         ('overlap_threshold', 'high', "expected float, got 'high'"),
-        ('image_size_px', 500, 'multiple of the 16 px cell'),
+        ('image_size_px', 500, 'multiple of 16'),
         ('max_length', 14, 'ascending order'),
     ],
 )

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
-from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import ranked, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.online import make_mapping
@@ -44,17 +44,15 @@ class PlaceRecognizer:
         matcher: Matcher | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
-        self._encoding = replace(config.encoding, resize=reference_map.encoding.resize)
-        self._blank = blank_descriptor(config.encoding)
+        self._encoding = of_queries(reference_map.encoding, config.encoding)
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, config.matching.matching == 'coherent')
-        self._search = make_search(reference_map, config)
-        self._acceptance = Acceptance(config)
+        self._search, self._acceptance = make_search(reference_map, config), Acceptance(config)
+        self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config)
-        self._order, self._frames = StampOrder(), 0
         self._last: Match | None = None
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
@@ -70,7 +68,7 @@ class PlaceRecognizer:
         dropped frames hold their places; (5) another velocity than the map's is followed.
 
         """
-        match = self._answer(frame, descriptor)
+        match = self._answer(upright(frame, self._encoding), descriptor)
         return self.localizer.update(match, frame.pose, self.mapping.session_start)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
@@ -83,8 +81,7 @@ class PlaceRecognizer:
             self._order.update(frame.stamp_ns)
             self.resets += 1
 
-        def encode() -> Descriptor:
-            # III-B, III-C: entropy of the image, histograms of gradients in its cells.
+        def encode() -> Descriptor:  # III-B, III-C: entropy, histograms of gradients in cells
             if descriptor is None and frame.gray is not None:
                 return describe(frame.gray, self._encoding)
             return descriptor or self._blank

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -125,7 +126,8 @@ class MatchPublishers:
         if self._debug_image.get_subscription_count():
             best = match.best
             thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
-            picture = debug_image(frame, match, thumbnail, recognizer.buffer.inliers(best))
+            shown = upright(frame, reference_map.encoding)
+            picture = debug_image(shown, match, thumbnail, recognizer.buffer.inliers(best))
             self._debug_image.publish(image_message(picture, match_header(match, '')))
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:
