@@ -49,6 +49,9 @@ class NodeConfig(Checked):
         0.05, 'A frame waits at most this long for odometry of its moment, if there is odometry.',
         unit='s', low=0.0, high=10.0,
     )
+    base_frame: str = parameter(
+        'base_link', 'TF frame of the robot (REP-105), to which ~/closure refers.',
+    )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.')
     position_sigma_m: float = parameter(
         0.5, 'Standard deviation of the positions in the map; ~/pose adds what the spacing of '
