@@ -3,8 +3,8 @@
 """
 Every parameter, written once: name, default, bounds, unit and one sentence.
 
-ROS declarations, the YAML file, command-line options and the table in the README are derived
-from the dataclasses below. Names are unique across groups, so that users write them flat.
+ROS declarations, the YAML file, command-line options and docs/PARAMETERS.md are derived from the
+dataclasses below. Names are unique across groups, so that users write them flat.
 """
 
 from collections.abc import Iterator, Mapping

@@ -7,11 +7,11 @@ import threading
 import time
 from typing import Any
 
-from convseq_ros.process import run_node
-
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    run_node('convseq_ros.node.vpr_node')
+    from convseq_ros.node.__main__ import main as start
+
+    start()
 
 from convseq_ros.config import Config
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -24,6 +24,7 @@ from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
+from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
@@ -122,6 +123,9 @@ class VprNode(ManagedNode):
             self._images.advice,
             config.diagnostics_period_s,
         )
+        self._progress = ProgressLog(
+            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
+        )
         self._warm = self.create_guard_condition(self._on_warm)
         self._warmed = threading.Event()
         self._is_open = True
@@ -154,6 +158,7 @@ class VprNode(ManagedNode):
             self._recognition.close()
         elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
+        self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
         self._results.close()
