@@ -3,17 +3,18 @@
 """
 Every parameter, written once: name, default, bounds, unit and one sentence.
 
-ROS declarations, the YAML file, command-line options and the table in the README are derived
-from the dataclasses below. Names are unique across groups, so that users write them flat.
+ROS declarations, the YAML file, command-line options and docs/PARAMETERS.md are derived from the
+dataclasses below. Names are unique across groups, so that users write them flat.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-import math
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
+from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
+from convseq_ros.robot_config import RobotConfig
 
 Group = TypeVar('Group')
 
@@ -181,41 +182,6 @@ class MotionConfig(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotConfig(Checked):
-    """Where the camera is on the robot, and how far odometry is believed."""
-
-    camera_to_base: str = parameter(
-        '0 0 0 0 0 0', 'Where the upright camera is in base_frame: x y z in metres, roll pitch '
-        'yaw in radians; x ahead, along the lens, y left, z up. The node prefers TF.',
-    )
-    odometry_way_error: float = parameter(
-        0.1, 'Odometry is off by at most this share of the way; a match that contradicts it by '
-        'more is implausible. 0 believes every match.', low=0.0, high=10.0,
-    )
-    odometry_turn_error: float = parameter(
-        0.05, 'Odometry is off by at most this share of what the robot turns, in addition.',
-        low=0.0, high=10.0,
-    )
-
-    def __post_init__(self) -> None:
-        Checked.__post_init__(self)
-        if len(self.mount) != 6:
-            raise ConfigError(
-                f'camera_to_base: {self.camera_to_base!r} is not six numbers: x y z in metres, '
-                'roll pitch yaw in radians'
-            )
-
-    @property
-    def mount(self) -> tuple[float, ...]:
-        """The numbers of camera_to_base; none if they are no numbers."""
-        try:
-            numbers = tuple(float(word) for word in self.camera_to_base.split())
-        except ValueError:
-            return ()
-        return numbers if all(map(math.isfinite, numbers)) else ()
-
-
-@dataclass(frozen=True, slots=True)
 class OnlineConfig(Checked):
     """Whether the map grows from the robot's own past, and how much of that is too fresh."""
 
@@ -295,6 +261,7 @@ class Config:
     robot: RobotConfig = RobotConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    localization: LocalizationConfig = LocalizationConfig()
     reading: ReadingConfig = ReadingConfig()
 
 
@@ -315,15 +282,7 @@ def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
 
 
 def make_config(values: Mapping[str, Any]) -> Config:
-    """
-    Return a configuration from flat names.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown or a value is not allowed.
-
-    """
+    """Return a configuration from flat names; ConfigError if a name or value is not allowed."""
     refuse_unknown(values, [item.name for item in core_parameters()])
     return Config(**{name: make_group(kind, values) for name, kind in _groups(Config).items()})
 

@@ -11,10 +11,10 @@ from bisect import bisect_left
 from dataclasses import dataclass
 import math
 
-from convseq_ros.config import RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
 from convseq_ros.core.types import Pose
+from convseq_ros.robot_config import RobotConfig
 import numpy as np
 
 

@@ -6,12 +6,13 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig, RobotConfig
+from convseq_ros.config import EncodingConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError
+from convseq_ros.robot_config import RobotConfig
 import cv2
 import numpy as np
 
@@ -27,17 +28,19 @@ class MASK:
     block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
 
 
-def upright(frame: Frame, encoding: EncodingConfig) -> Frame:
-    """Return a frame whose image and camera are turned counter-clockwise, as an encoding says."""
+def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
+    """
+    Return a frame whose image and camera are turned counter-clockwise, as an encoding says.
+
+    The camera that comes out is where its own record, or else the robot's, says.
+    """
     turns = encoding.image_rotation_deg // 90
-    if not turns:
-        return frame
     gray, camera = frame.gray, frame.camera
-    if gray is not None:
+    if gray is not None and turns:
         gray = np.ascontiguousarray(np.rot90(gray, turns))
     for _ in range(turns if camera else 0):
         camera = _turned_left(camera) if camera else None
-    return replace(frame, gray=gray, camera=camera)
+    return replace(frame, gray=gray, camera=_mounted(camera, robot))
 
 
 def _turned_left(camera: Camera) -> Camera:
@@ -62,13 +65,11 @@ def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
     return k1, k2, -p2, p1, *others
 
 
-def mounted(frame: Frame, robot: RobotConfig) -> Frame:
-    """Return a frame whose camera knows where it is on the robot, as said unless it does."""
-    if frame.camera is None or frame.camera.mount or not any(robot.mount):
-        return frame
+def _mounted(camera: Camera | None, robot: RobotConfig) -> Camera | None:
+    if camera is None or camera.mount or not any(robot.mount):
+        return camera
     x, y, z, roll, pitch, yaw = robot.mount
-    mount = of_roll_pitch_yaw((x, y, z), roll, pitch, yaw)
-    return replace(frame, camera=replace(frame.camera, mount=mount))
+    return replace(camera, mount=of_roll_pitch_yaw((x, y, z), roll, pitch, yaw))
 
 
 def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:

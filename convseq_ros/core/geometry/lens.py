@@ -12,6 +12,12 @@ import numpy.typing as npt
 Points = npt.NDArray[np.float64]  # (n, 2), each NaN where it is not known
 
 
+# How many numbers OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
+COEFFICIENTS = {
+    '': (0,), 'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
+}  # fmt: skip
+
+
 @constants
 class LENS:
     """Of lenses; engineering, not studied."""
@@ -30,7 +36,9 @@ def is_usable(camera: Camera) -> bool:
     """Return whether rays follow from the numbers of a camera."""
     sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px
     numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
-    return bool(np.isfinite(numbers).all()) and min(sizes) > 0
+    model = camera.distortion_model if camera.distortion else ''
+    is_known = len(camera.distortion) in COEFFICIENTS.get(model, ())
+    return is_known and bool(np.isfinite(numbers).all()) and min(sizes) > 0
 
 
 def rays(camera: Camera, places: Points, side: int) -> Points:

@@ -91,10 +91,19 @@ def _camera(stored: object) -> Camera | None:
     """Return a camera that was stored; ValueError or TypeError if it is none."""
     if stored is None:
         return None
-    said = json.loads(str(stored))
-    if mount := said.get('mount'):
-        said['mount'] = Pose(tuple(mount['position']), tuple(mount['orientation']))
-    return Camera(**said | {'distortion': tuple(said.get('distortion', ()))})
+    said = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
+    model, distortion = (
+        str(said.pop('distortion_model')),
+        tuple(map(float, said.pop('distortion'))),
+    )
+    mount = None if (given := said.pop('mount')) is None else Pose(**dict(given))
+    if mount:
+        x, y, z = map(float, mount.position)
+        qx, qy, qz, qw = map(float, mount.orientation)
+        mount = Pose((x, y, z), (qx, qy, qz, qw))
+    if not all(isinstance(value, int | float) for value in said.values()):
+        raise ValueError('camera: what should be numbers is not')
+    return Camera(**said, distortion_model=model, distortion=distortion, mount=mount)
 
 
 @dataclass(frozen=True, slots=True)
