@@ -21,7 +21,7 @@ COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'play': 'publish a recording to live topics, with /clock',
-    'info': 'say what a map holds',
+    'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
