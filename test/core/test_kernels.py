@@ -12,13 +12,18 @@ from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
-from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.coherent import CoherentQuery
+from convseq_ros.core.similarity.global_similarity import (
+    global_similarity,
+    lateral_shifts,
+    rounded,
+)
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, shown_regions
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -151,13 +156,56 @@ def test_compiled_regions_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
     needs_library()
-    from convseq_ros.core.similarity.kernels.regions import shown_regions as compiled
+    from convseq_ros.core.similarity.kernels.regions import less_background as compiled
 
-    cells, background = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
-    found, expected = (show(cells, background) for show in (compiled, shown_regions))
+    regions, background = (projected_regions(drawn(seed, side).cells) for seed in (1, 2))
+    found, expected = (show(regions, background) for show in (compiled, less_background))
     assert np.abs(found[0] - expected[0]).max() < 2e-6
     assert np.abs(found[1] - expected[1]).max() < 2e-6 * 2**24
-    assert compiled(cells, None)[1] is shown_regions(cells, None)[1] is None
+    assert compiled(regions, None)[1] is less_background(regions, None)[1] is None
+
+
+@pytest.mark.parametrize('side', [3, 7, 32])
+@pytest.mark.parametrize('kernel', ['int8', 'float32'])
+@pytest.mark.parametrize('normalizes', [False, True])
+@pytest.mark.parametrize('subtracts', [False, True])
+def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtracts):
+    needs_library()
+    from convseq_ros.core.similarity.kernels import references
+
+    pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
+    background = projected_regions(drawn(0, side).cells) if subtracts else None
+    packed = [pack_cells(drawn(seed, side).cells * (seed != 2)) for seed in range(1, 5)]
+    found = pair.prepare_packed(packed, normalizes, background)
+    normalize = pair.normalize if normalizes else (lambda cells: cells)
+    assert found[1] is None
+    for one, made in zip(packed, found, strict=True):
+        if made is not None:
+            expected = pair.prepare(normalize(unpack_cells(one)), background)
+            assert made.dtype == expected.dtype and made.shape == expected.shape
+            regions = references._room(side - 2)
+            assert np.array_equal(made[:regions], expected[:regions])
+            blocks = (one[regions:].view(np.float32) for one in (made, expected))
+            assert np.abs(np.subtract(*blocks)).max(initial=0) <= 1
+
+
+def test_compiled_global_similarities_are_those_of_the_definition():
+    needs_library()
+    from convseq_ros.core.similarity.kernels import references
+
+    rng = np.random.default_rng(3)
+    for side in (1, 5, 30):
+        count = -(-side // 3)
+        drawn_blocks = rng.normal(0, 1, (4, count, count, 32)).astype(np.float32)
+        blocks = [rounded(one) for one in drawn_blocks]
+        regions = np.zeros((side**2, 32), np.float32)
+        packed = [references.pack(regions, one, 0.0) for one in blocks]
+        found = references.alike(blocks[0], side, packed)
+        shifted = lateral_shifts(blocks[0], side)
+        assert np.array_equal(found, global_similarity(shifted, np.array(blocks, np.float64)))
+        assert found[0] == pytest.approx(1)
+        bare = references.pack(regions, None, 0.0)
+        assert references.alike(blocks[0], side, [packed[1], bare]) is None
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
@@ -256,6 +304,7 @@ import cv2
 import numpy as np
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.place import pack_cells
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_halves import products
 
@@ -269,11 +318,16 @@ told(*(one.cells for one in shown))
 for way in ('coherent', 'regional'):
     for name in ('int8', 'float32'):
         kernel = chosen_kernels(MatchingConfig(matching=way, kernel=name))[0]
-        background = kernel.regions(shown[5].cells, None)[0] if kernel.regions else None
-        query = kernel.extract(shown[0], 4.0, background)
+        background = own = None
+        if kernel.project:
+            background = kernel.project(shown[5].cells)
+            own = kernel.subtract(kernel.project(shown[0].cells), background)
+            told(kernel.normalize(shown[0].cells), own[0])
+            packed = [pack_cells(one.cells) for one in shown[:5]]
+            many = kernel.prepare_packed(packed, True, background)
+            told(*kernel.compare(kernel.extract(shown[0], 4.0, own), many))
+        query = kernel.extract(shown[0], 4.0, own)
         prepared = [kernel.prepare(one.cells, background) for one in shown[:5]]
-        if kernel.normalize:
-            told(kernel.normalize(shown[0].cells), kernel.regions(shown[0].cells, background)[0])
         scores, shifts = kernel.compare(query, prepared)
         told(scores, np.zeros(0) if shifts is None else shifts)
 rows = np.random.default_rng(2).normal(0, 1, (100, 252)).astype(np.float16)
@@ -319,7 +373,7 @@ def test_all_kinds_of_kernels_find_the_same_to_the_last_bit(variant):
     found, expected = (
         in_process(ENCODE_AND_SCORE, CONVSEQ_KERNELS=each) for each in (variant, best)
     )
-    assert len(expected) == 8
+    assert len(expected) == 10
     assert found == expected
 
 

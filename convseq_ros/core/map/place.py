@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 Packed = npt.NDArray[np.float16]
 
-_SCALE = np.float32(64.0)  # of stored cells; sums of strengths would overflow float16 otherwise
+PACKED_UNIT = np.float32(
+    64.0
+)  # of stored cells; sums of strengths would overflow float16 otherwise
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
 _TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
@@ -124,12 +126,12 @@ class Places(Sequence[Place]):
 
 def pack_cells(cells: Cells) -> Packed:
     """Return cells in half precision, divided by 64 so that none overflows."""
-    return (cells / _SCALE).astype(np.float16)
+    return (cells / PACKED_UNIT).astype(np.float16)
 
 
 def unpack_cells(packed: Packed) -> Cells:
     """Return the float32 cells of packed ones."""
-    return np.multiply(packed, _SCALE, dtype=np.float32)
+    return np.multiply(packed, PACKED_UNIT, dtype=np.float32)
 
 
 def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:

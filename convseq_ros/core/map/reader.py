@@ -21,6 +21,7 @@ from convseq_ros.errors import MapError
 
 _ROWS_AT_ONCE = 1024  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
+_PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
 def open_map(
@@ -108,20 +109,26 @@ class MapReader:
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""
         # One transaction for many: what a read costs is mostly the lock on the file.
+        wanted, found = [*dict.fromkeys(indices)], dict[int, Picture]()
         with self._at_one_moment():
-            found = {index: self._picture(index, with_images) for index in dict.fromkeys(indices)}
+            for start in range(0, len(wanted), _PICTURES_AT_ONCE):
+                some = wanted[start : start + _PICTURES_AT_ONCE]
+                stored = self._of_places('pictures', some)
+                images = self._of_places('images', some) if with_images else {}
+                for index in some:
+                    cells, thumbnail = stored[index]
+                    (jpeg,) = images.get(index, (None,))
+                    packed = decode_cells(cells, self._cell_shape)
+                    found[index] = Picture(packed, thumbnail, jpeg)
         return [found[index] for index in indices]
 
-    def _picture(self, index: int, with_image: bool) -> Picture:
-        cells, thumbnail = self._of_place('pictures', index)
-        (jpeg,) = self._of_place('images', index) if with_image else (None,)
-        return Picture(decode_cells(cells, self._cell_shape), thumbnail, jpeg)
-
-    def _of_place(self, table: str, index: int) -> tuple[Any, ...]:
-        rows = self._sound(table, 'WHERE reference_index = ?', (index,))
-        if not rows or rows[0][0] != index:
-            raise ValueError(f'reference {index} is missing')
-        return rows[0][1:-1]
+    def _of_places(self, table: str, indices: list[int]) -> dict[int, tuple[Any, ...]]:
+        condition = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
+        rows = self._sound(table, condition, tuple(indices))
+        found = {row[0]: row[1:-1] for row in rows}
+        if missing := [index for index in indices if index not in found]:
+            raise ValueError(f'reference {missing[0]} is missing')
+        return found
 
     def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""

@@ -10,7 +10,15 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import pack_cells, Picture, Place, Places, thumbnail, unpack_cells
+from convseq_ros.core.map.place import (
+    pack_cells,
+    Packed,
+    Picture,
+    Place,
+    Places,
+    thumbnail,
+    unpack_cells,
+)
 from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
@@ -95,7 +103,11 @@ class ReferenceMap:
 
     def cells_of(self, indices: Sequence[int]) -> list[Cells]:
         """Return what `cells` does for several places, which are read in one go."""
-        return [unpack_cells(one.packed) for one in self.pictures(indices)]
+        return [unpack_cells(packed) for packed in self.packed_of(indices)]
+
+    def packed_of(self, indices: Sequence[int]) -> list[Packed]:
+        """Return the packed cells of several places, which are read in one go."""
+        return [one.packed for one in self.pictures(indices)]
 
     def thumbnail(self, index: int) -> bytes:
         """Return the JPEG of a place, empty if it has none."""

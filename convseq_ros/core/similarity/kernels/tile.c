@@ -86,10 +86,11 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
         int half = place % COLUMNS / LANES, lane = place % LANES;
         int8_t bytes[NUMBERS];
         for (int number = 0; number < NUMBERS; number++)
-            bytes[number] = quantised(own[number], scale, origin);
-        for (int number = 0; number < NUMBERS; number++)
-            vectors[(number / 4 * 2 + half) * 4 * LANES + byte_place(lane, number % 4)] =
-                (int8_t)(bytes[number] + OFFSET);
+            bytes[number] = (int8_t)(quantised(own[number], scale, origin) + OFFSET);
+        for (int four = 0; four < NUMBERS / 4; four++)
+            for (int two = 0; two < 4; two += 2) // which lie beside each other in all layouts
+                memcpy(vectors + (four * 2 + half) * 4 * LANES + byte_place(lane, two),
+                       bytes + 4 * four + two, 2);
     }
     return 0;
 }
