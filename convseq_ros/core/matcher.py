@@ -101,9 +101,9 @@ class Matcher:
         """Return what `scores` does for several queries, with all references read in one go."""
         return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
-    def exact_scores(self, query: Features, indices: Indices) -> Row:
-        """Return what `scores` does, by the definition."""
-        return self._exact.scores_of([(query.exact, indices)])[0]
+    def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
+        """Return what `scores_of` does, by the definition."""
+        return self._exact.scores_of([(query.exact, indices) for query, indices in asked])
 
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""

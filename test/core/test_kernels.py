@@ -171,7 +171,6 @@ def test_compiled_regions_less_their_background_are_those_of_the_definition(side
 @pytest.mark.parametrize('subtracts', [False, True])
 def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtracts):
     needs_library()
-    from convseq_ros.core.similarity.kernels import references
 
     pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
     background = projected_regions(drawn(0, side).cells) if subtracts else None
@@ -182,11 +181,11 @@ def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtra
     for one, made in zip(packed, found, strict=True):
         if made is not None:
             expected = pair.prepare(normalize(unpack_cells(one)), background)
-            assert made.dtype == expected.dtype and made.shape == expected.shape
-            regions = references._room(side - 2)
-            assert np.array_equal(made[:regions], expected[:regions])
-            blocks = (one[regions:].view(np.float32) for one in (made, expected))
-            assert np.abs(np.subtract(*blocks)).max(initial=0) <= 1
+            assert made.blocks == expected.blocks and (made.blocks > 0) == subtracts
+            panels = [one.panel.view(np.float32) for one in (made, expected)]
+            end = made.blocks or len(panels[0])
+            assert np.array_equal(*(one[:end].view(np.int32) for one in panels))
+            assert np.abs(panels[0][end:] - panels[1][end:]).max(initial=0) <= 1
 
 
 def test_compiled_global_similarities_are_those_of_the_definition():
@@ -200,12 +199,13 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         blocks = [rounded(one) for one in drawn_blocks]
         regions = np.zeros((side**2, 32), np.float32)
         packed = [references.pack(regions, one, 0.0) for one in blocks]
-        found = references.alike(blocks[0], side, packed)
+        where = np.array([one.address for one in packed], np.uint64)
+        found = references.alike(blocks[0], side, packed, where)
         shifted = lateral_shifts(blocks[0], side)
         assert np.array_equal(found, global_similarity(shifted, np.array(blocks, np.float64)))
         assert found[0] == pytest.approx(1)
         bare = references.pack(regions, None, 0.0)
-        assert references.alike(blocks[0], side, [packed[1], bare]) is None
+        assert references.alike(blocks[0], side, [packed[1], bare], where) is None
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
@@ -225,7 +225,7 @@ def test_8_bit_scores_are_those_of_whole_numbers(side):
 def test_of_equal_counterparts_the_first_is_taken():
     needs_library()
     from convseq_ros.core.similarity.kernels.coherent import _compared, _float_query
-    from convseq_ros.core.similarity.kernels.panel import reference_floats
+    from convseq_ros.core.similarity.kernels.references import pack
 
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -234,7 +234,7 @@ def test_of_equal_counterparts_the_first_is_taken():
         own[:, 4:] = 0
         index = np.sort(rng.permutation(900)[:100])
         query = CoherentQuery(own[index], index, 30)
-        scores, shifts = _compared(_float_query(query), [reference_floats(other)])
+        (scores, shifts), _ = _compared(_float_query(query), None, [pack(other, None, 0.0)])
         expected, shift = coherent_score(query, other)
         assert scores[0] == pytest.approx(expected, abs=1e-6)
         assert tuple(shifts[0]) == shift
@@ -269,7 +269,7 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         scores = fast.scores(features, everywhere)
         assert np.abs(scores - expected).max() < TOLERANCE[way, 'int8']
         best = np.argsort(-scores)[:RESCORED]
-        exact = fast.exact_scores(features, best)
+        exact = fast.exact_scores_of([(features, best)])[0]
         assert np.abs(exact - expected[best]).max() < 1e-6
         assert best[exact.argmax()] == expected.argmax()
 

@@ -3,6 +3,7 @@
 """The matcher: references, kernels and threads behind one interface."""
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, Library
@@ -51,7 +52,7 @@ def made(request, way):
 def test_a_reference_that_shows_nothing_has_no_score(made):
     matcher = made(drawn_map(5, blank=(1, 3)))
     query = matcher.extract(drawn(4))
-    for scores in (matcher.scores, matcher.exact_scores):
+    for scores in (matcher.scores, partial(exact_scores, matcher)):
         found = scores(query, np.arange(5))
         assert np.isnan(found).tolist() == [False, True, False, True, False]
         assert np.nanargmax(found) == 4
@@ -84,6 +85,10 @@ def test_a_score_depends_on_no_other_reference_thread_or_cache(made):
         assert np.array_equal(found, expected, equal_nan=True)
     alone = [plain.scores(query, indices[place : place + 1])[0] for place in range(70)]
     assert np.array_equal(alone, expected, equal_nan=True)
+
+
+def exact_scores(matcher, query, indices):
+    return matcher.exact_scores_of([(query, indices)])[0]
 
 
 class Watched(ReferenceMap):
@@ -177,7 +182,7 @@ def test_exact_scores_are_those_of_the_definition(made, way):
     expected = definition.scores(definition.extract(drawn(2)), np.arange(6))
     matcher = made(reference_map)
     query = matcher.extract(drawn(2))
-    assert np.abs(matcher.exact_scores(query, np.arange(6)) - expected).max() < 1e-6
+    assert np.abs(exact_scores(matcher, query, np.arange(6)) - expected).max() < 1e-6
     assert matcher.exact == (not matcher.kernel.startswith('int8'))
     if matcher.exact:
         assert np.abs(matcher.scores(query, np.arange(6)) - expected).max() < 1e-6

@@ -115,9 +115,10 @@ class ReferenceMap:
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; those that are stored are read in one go."""
+        count = len(self)
         for index in indices:
-            if not 0 <= index < len(self):
-                raise IndexError(f'reference {index} of {len(self)}')
+            if not 0 <= index < count:
+                raise IndexError(f'reference {index} of {count}')
         with self._moving:
             stored, read = self._stored, self._read_pictures
             found = {one: self._in_memory[one - stored] for one in indices if one >= stored}

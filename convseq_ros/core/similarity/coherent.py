@@ -92,8 +92,7 @@ def coherent_pair(
     pack_query: Callable[[CoherentQuery], Any],
     shift: Callable[[Blocks, int], Any],
     pack_reference: Callable[[Regions, Blocks | None], Any],
-    compare: Callable[[Any, Sequence[Any]], Scores],
-    alike: Callable[[Any, int, Sequence[Any]], npt.NDArray[np.float32] | None],
+    compare: Callable[[Any, Any, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]],
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
 ) -> PairScore:
     """
@@ -101,8 +100,8 @@ def coherent_pair(
 
     If there is a background, up to half of the score is lost as the global similarity falls.
     `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
-    and `alike` compute `coherent_score` and `global_similarity` of a query and some references,
-    as `pack_query`, `shift` and `pack_reference` lay them out.
+    computes `coherent_score` of a query and some references, and their `global_similarity`, as
+    `pack_query`, `shift` and `pack_reference` lay them out.
     """
     _, project, subtract = regions
 
@@ -118,11 +117,8 @@ def coherent_pair(
         return pack_reference(*subtract(project(cells), background))
 
     def score(query: _Query, references: Sequence[Any]) -> Scores:
-        shares, shifts = compare(query.packed, references)
-        similarity = None
-        if query.shifted is not None:
-            similarity = alike(query.shifted, query.regions.side, references)
-        return (shares if similarity is None else shares * (0.5 + 0.5 * similarity)), shifts
+        (shares, shifts), alike = compare(query.packed, query.shifted, references)
+        return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
     there = lambda query, *where: inlier_regions(query.regions, *where)  # noqa: E731
     return PairScore(name, exact, extracted, prepare, score, *regions, there, prepare_packed)

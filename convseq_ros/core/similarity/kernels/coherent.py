@@ -9,15 +9,10 @@ from functools import partial
 from convseq_ros.core.compiled import array, kernel, library, SIZE
 from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
-from convseq_ros.core.similarity.kernels import references
+from convseq_ros.core.similarity.global_similarity import Blocks
 from convseq_ros.core.similarity.kernels.numpy_coherent import window
-from convseq_ros.core.similarity.kernels.panel import (
-    addresses,
-    Bytes,
-    Panel,
-    query_bytes,
-    query_floats,
-)
+from convseq_ros.core.similarity.kernels.panel import Bytes, Panel, query_bytes, query_floats
+from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
 from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
 import numpy as np
@@ -48,20 +43,15 @@ def _byte_query(query: CoherentQuery) -> _Query:
     return _Query(query.index, query.side, query_bytes(query.regions, _SCALE))
 
 
-def _compared(query: _Query, others: Sequence[Panel]) -> Scores:
+def _compared(
+    query: _Query, blocks: Blocks | None, others: Sequence[Reference]
+) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if len(query.packed) == 1 else _compare_bytes
-    found = np.empty((len(others), 3))
-    compare(
-        *query.packed,
-        query.index,
-        len(query.index),
-        query.side,
-        _WINDOW,
-        addresses(others),
-        len(others),
-        found,
-    )
-    return found[:, 0].astype(np.float32), found[:, 1:]
+    found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
+    own = *query.packed, query.index, len(query.index), query.side
+    compare(*own, _WINDOW, where, len(others), found)
+    scores = found[:, 0].astype(np.float32), found[:, 1:]
+    return scores, None if blocks is None else alike(blocks, query.side, others, where)
 
 
 def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]) -> PairScore:
@@ -72,10 +62,9 @@ def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]
         (normalized, project, less_background),
         pack_query,
         lambda blocks, _side: blocks,
-        partial(references.pack, scale=scale),
+        partial(pack, scale=scale),
         _compared,
-        references.alike,
-        partial(references.pack_all, scale=scale),
+        partial(pack_all, scale=scale),
     )
 
 

@@ -112,18 +112,17 @@ def _both(regions: Regions, blocks: Blocks | None) -> Shown:
     return regions, blocks
 
 
-def _compare(query: CoherentQuery, references: Sequence[Shown]) -> Scores:
+def _compare(
+    query: CoherentQuery, shifted: npt.NDArray[np.float64] | None, references: Sequence[Shown]
+) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     scores, shifts = zip(*(coherent_score(query, one) for one, _ in references), strict=True)
-    return np.array(scores, np.float32), np.array(shifts)
-
-
-def _alike(
-    shifted: npt.NDArray[np.float64], _side: int, references: Sequence[Shown]
-) -> npt.NDArray[np.float32] | None:
-    blocks = [blocks for _, blocks in references]
-    if any(one is None for one in blocks):
-        return None
-    return global_similarity(shifted, np.array(blocks, np.float64))
+    found, blocks = (
+        (np.array(scores, np.float32), np.array(shifts)),
+        [one for _, one in references],
+    )
+    if shifted is None or any(one is None for one in blocks):
+        return found, None
+    return found, global_similarity(shifted, np.array(blocks, np.float64))
 
 
 COHERENT_PAIR = coherent_pair(
@@ -134,5 +133,4 @@ COHERENT_PAIR = coherent_pair(
     lateral_shifts,
     _both,
     _compare,
-    _alike,
 )

@@ -33,9 +33,9 @@ def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
     return room[start : start + needed].view(dtype)
 
 
-def addresses(panels: Sequence[Panel]) -> npt.NDArray[np.uint64]:
-    """Return the addresses of panels, which the caller keeps."""
-    return np.array([*map(address, panels)], np.uint64)
+def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
+    """Return the addresses of arrays, which the caller keeps."""
+    return np.array([*map(address, arrays)], np.uint64)
 
 
 def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Bytes:
