@@ -19,23 +19,6 @@ static inline void add_products(const uint16_t *row, const float *direction,
     }
 }
 
-// Add up 16 sums: the upper half to the lower one, and so on, in vectors of any width.
-static inline float added_up(Floats *sums)
-{
-    for (int half = 8 / LANES; half; half /= 2)
-        for (int part = 0; part < half; part++)
-            sums[part] += sums[part + half];
-#pragma GCC unroll 4
-    for (int half = LANES / 2; half; half /= 2) {
-        Words upper;
-#pragma GCC unroll 16
-        for (int lane = 0; lane < LANES; lane++)
-            upper[lane] = (lane + half) % LANES;
-        sums[0] += __builtin_shuffle(sums[0], upper);
-    }
-    return sums[0][0];
-}
-
 // Write the products of rows [count][numbers] in half precision with one vector, which has zeros
 // behind it up to a multiple of 16. All processors add alike, to 16 sums.
 KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const float *direction,
@@ -60,7 +43,7 @@ KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const f
             if (whole < numbers)
                 add_products(own + beside * numbers + whole, direction + whole, mask,
                              sums[beside]);
-            products[row + beside] = added_up(sums[beside]);
+            products[row + beside] = added_up(sums[beside], 16 / LANES);
         }
     }
     for (; row < count; row++) { // behind the last row there may be no memory of ours
@@ -71,7 +54,7 @@ KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const f
         memcpy(last, rows + row * numbers + whole, (size_t)(numbers - whole) * sizeof *last);
         if (whole < numbers)
             add_products(last, direction + whole, 0, sums);
-        products[row] = added_up(sums);
+        products[row] = added_up(sums, 16 / LANES);
     }
     return 0;
 }
