@@ -3,8 +3,8 @@
 """
 Every parameter, written once: name, default, bounds, unit and one sentence.
 
-ROS declarations, the YAML file, command-line options and the table in the README are derived
-from the dataclasses below. Names are unique across groups, so that users write them flat.
+ROS declarations, the YAML file, command-line options and docs/PARAMETERS.md are derived from the
+dataclasses below. Names are unique across groups, so that users write them flat.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
+from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 
 Group = TypeVar('Group')
@@ -35,13 +36,20 @@ class EncodingConfig(Checked):
         'exact', 'How images are resized: exact is the same on every processor, linear as in maps '
         'that were made before; a map keeps its own.', choices=('exact', 'linear'),
     )
+    image_mask: str = parameter(
+        '', 'Picture file: white where the camera sees the world, black where it sees the robot '
+        'or nothing; of any size; empty for none, or the one that a map keeps.',
+    )
+    image_rotation_deg: int = parameter(
+        0, 'Images are turned counter-clockwise by this before all else, for a camera on its '
+        'side or upside down: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
-        if self.image_size_px % 16:
-            raise ConfigError(
-                f'image_size_px: {self.image_size_px} is not a multiple of the 16 px cell'
-            )
+        for name, step in (('image_size_px', 16), ('image_rotation_deg', 90)):
+            if (value := getattr(self, name)) % step:
+                raise ConfigError(f'{name}: {value} is not a multiple of {step}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +157,7 @@ class AcceptanceConfig(Checked):
         unit='places', low=0, high=10000, dynamic=True,
     )
     num_candidates: int = parameter(
-        5, 'Candidates in every result, no two of them nearer than rival_distance.',
-        low=1, high=100,
+        5, 'Candidates in every result, no two nearer than rival_distance.', low=1, high=100,
     )
     closure_interval_s: float = parameter(
         0.0, 'Least time between two accepted matches; 0 accepts every sure frame.',
@@ -252,6 +259,7 @@ class Config:
     motion: MotionConfig = MotionConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    localization: LocalizationConfig = LocalizationConfig()
     reading: ReadingConfig = ReadingConfig()
 
 
@@ -272,15 +280,7 @@ def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
 
 
 def make_config(values: Mapping[str, Any]) -> Config:
-    """
-    Return a configuration from flat names.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown or a value is not allowed.
-
-    """
+    """Return a configuration from flat names; ConfigError if a name or value is not allowed."""
     refuse_unknown(values, [item.name for item in core_parameters()])
     return Config(**{name: make_group(kind, values) for name, kind in _groups(Config).items()})
 

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
-from convseq_ros.config import EVERY_FRAME
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
@@ -47,11 +47,22 @@ def drive():
 
 
 @pytest.fixture(scope='module')
-def map_path(drive, tmp_path_factory):
-    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
+def encoding(tmp_path_factory):
+    """Return that of a camera upside down, before which the robot hides what is at the bottom."""
+    mask = np.full((60, 80), 255, np.uint8)
+    mask[:6] = 0
+    path = tmp_path_factory.mktemp('parity') / 'mask.png'
+    cv2.imwrite(str(path), mask)
+    return EncodingConfig(image_mask=str(path), image_rotation_deg=180)
+
+
+@pytest.fixture(scope='module')
+def map_path(drive, encoding, tmp_path_factory):
+    reference_map = ReferenceMap(encoding, keyframes=EVERY_FRAME)
     for index, gray in enumerate(drive):
-        blurred = cv2.GaussianBlur(gray, (3, 3), 0)
-        reference_map.add(Place(index * STEP_NS), pack_cells(describe(blurred).cells))
+        upright = cv2.rotate(cv2.GaussianBlur(gray, (3, 3), 0), cv2.ROTATE_180)
+        cells = describe(upright, reference_map.encoding).cells
+        reference_map.add(Place(index * STEP_NS), pack_cells(cells))
     path = tmp_path_factory.mktemp('parity') / 'wall.db'
     save_map(reference_map, path)
     return path
@@ -87,16 +98,16 @@ def recording(drive, tmp_path_factory):
     return path
 
 
-def answers_of_the_core(recording, map_path, path):
+def answers_of_the_core(recording, map_path, encoding, path):
     source = open_source(recording)
-    recognizer = PlaceRecognizer(open_map(map_path))
+    recognizer = PlaceRecognizer(open_map(map_path, encoding), Config(encoding=encoding))
     with ResultWriter(path) as writer:
         for frame in source:
             writer.write(recognizer.process(frame), 0.0)
     return read_results(path)
 
 
-def answers_of_the_node(recording, map_path, path):
+def answers_of_the_node(recording, map_path, encoding, path):
     python = [sys.executable, '-m']
     environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     node = subprocess.Popen(
@@ -106,6 +117,10 @@ def answers_of_the_node(recording, map_path, path):
             '--ros-args',
             '-p',
             f'map_path:={map_path}',
+            '-p',
+            f'image_mask:={encoding.image_mask}',
+            '-p',
+            f'image_rotation_deg:={encoding.image_rotation_deg}',
             '-p',
             f'result_file:={path}',
             '-p',
@@ -140,9 +155,10 @@ def answers_of_the_node(recording, map_path, path):
     return read_results(path)
 
 
-def test_the_live_node_answers_as_the_core(recording, map_path, tmp_path):
-    offline = answers_of_the_core(recording, map_path, tmp_path / 'offline.csv')
-    online = answers_of_the_node(recording, map_path, tmp_path / 'online.csv')
+def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_path):
+    given = recording, map_path, encoding
+    offline = answers_of_the_core(*given, tmp_path / 'offline.csv')
+    online = answers_of_the_node(*given, tmp_path / 'online.csv')
     for row in (*offline, *online):
         del row['duration_ms']
     assert len(online) == NUM_FRAMES

@@ -50,7 +50,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
     add_parameters(parser, 'motion', parameters(MotionConfig))
-    add_parameters(parser, 'images', [_image_size(), *parameters(ReadingConfig)])
+    add_parameters(parser, 'images', [*_encoding(), *parameters(ReadingConfig)])
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -135,8 +135,10 @@ def build(
 def _asked() -> list[Parameter]:
     """Return the parameters that decide what is read and becomes a place, and how it is stored."""
     groups = KeyframeConfig, MotionConfig, ReadingConfig
-    return [*(item for group in groups for item in parameters(group)), _image_size()]
+    return [*(item for group in groups for item in parameters(group)), *_encoding()]
 
 
-def _image_size() -> Parameter:
-    return next(item for item in parameters(EncodingConfig) if item.name == 'image_size_px')
+def _encoding() -> list[Parameter]:
+    """Return what a map keeps of the encoding and a user may choose."""
+    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg'
+    return [item for item in parameters(EncodingConfig) if item.name in chosen]

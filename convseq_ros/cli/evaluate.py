@@ -43,9 +43,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--protocol',
         action='append',
         choices=(CLOSED, OPEN, PAST),
-        help='the whole map, half of it removed, or each drive against its own past; may be given '
-        'more than once (default closed); a set without reference is always matched against its '
-        'own past',
+        help='the whole map, a part of it removed, or each drive against its own past; may be '
+        'given more than once (default closed); a set without reference is always matched against '
+        'its own past',
     )
     parser.add_argument(
         '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'
@@ -60,6 +60,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar='N',
         help='latest frames that are no loop closure, for a drive against its own past',
+    )
+    parser.add_argument(
+        '--keep',
+        type=float,
+        metavar='SHARE',
+        help='for the open protocol, keep the first so much of the map, such as .7, instead of '
+        'the first, the last and the middle half in turn',
     )
     parser.add_argument(
         '--study',
@@ -100,12 +107,18 @@ def run(chosen: argparse.Namespace) -> int:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
     if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
         raise ConfigError(f'--exclude-recent: {chosen.exclude_recent} is below 0')
+    asked = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
+    if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in asked):
+        raise ConfigError(
+            f'--keep: {chosen.keep:g} is not a share between 0 and 1 for --protocol open'
+        )
     plan = Plan(
         methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
-        protocols=tuple(dict.fromkeys(chosen.protocol or (CLOSED,))),
+        protocols=tuple(dict.fromkeys(asked)),
         criterion=chosen.criterion,
         transfer=chosen.threshold_from_others,
         exclude_recent=chosen.exclude_recent,
+        keep=chosen.keep,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root) for text in chosen.sets]

@@ -4,10 +4,12 @@
 
 import argparse
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import Config, core_parameters, make_config
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
@@ -82,7 +84,8 @@ def chosen_config(
 
     """
     values = read_parameter_file(chosen.config) if chosen.config else {}
-    return make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
+    config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
+    return replace(config, encoding=with_mask_read(config.encoding))
 
 
 def read_parameter_file(path: Path) -> dict[str, Any]:

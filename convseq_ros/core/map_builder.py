@@ -9,6 +9,7 @@ from typing import Self
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.online import OnlineMap
@@ -48,6 +49,7 @@ class MapBuilder:
 
     def process(self, frame: Frame) -> bool:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
+        frame = upright(frame, self.reference_map.encoding)
         if (gray := frame.gray) is None:
             return False
         encode = partial(describe, gray, self.reference_map.encoding)

@@ -74,7 +74,7 @@ class Session:
     def warm_up(self) -> None:
         """Load tables, and prepare a small map, so that the first frame is not late."""
         drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-        global_descriptor(describe(drawn, self.recognizer.config.encoding).cells)
+        global_descriptor(describe(drawn, self.recognizer.reference_map.encoding).cells)
         self.recognizer.matcher.warm_up()
 
     @property

@@ -34,7 +34,6 @@ DEFAULT_METHODS = ('convseq', 'convseq-k10', 'convseq-forward', 'cohog', 'seqsla
 PUBLISHED = 'published'
 _PROTOCOLS: Mapping[str, Callable[[Material, Method], Outcome]] = {
     CLOSED: protocols.closed,
-    OPEN: protocols.open_set,
     ONLINE: protocols.online,
 }
 PAST = 'past'
@@ -58,6 +57,8 @@ class Plan:
         Whether to try thresholds from the other sets.
     exclude_recent : int or None
         Overrides what the sets say, for drives against their own past.
+    keep : float or None
+        Share of the map, from its start, that the open protocol keeps; otherwise halves of it.
     argv : tuple of str
         The command, for the record.
 
@@ -68,6 +69,7 @@ class Plan:
     criterion: str = 'score'
     transfer: bool = False
     exclude_recent: int | None = None
+    keep: float | None = None
     argv: tuple[str, ...] = ()
 
 
@@ -178,7 +180,7 @@ def _on_set(
         write_thumbnails(base / 'thumbnails' / 'reference', material.reference)
     for protocol in (ONLINE,) if data_set.online else plan.protocols:
         name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
-        _describe_set(output / name, name, protocol, material)
+        _describe_set(output / name, name, protocol, material, plan.keep)
         if protocol == OPEN and CLOSED not in plan.protocols:
             _describe_set(base, data_set.name, CLOSED, material)
         found = []
@@ -193,7 +195,10 @@ def _on_set(
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
 ) -> Result:
-    outcome = _PROTOCOLS[protocol](material, method)
+    if protocol == OPEN:
+        outcome = protocols.open_set(material, method, plan.keep)
+    else:
+        outcome = _PROTOCOLS[protocol](material, method)
     verdicts = judge(outcome)
     own = folder / method.name.label
     own.mkdir(parents=True, exist_ok=True)
@@ -222,14 +227,19 @@ def _known_curve(verdicts: Verdicts, criterion: str) -> Any:
     return verdicts.curve(criterion, int((verdicts.matched & verdicts.known).sum()))
 
 
-def _describe_set(folder: Path, name: str, protocol: str, material: Material) -> None:
-    data_set = material.data_set
+def _describe_set(
+    folder: Path, name: str, protocol: str, material: Material, keep: float | None = None
+) -> None:
+    data_set, removed = material.data_set, ''
+    if protocol == OPEN:
+        part = 'half of the map removed'
+        removed = f', {part if keep is None else f"first {keep:.0%} of the map kept"}'
     queries, references = material.truth.right.shape
     write_json(
         folder / 'set.json',
         {
             'name': name,
-            'title': data_set.title + (', half of the map removed' if protocol == OPEN else ''),
+            'title': data_set.title + removed,
             'protocol': protocol,
             'truth': data_set.truth.kind,
             'tolerance': data_set.truth.tolerance,

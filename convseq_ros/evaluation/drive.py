@@ -11,6 +11,7 @@ from typing import Any
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, ReadingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
@@ -193,7 +194,7 @@ def _paced(whole: Drive, images: Images, order: Sequence[int]) -> Drive:
 
 def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArray[Any]]:
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
-    for frame in images:
+    for frame in (upright(one, encoding) for one in images):
         started = time.perf_counter()
         if frame.gray is None:
             descriptors.append(blank_descriptor(encoding))

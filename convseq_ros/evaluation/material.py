@@ -34,6 +34,8 @@ class Material:
         The right answers; for a drive against its own past, those that are past.
     cache : Cache
         Where encodings and results are kept.
+    way_m : ndarray of float64, shape (Q,), or None
+        How far along its way each query was taken, if that is known.
 
     """
 
@@ -42,6 +44,7 @@ class Material:
     reference: Images
     truth: Truth
     cache: Cache
+    way_m: npt.NDArray[np.float64] | None = None
     _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -97,7 +100,8 @@ def open_material(
             f'{data_set.name}: the truth gives no query a right reference; nothing could be '
             'measured (for a drive without revisits, say truth: {kind: none})'
         )
-    return replace(material, truth=truth, _drives={encoding: drives})
+    way_m = _way_m(data_set, drives[0])
+    return replace(material, truth=truth, way_m=way_m, _drives={encoding: drives})
 
 
 def _images(
@@ -153,6 +157,17 @@ def _positions(data_set: DataSet, part: Part, drive: Drive, name: str) -> npt.ND
     track = PoseTrack(read_poses(part.path, part.odom))
     poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
     return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])
+
+
+def _way_m(data_set: DataSet, query: Drive) -> npt.NDArray[np.float64] | None:
+    """Return how far along its way each frame was taken, (N,), where poses or drawing tell it."""
+    if simulated := data_set.query.simulated:
+        return np.array([simulated.drive.distance_m(index) for index in range(len(query))])
+    if data_set.truth.kind != 'poses':
+        return None
+    positions = _positions(data_set, data_set.query, query, 'query')
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return np.concatenate(([0.0], np.nancumsum(steps)))
 
 
 def _none(_: DataSet, query: Drive, reference: Drive) -> Truth:

@@ -3,8 +3,8 @@
 """
 Three ways to ask: closed, open set, online.
 
-Closed: every query has an answer. Open: half of the map is removed, so that for some queries "not
-in the map" is right. Online: a drive against its own past.
+Closed: every query has an answer. Open: a part of the map is removed, so that for some queries
+"not in the map" is right. Online: a drive against its own past.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ class Outcome:
     reach : ndarray of bool, shape (M,)
         Whether the whole sequence of a right answer lies in the map.
     halves : list of M str
-        Which half of the map was kept; empty with the whole map.
+        Which part of the map was kept; empty with the whole map.
     query : Drive
         The Q frames.
     pairs : PairScores
@@ -53,6 +53,8 @@ class Outcome:
         Median time of a frame, where it was measured.
     durations_ms : list of M floats, or None
         The same of every frame.
+    way_m : ndarray of float64, shape (Q,), or None
+        How far along its way each frame was taken, if that is known.
 
     """
 
@@ -67,6 +69,7 @@ class Outcome:
     pairs: PairScores
     frame_ms: float | None = None
     durations_ms: Sequence[float] | None = None
+    way_m: npt.NDArray[np.float64] | None = None
 
 
 def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
@@ -87,17 +90,20 @@ def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
     return replace(outcome, frame_ms=pairs.encode_ms + pairs.row_ms)
 
 
-def open_set(material: Material, method: Method) -> Outcome:
+def open_set(material: Material, method: Method, keep: float | None = None) -> Outcome:
     """
     Return the answers with the first, the last and the middle half of the map kept in turn.
 
-    The recogniser's answers are those with that half; scores beside them are of the whole map.
+    With `keep`, a share in (0, 1), the first so much of the map is kept instead. The recogniser's
+    answers are those with that part; scores beside them are of the whole map.
     """
     pairs = method.rows(material)
     query, reference = material.drives(method.config.encoding)
     matches: list[Match] = []
     scores, right, reach = [], [], []
     spans = kept_halves(len(reference))
+    if keep is not None:
+        spans = {'first': (0, round(keep * len(reference)))}
     for first, last in spans.values():
         found, score = _answers(material, method, pairs, (first, last))
         matches += found
@@ -116,6 +122,7 @@ def open_set(material: Material, method: Method) -> Outcome:
         [half for half in spans for _ in range(len(query))],
         query,
         pairs,
+        way_m=material.way_m,
     )
 
 
@@ -182,9 +189,9 @@ def _whole_map(
     query, _ = material.drives(method.config.encoding)
     truth = material.truth
     reach = in_reach(truth.right, matches, method.kind.forward)
-    return Outcome(
-        protocol, matches, scores, truth.right, truth.slip, reach, [''] * len(query), query, pairs
-    )
+    halves = [''] * len(query)
+    found = protocol, matches, scores, truth.right, truth.slip, reach, halves, query, pairs
+    return Outcome(*found, way_m=material.way_m)
 
 
 def _answers(

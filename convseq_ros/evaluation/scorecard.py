@@ -170,29 +170,34 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
     }
 
 
-def first_closures(verdicts: Verdicts, halves: Sequence[str]) -> list[int | None]:
+def first_closures(
+    verdicts: Verdicts, halves: Sequence[str], way: npt.ArrayLike | None = None
+) -> dict[str, float | None]:
     """
-    Return how many frames after its first known one each run has its first right closure.
+    Return how far after its first known frame each run has its first right closure.
 
     Parameters
     ----------
     verdicts : Verdicts
         Of all M answers.
     halves : sequence of M str
-        Which half of the map was kept; one run each.
+        Which part of the map was kept; one run of Q frames each.
+    way : array_like of shape (Q,), optional
+        What is counted, such as metres; frames if left out.
 
     Returns
     -------
-    list of int or None
-        One for every half of which a frame is known; None without a right closure.
+    dict of str to number or None
+        One for every part of which a frame is known; None without a right closure.
 
     """
-    right, waits = verdicts.accepted & verdicts.correct, list[int | None]()
+    right, waits = verdicts.accepted & verdicts.correct, dict[str, float | None]()
     for half in dict.fromkeys(halves):
         here = np.array([one == half for one in halves])
         known, found = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
+        at = np.arange(here.sum()) if way is None else np.asarray(way)
         if len(known):
-            waits.append(int(found[0] - known[0]) if len(found) else None)
+            waits[half] = (at[found[0]] - at[known[0]]).item() if len(found) else None
     return waits
 
 
@@ -226,6 +231,9 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str,
         'in_reach': int(verdicts.reach.sum()),
         **decisions(verdicts),
         'frames_to_first_closure': first_closures(verdicts, outcome.halves),
+        'metres_to_first_closure': None
+        if outcome.way_m is None
+        else first_closures(verdicts, outcome.halves, outcome.way_m),
         'mean_k': float(lengths.mean()) if len(lengths) else None,
         'k_distribution': dict(
             sorted(Counter(map(str, lengths.tolist())).items(), key=lambda item: int(item[0]))

@@ -17,6 +17,7 @@ _SHOWN = {
     'recall_at_100_precision': 'R at 100 % P',
     'false_closures': 'false',
     'slips': 'slips',
+    'first_closures': 'first after',
     'mean_k': 'mean k',
     'encode_ms': 'encode ms',
     'frame_ms': 'frame ms',
@@ -30,8 +31,20 @@ def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
     for summary in summaries:
         low, high = summary.get('accuracy_matched_low'), summary.get('accuracy_matched_high')
         interval = '' if low is None or high is None else f'{low:.2f}-{high:.2f}'
-        rows.append({name: summary.get(name, interval) for name in _SHOWN})
+        shown = {**summary, 'interval': interval, 'first_closures': first_closures(summary)}
+        rows.append({name: shown.get(name) for name in _SHOWN})
     return rows
+
+
+def first_closures(summary: Mapping[str, Any]) -> str:
+    """Return frames, and metres if known, to the first right closure, of every part of the map."""
+    frames = summary.get('frames_to_first_closure') or {}
+    metres = summary.get('metres_to_first_closure') or {}
+    return ', '.join(
+        ('-' if count is None else str(count))
+        + (f' ({metres[half]:g} m)' if metres.get(half) is not None else '')
+        for half, count in frames.items()
+    )
 
 
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:

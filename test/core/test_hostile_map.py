@@ -177,7 +177,7 @@ def test_a_name_that_is_no_text_is_stored_as_one(tmp_path):
 
 def test_a_flipped_bit_in_the_settings_is_never_another_answer(path):
     whole, original = path.read_bytes(), MapReader(path).settings
-    start, end = whole.index(b'{"keyframe_interval_s"'), whole.index(b'"exact"}') + 20
+    start, end = whole.index(b'{"keyframe_interval_s"'), whole.index(b'"exact"') + 20
     refused = 0
     for position in range(start, end):
         for bit in range(8):

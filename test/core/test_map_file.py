@@ -124,7 +124,8 @@ def test_opening_does_not_change_the_file(map_path):
 
 def test_the_file_says_what_made_it(map_path):
     about = MapReader(map_path).about()
-    assert json.loads(about['encoding']) == {'image_size_px': 64, 'resize': 'exact'}
+    settings = {'image_size_px': 64, 'resize': 'exact', 'image_mask': '', 'image_rotation_deg': 0}
+    assert json.loads(about['encoding']) == settings
     assert about['tool'] and (about['thumbnails'], about['images']) == (4, 0)
 
 

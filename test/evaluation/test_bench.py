@@ -178,6 +178,17 @@ def test_with_half_of_the_map_removed_unknown_places_are_counted_as_such(street,
     assert found.truth() is not None
 
 
+def test_the_first_part_of_the_map_can_be_kept(street, quick, tmp_path):
+    (one,) = run(street, quick, tmp_path / 'out', 'convseq', protocols=('open',), keep=0.7)
+    assert (one['queries'], one['known']) == (24, 17 + 1)
+    assert list(one['frames_to_first_closure']) == ['first']
+    assert one['metres_to_first_closure'] is None
+    frames = rows(tmp_path / 'out' / 'street-open' / 'convseq' / 'frames.csv')
+    assert all(int(row['best_index'] or 0) < 17 for row in frames)
+    (found,) = read_run(tmp_path / 'out')
+    assert found.about_set()['title'].endswith('first 70% of the map kept')
+
+
 def test_a_drive_finds_its_own_past(loop, quick, tmp_path):
     (one,) = run(loop, quick, tmp_path / 'out', 'convseq-k3')
     assert one['protocol'] == 'online'

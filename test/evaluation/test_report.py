@@ -127,6 +127,8 @@ def write_run(folder: Path, method: str, protocol: str, accuracy: float) -> None
                 'false_closures': 5,
                 'slips': 0,
                 'mean_k': 3.0,
+                'frames_to_first_closure': dict(zip(halves, (3, None, 0), strict=False)),
+                'metres_to_first_closure': dict(zip(halves, (4.5, None, 0), strict=False)),
                 'encode_ms': 1.5,
                 'frame_ms': 2.5,
                 'k_distribution': {'2': 7, '3': 7, '4': 7},
@@ -216,6 +218,13 @@ def test_charts_are_well_formed(page):
     assert len(charts) >= 9
     for chart in charts:
         xml.etree.ElementTree.fromstring(chart)
+
+
+def test_how_soon_places_are_known_is_drawn_for_every_part_of_the_map(page):
+    told = [chart for chart in drawn(page) if 'first right closure' in chart]
+    assert len(told) == 3
+    for words in ('convseq first 3, 4.5 m', 'convseq last none', 'convseq middle 0, 0 m'):
+        assert sum(words in chart for chart in told) == 1
 
 
 def test_page_is_the_same_each_time(results, page, tmp_path):
@@ -638,7 +647,7 @@ def test_method_in_the_legend_stands_out(browser):
         const of = (item) => `${item.dataset.series} ${getComputedStyle(item).opacity}`;
         return [...document.querySelectorAll('#set-street .charts figure')].map((figure) =>
             [...new Set([...figure.querySelectorAll('[data-series]')].map(of))].sort());""")
-    assert shown == [['cohog 1', 'convseq 0.15']] * 2
+    assert shown == [['cohog 1', 'convseq 0.15']] * 3
 
 
 def test_page_is_no_wider_than_a_phone(browser):

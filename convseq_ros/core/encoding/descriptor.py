@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From an image to its descriptor: histograms of cells, salient regions (paper III-B, III-C)."""
 
+from functools import cache
+
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
@@ -19,6 +21,7 @@ class HOG:
     cell_px: int = 16  # W2 = H2 in the paper
     bins: int = 8  # L in the paper
     margin_px: int = 2  # beside the image; a 5 x 5 Sobel reaches so far
+    hidden_bits: float = -1000.0  # entropy of a masked cell, so that no region with it is salient
 
 
 # Of EncodingConfig.resize. The second gives other pixels on ARM than on x86, by 1 in 12 of 100.
@@ -26,15 +29,34 @@ INTERPOLATIONS = {'exact': cv2.INTER_LINEAR_EXACT, 'linear': cv2.INTER_LINEAR}
 
 
 def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:
-    """Return that of a grey image of any size, made square; ValueError if not (H, W) uint8."""
+    """
+    Return that of an upright grey image of any size, made square.
+
+    Masked cells are without gradient, and no region with one is salient. ValueError if it is not
+    (H, W) uint8, or the encoding's mask is of other cells (`view.with_mask_read`).
+    """
     if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
         raise ValueError(f'expected (H, W) uint8, got {gray.shape} {gray.dtype}')
     side = config.image_size_px
     interpolation = INTERPOLATIONS[config.resize]
     resized = cv2.resize(gray, (side, side), interpolation=interpolation)
     by_cell = cell_entropies(resized, side // HOG.cell_px, interpolation)
+    seen = seen_cells(config.image_mask, len(by_cell))
+    cells = cell_histograms(resized, seen)
+    cells[~seen], by_cell[~seen] = 0, HOG.hidden_bits
     salient = salient_regions(by_cell, config.saliency_threshold)
-    return Descriptor(cell_histograms(resized), salient, by_cell, image_entropy(by_cell))
+    return Descriptor(cells, salient, by_cell, image_entropy(by_cell[seen]))
+
+
+@cache
+def seen_cells(mask: str, side: int) -> npt.NDArray[np.bool_]:
+    """Return which cells an encoding's mask shows, (side, side); ValueError if of other ones."""
+    if not mask:
+        return np.ones((side, side), np.bool_)
+    bits = np.unpackbits(np.frombuffer(bytes.fromhex(mask.removeprefix('#')), np.uint8))
+    if not mask.startswith('#') or len(bits) != -(-(side**2) // 8) * 8:
+        raise ValueError(f'image_mask: {mask[:20]!r} is not of {side} x {side} cells')
+    return bits[: side**2].reshape(side, side).astype(np.bool_)
 
 
 def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:
@@ -56,9 +78,13 @@ def cell_shape(image_size_px: int) -> tuple[int, int, int]:
     return side, side, HOG.bins
 
 
-def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+def cell_histograms(
+    gray: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_] | None = None
+) -> npt.NDArray[np.float32]:
     """
     Return the orientation histogram of every 16 x 16 px cell of an image (S, S).
+
+    Those that are not `seen`, (S / 16, S / 16), do not decide which pixel is the brightest.
 
     Float32 (S / 16, S / 16, 8): sums of gradient strength, not normalised; zero if there is none.
 
@@ -74,6 +100,9 @@ def cell_histograms(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """
     cells = np.zeros(cell_shape(len(gray)), np.float32)
     brightest = float(gray.max())
+    if seen is not None and not seen.all():
+        shape = len(seen), HOG.cell_px, len(seen), HOG.cell_px
+        brightest = float(gray.reshape(shape).max(axis=(1, 3))[seen].max())
     if brightest > 0:
         gamma = np.sqrt(np.arange(256) / brightest) * 255.0
         margin = (HOG.margin_px,) * 4

@@ -15,6 +15,7 @@ from pathlib import Path
 import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
 from convseq_ros.core.types import Camera
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -37,6 +38,10 @@ TABLES = {
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
 }
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+# Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
+_ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')
+_UNSAID = {'image_mask': '', 'image_rotation_deg': 0}
+_COMPARED = ('image_size_px', 'image_rotation_deg')
 # Of float16, read as a number: what is negative, infinite or no number is no less than this.
 _FIRST_NOT_FINITE = 0x7C00
 
@@ -89,10 +94,9 @@ class Settings:
     @property
     def rows(self) -> dict[str, str]:
         """Return what is stored of them, by name."""
-        size = {'image_size_px': self.encoding.image_size_px, 'resize': self.encoding.resize}
         return {
             'map_id': self.map_id,
-            'encoding': json.dumps(size),
+            'encoding': json.dumps({name: getattr(self.encoding, name) for name in _ENCODING}),
             'keyframes': json.dumps(self.keyframes.spacing),
         }
 
@@ -100,8 +104,9 @@ class Settings:
     def of_rows(cls, said: dict[str, str]) -> 'Settings':
         """Return what was stored; ValueError if it is not what a map says."""
         try:
-            made = json.loads(said['encoding'])
-            encoding = EncodingConfig(made['image_size_px'], resize=made['resize'])
+            made = {**_UNSAID, **json.loads(said['encoding'])}
+            encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
+            seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
             return cls(said['map_id'], encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
@@ -111,9 +116,12 @@ class Settings:
         self, encoding: EncodingConfig | None, keyframes: KeyframeConfig | None
     ) -> str | None:
         """Return why what is asked for does not fit, naming both values; None if it does."""
-        size_px = (encoding or self.encoding).image_size_px
-        asked = {'image_size_px': size_px, **(keyframes or self.keyframes).spacing}
-        own = {'image_size_px': self.encoding.image_size_px, **self.keyframes.spacing}
+        wanted = encoding or self.encoding
+        if wanted.image_mask not in ('', self.encoding.image_mask):
+            return 'made with another image_mask; leave it out, or build the map again'
+        asked = {name: getattr(wanted, name) for name in _COMPARED}
+        asked |= (keyframes or self.keyframes).spacing
+        own = {name: getattr(self.encoding, name) for name in _COMPARED} | self.keyframes.spacing
         for name, made in own.items():
             if made != asked[name]:
                 return (

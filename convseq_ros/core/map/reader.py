@@ -13,6 +13,7 @@ import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained, open_to_read, Rows
 from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, TABLES
 from convseq_ros.core.map.place import Picture, Places
@@ -62,10 +63,11 @@ class MapReader:
             self._database.check(path)
             self._about = {name: value for name, value, _ in self._sound('about')}
             self.settings = Settings.of_rows(self._about)
-        if reason := self.settings.refused(encoding, keyframes):
-            raise MapError(f'{path}: {reason}')
         own = self.settings.encoding
-        self.encoding = replace(encoding or own, resize=own.resize)
+        asked = with_mask_read(encoding or own)
+        if reason := self.settings.refused(asked, keyframes):
+            raise MapError(f'{path}: {reason}')
+        self.encoding = replace(asked, resize=own.resize, image_mask=own.image_mask)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 

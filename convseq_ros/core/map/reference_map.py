@@ -9,6 +9,7 @@ from uuid import uuid4
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import (
     pack_cells,
@@ -47,7 +48,7 @@ class ReferenceMap:
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
     ) -> None:
-        self.encoding, self.keyframes = encoding, keyframes
+        self.encoding, self.keyframes = with_mask_read(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)
         self._places = Places(self.cell_shape) if places is None else places

@@ -9,6 +9,7 @@ from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import EMPTY, explained, open_to_write
 from convseq_ros.core.map.format import (
     APPLICATION_ID,
@@ -78,7 +79,7 @@ class MapWriter:
         with explained(path):
             self._database = open_to_write(path)
             try:
-                settings = Settings(map_id or str(uuid4()), encoding, keyframes)
+                settings = Settings(map_id or str(uuid4()), with_mask_read(encoding), keyframes)
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)

@@ -9,6 +9,7 @@ import re
 from convseq_ros.evaluation.report.accuracies import accuracies_chart
 from convseq_ros.evaluation.report.chart import Chart
 from convseq_ros.evaluation.report.curves import curves_chart
+from convseq_ros.evaluation.report.first_closures import first_closures_chart
 from convseq_ros.evaluation.report.lengths import lengths_chart
 from convseq_ros.evaluation.report.matrix import matrix_chart
 from convseq_ros.evaluation.report.reliability import reliability_chart
@@ -24,6 +25,7 @@ def set_charts(runs: Sequence[Run], colors: Mapping[str, int]) -> dict[str, Char
         curves=curves_chart(runs, colors),
         reliability=reliability_chart(runs, colors),
         accuracy=accuracies_chart(runs, colors),
+        closures=first_closures_chart(runs, colors),
     )
 
 
@@ -42,8 +44,9 @@ def write_figures(runs: Sequence[Run], folder: Path) -> None:
     """
     Write the charts of every set and method, .png, .svg and .pdf.
 
-    They are called `<set>-curves`, `-accuracy`, `-reliability` where a method tells its
-    confidence, `<set>-<method>-matrix` and `-lengths`.
+    They are called `<set>-curves`, `-accuracy`, `-closures` where frames to the first closure are
+    known, `-reliability` where a method tells its confidence, `<set>-<method>-matrix` and
+    `-lengths`.
 
     Raises
     ------

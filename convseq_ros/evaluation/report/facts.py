@@ -11,7 +11,7 @@ from convseq_ros.evaluation.run_folder import Run
 
 PROTOCOLS = {
     'closed': 'every query has an answer in the map',
-    'open': 'half of the map is left out in turn, so "not in the map" is a right answer',
+    'open': 'a part of the map is left out, so "not in the map" is a right answer',
     'online': 'one sequence against its own past',
 }
 

@@ -28,6 +28,8 @@ CAPTIONS = {
     ' or not.',
     'reliability': 'How often a confidence is right (the right place, slips included); larger dots'
     ' are more frames. Its two settings come from the sets of other places, where there are any.',
+    'closures': 'Frames from the first that shows a place of the map to the first accepted and'
+    ' right match, of every part of the map that was kept; pale: none at all.',
     'lengths': '{method}: frames matched together (k) over the entropy of the newest image. Ticks'
     ' between them: wrong best candidates, accepted (red) or rejected (amber).',
 }

@@ -1,0 +1,83 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What of an image is the world: frames turned upright, and what the robot hides masked."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.constants import constants
+from convseq_ros.core.encoding.descriptor import HOG
+from convseq_ros.core.types import Camera, Frame
+from convseq_ros.errors import ConfigError
+import cv2
+import numpy as np
+
+
+@constants
+class MASK:
+    """Of masks; engineering, not studied."""
+
+    white: int = 128  # level from which on a pixel of a mask is seen
+    block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
+
+
+def upright(frame: Frame, encoding: EncodingConfig) -> Frame:
+    """Return a frame whose image and camera are turned counter-clockwise, as an encoding says."""
+    turns = encoding.image_rotation_deg // 90
+    if not turns:
+        return frame
+    gray, camera = frame.gray, frame.camera
+    if gray is not None:
+        gray = np.ascontiguousarray(np.rot90(gray, turns))
+    for _ in range(turns if camera else 0):
+        camera = _turned_left(camera) if camera else None
+    return replace(frame, gray=gray, camera=camera)
+
+
+def _turned_left(camera: Camera) -> Camera:
+    return replace(
+        camera,
+        width_px=camera.height_px,
+        height_px=camera.width_px,
+        fx_px=camera.fy_px,
+        fy_px=camera.fx_px,
+        cx_px=camera.cy_px,
+        cy_px=camera.width_px - 1 - camera.cx_px,
+    )
+
+
+def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:
+    """Return a map's encoding with what queries may have of their own: which regions count."""
+    return replace(own, saliency_threshold=asked.saliency_threshold)
+
+
+def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
+    """
+    Return an encoding whose mask is the cells that are seen, as maps keep it, not a file's path.
+
+    A cell is seen if all of it, and 2 px beside it, are white in the upright square image that
+    the mask is scaled to; a mask that hides nothing is none. ConfigError if the file is no
+    picture, or if it hides everything.
+    """
+    path = encoding.image_mask
+    if not path or path.startswith('#'):
+        return encoding
+    try:
+        read = np.frombuffer(Path(path).read_bytes(), np.uint8)
+        picture = cv2.imdecode(read, cv2.IMREAD_GRAYSCALE)
+    except (OSError, cv2.error):
+        picture = None
+    if picture is None:
+        raise ConfigError(f'image_mask: {path} is no picture that can be read; correct the path')
+    turned = np.rot90(picture, encoding.image_rotation_deg // 90)
+    side = encoding.image_size_px
+    square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
+    reach = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
+    white = cv2.erode((square >= MASK.white).astype(np.uint8), reach)
+    seen = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
+    whole = cv2.erode(seen.astype(np.uint8), np.ones((MASK.block,) * 2), borderValue=0)
+    if not whole.any():
+        raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
+    kept = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'
+    return replace(encoding, image_mask=kept)
