@@ -15,7 +15,7 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained, open_to_read, Rows
-from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, TABLES
+from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -99,11 +99,12 @@ class MapReader:
             condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while (start := len(places)) < end:
                 rows = self._sound('places', condition, (start, _ROWS_AT_ONCE))
-                for index, row in enumerate(rows, start):
-                    if row[0] != index:
-                        raise ValueError(f'reference {index} is missing')
-                    if not 0 <= row[-3] < len(sessions):
-                        raise ValueError(f'reference {index} is of no session')
+                expected = range(start, start + len(rows))
+                if missing := [*{*expected}.difference(row[0] for row in rows)]:
+                    raise ValueError(f'reference {min(missing)} is missing')
+                foreign = [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]
+                if foreign:
+                    raise ValueError(f'reference {foreign[0]} is of no session')
                 places.extend(rows)
         settings = self.encoding, places, self.pictures, self.keyframes
         return ReferenceMap(*settings, self.settings.map_id, sessions)
@@ -135,10 +136,9 @@ class MapReader:
     def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
-        for row in rows:
-            if row[-1] != row_crc(row[:-1]):
-                one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
-                raise ValueError(f'{one} fails its checksum')
+        if row := first_damaged(rows):
+            one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+            raise ValueError(f'{one} fails its checksum')
         return rows
 
     def _end(self) -> int:
