@@ -61,6 +61,8 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
                 yield Try(name, problem if number == burst - 1 else '')
             if one.process.poll() is not None:
                 return
+            if problem:
+                sent -= unaccounted(one, sent)  # told once
 
 
 def _problem(one: Robot, sent: int) -> str:
