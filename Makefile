@@ -3,6 +3,7 @@
 # make demo-slam          loop closures into a pose graph, and what false ones cost
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
 # make torture [HOURS=24] [ATTACKS='signals ...']   attack it, write docs/RELIABILITY.md
@@ -31,7 +32,7 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-slam results bench board torture test lint types contract test-aarch64 test-newest test-noble clean
+.PHONY: demo demo-slam results bench gif board torture test lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -45,6 +46,9 @@ results: .venv/bench.stamp
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
+
+gif: .venv/demo.stamp
+	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif
 
 board: .venv/board.stamp
 	.venv/bin/python -m bench encoding pairs frames --sizes 1000 --json board.json

@@ -5,6 +5,7 @@
 from glob import glob
 from pathlib import Path
 import re
+import sys
 
 from setuptools import Extension, find_packages, setup
 
@@ -28,6 +29,9 @@ NATIVE = Extension(
     py_limited_api=True,
     optional=True,
 )
+# colcon puts programs where `ros2 run` looks; scripts/convseq leads there from PATH. In a wheel it
+# would be in the way of the program itself.
+IS_WHEEL = any(argument.endswith('wheel') for argument in sys.argv)
 
 setup(
     name=NAME,
@@ -59,6 +63,7 @@ setup(
         (f'share/{NAME}/config', sorted(glob('config/*'))),
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
         (f'lib/{NAME}', ['scripts/vpr_node']),
+        *([] if IS_WHEEL else [('bin', ['scripts/convseq'])]),
     ],
     # The lowest versions are those of Ubuntu 24.04. colcon installs none of these: with apt's
     # python3-opencv, never let pip add opencv-python-headless (use colcon, or pip --no-deps).

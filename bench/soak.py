@@ -9,10 +9,12 @@ picture and a line; the exit code is 1 if frames are unaccounted for, or memory 
 
     python -m bench.soak --mode preloaded --rate 10 --minutes 100
     python -m bench.soak --mode online --frames 288000      as fast as the node takes them
+
+Each sample goes to the table at once, so that a drive that is broken off leaves its samples.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import csv
 from dataclasses import asdict, dataclass, fields
 from functools import partial
@@ -22,6 +24,7 @@ import tempfile
 import time
 from typing import Any
 
+from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
@@ -31,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import PointCloud2
 
+from bench.torture.page import keep_soak
 from bench.torture.robot import image, Robot, robot, unaccounted
 
 _TOWN = Route(((0, 0), (100, 0), (100, 80), (0, 80), (0, 0)), seed=5)
@@ -86,15 +90,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Drive, write what was seen, and judge it."""
     chosen = _parser().parse_args(arguments)
     print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
-    lap = _lap(chosen.lap)
-    with tempfile.TemporaryDirectory(prefix='convseq_soak_') as folder:
-        samples, sent, left, told = _soak(chosen, lap, Path(folder))
+    lap = _lap(chosen.lap, chosen.width_px)
     stem = f'soak_{chosen.mode}_{f"{chosen.rate:g}_hz" if chosen.rate else "fast"}'
     chosen.output.mkdir(parents=True, exist_ok=True)
-    with (chosen.output / f'{stem}.csv').open('w', newline='', encoding='utf-8') as file:
+    with (
+        tempfile.TemporaryDirectory(prefix='convseq_soak_') as folder,
+        (chosen.output / f'{stem}.csv').open('w', newline='', encoding='utf-8') as file,
+    ):
         table = csv.DictWriter(file, [item.name for item in fields(Sample)], lineterminator='\n')
         table.writeheader()
-        table.writerows(map(asdict, samples))
+
+        def keep(sample: Sample) -> None:
+            table.writerow(asdict(sample))
+            file.flush()
+
+        samples, sent, left, told = _soak(chosen, lap, Path(folder), keep)
     hours = samples[-1].seconds / 3600
     percent_an_hour, kb_a_place = growth(samples)
     text = (
@@ -107,7 +117,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
+    if chosen.docs:
+        keep_soak(chosen.docs, stem, _command(chosen), text)
+        _picture(samples, text, chosen.docs / 'images' / f'{stem}.png')
     return int(left != 0 or told.get('failed') != '0' or percent_an_hour > _MOST_GROWTH)
+
+
+def _command(chosen: argparse.Namespace) -> str:
+    """Return the options that were not left as they are."""
+    asked = {name: value for name, value in vars(chosen).items() if name not in ('docs', 'output')}
+    usual = vars(_parser().parse_args([]))
+    given = {name: one for name, one in asked.items() if one != usual[name] or name == 'mode'}
+    shown = {name: f'{one:g}' if isinstance(one, float) else one for name, one in given.items()}
+    return ' '.join(f'--{name.replace("_", "-")} {one}' for name, one in shown.items())
 
 
 def growth(samples: Sequence[Sample]) -> tuple[float, float]:
@@ -137,20 +159,25 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     return float(100 * slope / start), float(1e3 * of_places)
 
 
-def _lap(count: int) -> list[npt.NDArray[np.uint8]]:
+def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
     speed = (_TOWN.length_m - 1) / count * 10
-    return [
-        np.asarray(shot.frame.gray)
-        for shot in draw(_TOWN, Drive(num_frames=count, speed_mps=speed, frame_rate_hz=10))
-    ]
+    size = {'width_px': width_px, 'height_px': width_px * 3 // 4}
+    drive = Drive(num_frames=count, speed_mps=speed, frame_rate_hz=10, **size)
+    return [np.asarray(shot.frame.gray) for shot in draw(_TOWN, drive)]
 
 
 def _soak(
-    chosen: argparse.Namespace, lap: list[npt.NDArray[np.uint8]], folder: Path
+    chosen: argparse.Namespace,
+    lap: list[npt.NDArray[np.uint8]],
+    folder: Path,
+    keep: Callable[[Sample], None],
 ) -> tuple[list[Sample], int, int, dict[str, str]]:
     path = folder / 'map.db'
     if chosen.mode == 'preloaded':
-        build_map([Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)], path)
+        frames = [Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)]
+        keyframes = KeyframeConfig(keyframe_overlap=chosen.keyframe_overlap)
+        encoding = EncodingConfig(image_size_px=chosen.image_size_px)
+        build_map(frames, path, Config(encoding=encoding, keyframes=keyframes))
     noise = np.random.default_rng(0).normal(0, _GRAIN, (8, *lap[0].shape)).astype(np.int16)
     with robot(
         folder,
@@ -159,6 +186,7 @@ def _soak(
         queue_size=100,
         max_wait_s=0.0 if not chosen.rate else 1.0,
         keyframe_overlap=chosen.keyframe_overlap,
+        image_size_px=chosen.image_size_px,
     ) as one:
         clock, samples, sent, stamp_ns = Clock(one), [], 0, 10**18
         begun_s = sampled_s = time.monotonic()
@@ -176,8 +204,10 @@ def _soak(
             if time.monotonic() - sampled_s > chosen.sample_s:
                 sampled_s = time.monotonic()
                 samples.append(_sample(one, clock, sent, sampled_s - begun_s))
+                keep(samples[-1])
         one.wait_for(lambda: unaccounted(one, sent) <= 0 and not one.count('queue'), _PATIENCE_S)
         samples.append(_sample(one, clock, sent, time.monotonic() - begun_s))
+        keep(samples[-1])
         return samples, sent, unaccounted(one, sent), dict(one.told)
 
 
@@ -210,15 +240,17 @@ def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:
         ('from image to answer, ms', ('median_ms', 'worst_ms')),
     )
     for number, (label, names) in enumerate(panels):
-        axes = figure.add_axes((0.09, 0.71 - 0.21 * number, 0.86, 0.17))
+        axes = figure.add_axes((0.09, 0.72 - 0.215 * number, 0.86, 0.16))
         for name, color in zip(names, ('#1f6fb2', '#d08a1d'), strict=False):
             values = [getattr(one, name) for one in samples]
             axes.plot(minutes, values, color=color, linewidth=1.5, label=name.split('_')[0])
         axes.set_ylim(bottom=0)
         axes.set_title(label, fontsize=8, loc='left')
-        axes.tick_params(labelsize=7)
+        axes.tick_params(labelsize=7, labelbottom=number == len(panels) - 1)
         if len(names) > 1:
-            axes.legend(fontsize=7, frameon=False, loc='lower right')
+            axes.legend(
+                fontsize=7, frameon=False, loc='lower right', ncols=2, bbox_to_anchor=(1, 1)
+            )
     axes.set_xlabel('minutes', fontsize=8)
     save(figure, path)
 
@@ -230,8 +262,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--frames', type=int, default=0, help='how many to send; 0: no limit')
     parser.add_argument('--minutes', type=float, default=0.0, help='how long; 0: no limit')
     parser.add_argument('--lap', type=int, default=350, help='frames of the drawn town (350)')
+    parser.add_argument('--width-px', type=int, default=640, help='of the camera, 4:3 (640)')
+    parser.add_argument('--image-size-px', type=int, default=512, help='as the parameter (512)')
     parser.add_argument('--keyframe-overlap', type=float, default=0.75, help='as the parameter')
     parser.add_argument('--sample-s', type=float, default=_SAMPLE_S, help='between samples (5)')
+    parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
     parser.add_argument('--output', type=Path, default=Path('soak'), help='folder to write (soak)')
     return parser
 

@@ -3,8 +3,8 @@
 """
 Every parameter, written once: name, default, bounds, unit and one sentence.
 
-ROS declarations, the YAML file, command-line options and the table in the README are derived
-from the dataclasses below. Names are unique across groups, so that users write them flat.
+ROS declarations, the YAML file, command-line options and docs/PARAMETERS.md are derived from the
+dataclasses below. Names are unique across groups, so that users write them flat.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
+from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 
 Group = TypeVar('Group')
@@ -258,6 +259,7 @@ class Config:
     motion: MotionConfig = MotionConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    localization: LocalizationConfig = LocalizationConfig()
     reading: ReadingConfig = ReadingConfig()
 
 
@@ -278,15 +280,7 @@ def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
 
 
 def make_config(values: Mapping[str, Any]) -> Config:
-    """
-    Return a configuration from flat names.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown or a value is not allowed.
-
-    """
+    """Return a configuration from flat names; ConfigError if a name or value is not allowed."""
     refuse_unknown(values, [item.name for item in core_parameters()])
     return Config(**{name: make_group(kind, values) for name, kind in _groups(Config).items()})
 

@@ -10,6 +10,7 @@ from typing import Any
 import zipfile
 
 from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.installing import pip_install
 import numpy as np
 import numpy.typing as npt
 
@@ -58,7 +59,7 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     try:
         import yaml
     except ImportError:
-        raise ConfigError(f'{path}: needs PyYAML; pip install pyyaml') from None
+        raise ConfigError(f'{path}: needs PyYAML; {pip_install("pyyaml")}') from None
     try:
         refuse_irregular(path)
         with path.open('rb') as file:

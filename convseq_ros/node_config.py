@@ -49,6 +49,9 @@ class NodeConfig(Checked):
         0.05, 'A frame waits at most this long for odometry of its moment, if there is odometry.',
         unit='s', low=0.0, high=10.0,
     )
+    base_frame: str = parameter(
+        'base_link', 'TF frame of the robot (REP-105), to which ~/closure refers.',
+    )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.')
     position_sigma_m: float = parameter(
         0.5, 'Standard deviation of the positions in the map; ~/pose adds what the spacing of '
@@ -59,6 +62,18 @@ class NodeConfig(Checked):
         0.1, 'Standard deviation of the headings in the map; ~/pose adds 0.3 rad where the camera '
         'is not known.',
         unit='rad', low=0.0, high=math.pi, dynamic=True,
+    )
+    localize_timeout_s: float = parameter(
+        10.0, '~/localize answers after this time at the latest, with the reason why the robot is '
+        'not localised.', unit='s', low=0.0, high=3600.0, dynamic=True,
+    )
+    publish_initial_pose: bool = parameter(
+        False, 'Whether one pose goes to the topic `initialpose` each time that the robot was '
+        'lost and is localised, if the map has poses.',
+    )
+    lifecycle: bool = parameter(
+        False, 'Whether the node waits to be configured and activated by ~/change_state '
+        '(lifecycle_msgs) instead of starting at once.',
     )
     diagnostics_period_s: float = parameter(
         1.0, 'Time between two messages on /diagnostics.', unit='s', low=0.1, high=60.0,

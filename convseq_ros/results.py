@@ -25,14 +25,14 @@ COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
     'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
-    'relative_yaw_rad', 'inliers',
+    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
 
 
 def row(match: Match, duration_ms: float) -> dict[str, object]:
     """Return the row of a match; None, an empty field, where there is nothing to say."""
-    accepted, best = match.accepted, match.best
+    accepted, best, known = match.accepted, match.best, match.localization
     shift = best.shift if best and best.shift else (None, None)
     rows_px, cols_px = match.shift_px or (None, None)
     return {
@@ -55,6 +55,8 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'shift_cols_px': _decimals(cols_px, 1),
         'relative_yaw_rad': _decimals(match.relative_yaw_rad, 5),
         'inliers': best.inliers if best else None,
+        'localization': known.state.value if known else None,
+        'localization_quality': _decimals(known.quality, 4) if known else None,
     }
 
 

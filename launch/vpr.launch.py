@@ -1,40 +1,76 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Start vpr_node with one file of parameters, listening to one camera and its odometry."""
+"""Start vpr_node with a map, or to make one, listening to one camera and its odometry."""
 
 from pathlib import Path
+import sys
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+TOPICS = {
+    'image': 'camera topic; empty: the only one that there is',
+    'camera_info': 'its calibration; empty: beside the camera topic',
+    'odom': 'odometry topic; empty: the only one that there is',
+}
+# Empty ones leave what the file of parameters says.
+PARAMETERS = {
+    'map_path': 'map to open; online mode makes it if there is none, and adds to it',
+    'mode': 'preloaded: recognise the places of a map; online: also add to it',
+}
+OTHERS = {
+    'params_file': 'file of all other parameters',
+    'namespace': 'of the node and its topics',
+    'use_sim_time': 'true if a recording is played with /clock',
+}
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node and its arguments: a file of parameters, and three topics."""
-    defaults = Path(get_package_share_directory('convseq_ros'), 'config', 'vpr_node.yaml')
-    image = LaunchConfiguration('image')
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('params_file', default_value=str(defaults)),
-            DeclareLaunchArgument('image', default_value='image', description='camera topic'),
-            DeclareLaunchArgument(
-                'camera_info', default_value='camera_info', description='its calibration'
-            ),
-            DeclareLaunchArgument('odom', default_value='odom', description='odometry topic'),
-            Node(
-                package='convseq_ros',
-                executable='vpr_node',
-                name='vpr_node',
-                parameters=[LaunchConfiguration('params_file')],
-                remappings=[
-                    ('image', image),
-                    ('image/compressed', [image, '/compressed']),
-                    ('camera_info', LaunchConfiguration('camera_info')),
-                    ('odom', LaunchConfiguration('odom')),
-                ],
-                output='screen',
-            ),
-        ]
+    """Return the node and its arguments."""
+    known = TOPICS | PARAMETERS | OTHERS
+    _refuse_unknown(known)
+    share = Path(get_package_share_directory('convseq_ros'))
+    defaults = {'params_file': str(share / 'config' / 'vpr_node.yaml'), 'use_sim_time': 'false'}
+    arguments = [
+        DeclareLaunchArgument(name, default_value=defaults.get(name, ''), description=text)
+        for name, text in known.items()
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=_node)])
+
+
+def _node(context: Any) -> list[Node]:
+    """Return the node, once it is known which arguments were given."""
+    given = {
+        name: LaunchConfiguration(name).perform(context) for name in TOPICS | PARAMETERS | OTHERS
+    }
+    topics = {name: given[name] for name in TOPICS if given[name]}
+    if 'image' in topics:
+        topics['image/compressed'] = topics['image'] + '/compressed'
+    parameters: dict[str, Any] = {
+        name: ParameterValue(given[name], value_type=str) for name in PARAMETERS if given[name]
+    }
+    parameters['use_sim_time'] = given['use_sim_time'].lower() in ('true', '1')
+    node = Node(
+        package='convseq_ros',
+        executable='vpr_node',
+        name='vpr_node',
+        namespace=given['namespace'],
+        parameters=[given['params_file'], parameters],
+        remappings=list(topics.items()),
+        output='screen',
     )
+    return [node]
+
+
+def _refuse_unknown(known: dict[str, str]) -> None:
+    """Raise ValueError for arguments that `ros2 launch` was given for this file and has not."""
+    here = [at for at, word in enumerate(sys.argv) if Path(word).name == Path(__file__).name]
+    words = sys.argv[here[0] :] if here else []  # another launch file has arguments of its own
+    unknown = [word for word in words if ':=' in word and word.partition(':=')[0] not in known]
+    if unknown:
+        raise ValueError(f'no such argument: {", ".join(unknown)}; there are {", ".join(known)}')

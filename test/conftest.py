@@ -3,6 +3,7 @@
 """What all tests share: a ROS that nobody else hears, and the data beside the repository."""
 
 import atexit
+from importlib.machinery import PathFinder
 import os
 from pathlib import Path
 import shutil
@@ -13,6 +14,13 @@ import hypothesis
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def prefer_installed() -> None:
+    """Test what is installed: `python -m pytest`, which colcon runs, puts the sources first."""
+    if Path(sys.path[0]).resolve() == REPOSITORY:
+        if PathFinder.find_spec('convseq_ros', sys.path[1:]):
+            del sys.path[0]
 
 
 def isolate_ros() -> None:
@@ -29,6 +37,7 @@ def isolate_ros() -> None:
     os.environ['ROS_DOMAIN_ID'] = str(own_domain())
 
 
+prefer_installed()
 isolate_ros()
 # How long an example takes says more of the machine than of us.
 hypothesis.settings.register_profile('patient', deadline=None)

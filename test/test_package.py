@@ -7,12 +7,16 @@ import os
 from pathlib import Path
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 import xml.etree.ElementTree as xml
 
 import convseq_ros
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.recording import write_recording
+from convseq_ros.simulation.street import Street
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -75,6 +79,16 @@ def colcon(root: Path, *verb: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
+    )
+
+
+def bash(folder: Path, script: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        ['bash', '-c', script],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
 
 
@@ -199,6 +213,41 @@ def test_colcon_installs_what_ros2_run_executes(workspace):
     pytest.importorskip('rclpy')
     sourced = f'. {workspace}/install/setup.sh && exec {node} "$@"'
     assert_node_reports_a_missing_map(['sh', '-c', sourced, 'vpr_node'], dict(os.environ))
+
+
+# What `ros2 run` executes, found as it finds it; the command itself is not on PyPI.
+ROS2_RUN = """ros2() {
+    for prefix in $(echo "$AMENT_PREFIX_PATH" | tr ':' ' '); do
+        if [ -f "$prefix/share/ament_index/resource_index/packages/$2" ]; then
+            program="$prefix/lib/$2/$3"; shift 3; exec "$program" "$@"
+        fi
+    done
+}
+"""
+
+
+def test_the_robot_block_of_the_readme_works(workspace):
+    """Build, map and run, as it is written there; the first drive is drawn, the camera absent."""
+    pytest.importorskip('rclpy')
+    pytest.importorskip('rosbags')
+    readme = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
+    (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
+    build, make, run = block.splitlines()
+    assert build == 'colcon build --packages-select convseq_ros && source install/setup.bash'
+    drawn = draw(Street(60.0, seed=3), Drive(num_frames=25, width_px=160, height_px=120))
+    write_recording(workspace / 'first_drive.mcap', drawn)
+    # The workspace is built already, by the same command but for this package's name.
+    sourced = f'set -e; source install/setup.bash; {ROS2_RUN}'
+    with bash(workspace, f'{sourced} which convseq; {make}') as made:
+        told = made.stdout.read()
+    assert made.returncode == 0, told
+    assert told.startswith(f'{workspace}/install/convseq_ros/bin/convseq\n')
+    assert 'map.db: ' in told and (workspace / 'map.db').is_file()
+    with bash(workspace, f'{sourced} {run}') as node:
+        for line in node.stdout:
+            if 'listening to /camera/image_raw' in line:
+                node.send_signal(signal.SIGINT)
+    assert node.returncode == 0
 
 
 def test_colcon_sets_the_package_up_for_the_ament_index(workspace):

@@ -2,14 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
-from convseq_ros.core.types import Candidate, Match, Reason, Status
+from convseq_ros.core.types import (
+    Candidate,
+    Localization,
+    LocalizationState,
+    Match,
+    Reason,
+    Status,
+)
 from convseq_ros.errors import SourceError
 from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
 import pytest
 
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
-    3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08
+    3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
+    localization=Localization(LocalizationState.LOCALISED, 0.8, 4),
 )  # fmt: skip
 REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
@@ -19,7 +27,8 @@ def test_columns_are_those_that_other_programs_read():
     assert ','.join(COLUMNS) == (
         'query_index,query_stamp_ns,status,reason,reference_index,reference_stamp_ns,score,'
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
-        'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers'
+        'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
+        'localization,localization_quality'
     )
 
 
@@ -52,12 +61,15 @@ def test_rows_round_trip(tmp_path):
                 '-40.0',
                 '0.08000',
                 '231',
+                'localised',
+                '0.8000',
             ),
             strict=True,
         )
     )
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
     assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''
+    assert skipped['localization'] == skipped['localization_quality'] == ''
     assert skipped['best_index'] == '' and skipped['reason'] == 'uninformative'
 
 

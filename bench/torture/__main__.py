@@ -3,73 +3,76 @@
 """
 Attack the program: `python -m bench.torture [ATTACK ...]`, from the repository.
 
-Every attack has a count, a seed and an oracle; docs/RELIABILITY.md says what came of it. The exit
-code is 1 if anything broke.
+Every attack has a count, a seed and an oracle; docs/RELIABILITY.md says what came of it, and is
+written after every portion, so that a night that is broken off is not lost. The exit code is 1 if
+anything broke.
 """
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
-import json
+from dataclasses import replace
 from pathlib import Path
-import platform
+import subprocess
 import sys
 import tempfile
 import time
 
-from bench.torture.attack import attacks, carry_out, Outcome
-from bench.torture.page import read_kept, write_page
+from bench.torture.attack import Attack, attacks, carry_out, Outcome
+from bench.torture.page import keep_outcome, kept_outcome
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Carry out the attacks that are asked for, again and again if there is time."""
+    """Carry out the attacks that are asked for; then again and again, if there is time."""
     known = attacks()
     chosen = _parser(list(known)).parse_args(arguments)
-    names = chosen.attacks or list(known)
     until_s = time.monotonic() + chosen.hours * 3600
-    outcomes: dict[str, Outcome] = {}
-    rounds = 0
-    while not rounds or time.monotonic() < until_s:
-        for name in names:
-            seed = known[name].seed if chosen.seed is None else chosen.seed
-            count = known[name].short if chosen.short else chosen.count or known[name].count
-            with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
-                outcome = carry_out(known[name], count, seed + rounds, Path(folder))
-            outcomes[name] = _joined(outcomes.get(name), outcome)
+    outcomes = {
+        name: _begun(known[name], chosen.seed, chosen.docs if chosen.go_on else None)
+        for name in chosen.attacks or known
+    }
+    for name, outcome in outcomes.items():
+        count = chosen.count or known[name].count
+        if chosen.seed is not None:
+            count = chosen.count or known[name].portion
+        if chosen.short:
+            count = known[name].short
+        while outcome.asked < count:
+            _portion(known[name], count - outcome.asked, outcome, chosen.docs)
+        _say(outcome)
+    while time.monotonic() < until_s:
+        for name, outcome in outcomes.items():
+            _portion(known[name], known[name].portion, outcome, chosen.docs)
             _say(outcome)
-        rounds += 1
-    if chosen.docs:
-        kept = read_kept(chosen.docs / 'reliability.json')
-        kept['outcomes'] |= {name: asdict(outcome) for name, outcome in outcomes.items()}
-        kept['not_run'] = [
-            [name, one.about] for name, one in known.items() if name not in kept['outcomes']
-        ]
-        kept['machine'] = {'Python': platform.python_version(), 'system': platform.platform()}
-        text = json.dumps(kept, indent=1) + '\n'
-        (chosen.docs / 'reliability.json').write_text(text, encoding='utf-8')
-        write_page(kept, chosen.docs)
     return int(any(outcome.problems for outcome in outcomes.values()))
 
 
-def _joined(before: Outcome | None, now: Outcome) -> Outcome:
-    if before is None:
-        return now
-    return Outcome(
-        now.attack,
-        now.about,
-        now.oracle,
-        before.tries + now.tries,
-        before.survived + now.survived,
-        before.seed,
-        before.seconds + now.seconds,
-        before.problems + now.problems,
+def _begun(attack: Attack, seed: int | None, docs: Path | None) -> Outcome:
+    """Return what is kept of an attack, else the outcome of no try."""
+    begun = docs and kept_outcome(docs, attack.name)
+    fresh = Outcome(
+        attack.name, attack.about, attack.oracle, attack.seed if seed is None else seed
     )
+    return replace(begun, about=attack.about, oracle=attack.oracle) if begun else fresh
+
+
+def _portion(attack: Attack, most: int, outcome: Outcome, docs: Path | None) -> None:
+    with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
+        carry_out(attack, min(most, attack.portion), outcome, Path(folder))
+    if docs:
+        outcome.code = sorted({*outcome.code, _commit()})
+        keep_outcome(docs, outcome)
+
+
+def _commit() -> str:
+    command = ['git', 'describe', '--always', '--exclude=*']
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    return told.stdout.strip() or 'unknown'
 
 
 def _say(outcome: Outcome) -> None:
     print(
         f'{outcome.attack}: {outcome.survived} of {outcome.tries} in {outcome.seconds:.0f} s, '
-        f'seed {outcome.seed}',
+        f'seeds {outcome.seed} to {outcome.seed + outcome.portions - 1}',
         *outcome.problems,
         sep='\n  ',
         flush=True,
@@ -81,9 +84,10 @@ def _parser(names: list[str]) -> argparse.ArgumentParser:
     parser.add_argument('attacks', nargs='*', metavar='ATTACK', help=f'of {", ".join(names)}')
     parser.add_argument('--count', type=int, help='tries, instead of what each file says')
     parser.add_argument('--short', action='store_true', help='as few tries as the tests make')
-    parser.add_argument('--seed', type=int, help='instead of what each file says')
+    parser.add_argument('--seed', type=int, help='a portion by this seed, as it was made before')
     parser.add_argument('--hours', type=float, default=0.0, help='go on for so long')
     parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
+    parser.add_argument('--go-on', action='store_true', help='add to what is in the JSON there')
     return parser
 
 

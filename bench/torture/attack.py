@@ -4,12 +4,13 @@
 What an attack is: a file of this folder.
 
 It has `ABOUT`, what is done, `ORACLE`, what must hold after every try, and a `SEED`.
-`make torture` makes `COUNT` tries, the tests `SHORT`. `run(count, seed, folder)` yields a `Try`
-for each; a seed gives the same tries again.
+`make torture` makes `COUNT` tries, `PORTION` at a time and each portion by the next seed; the
+tests make `SHORT`. `run(count, seed, folder)` yields a `Try` for each; a seed gives the same tries
+again.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import importlib
 from pathlib import Path
 import time
@@ -41,23 +42,27 @@ class Attack:
     about: str
     oracle: str
     count: int
+    portion: int
     short: int
     seed: int
     run: Callable[[int, int, Path], Iterator[Try]]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Outcome:
-    """What came of an attack."""
+    """What came of an attack so far; portions that were made have the seeds from `seed` on."""
 
     attack: str
     about: str
     oracle: str
-    tries: int
-    survived: int
     seed: int
-    seconds: float
-    problems: list[str]
+    portions: int = 0
+    asked: int = 0  # tries, or for each decoder where there are many
+    tries: int = 0
+    survived: int = 0
+    seconds: float = 0.0
+    problems: list[str] = field(default_factory=list)
+    code: list[str] = field(default_factory=list)  # commits that were attacked
 
 
 def attacks() -> dict[str, Attack]:
@@ -68,26 +73,23 @@ def attacks() -> dict[str, Attack]:
             continue
         module = importlib.import_module(f'bench.torture.{path.stem}')
         if hasattr(module, 'ORACLE'):
-            values = (module.ABOUT, module.ORACLE, module.COUNT, module.SHORT, module.SEED)
-            found[path.stem] = Attack(path.stem, *values, module.run)
+            texts = module.ABOUT, module.ORACLE
+            numbers = module.COUNT, module.PORTION, module.SHORT, module.SEED
+            found[path.stem] = Attack(path.stem, *texts, *numbers, module.run)
     return found
 
 
-def carry_out(attack: Attack, count: int, seed: int, folder: Path) -> Outcome:
-    """Try as often as asked, with what that needs in a folder."""
-    started_s = time.monotonic()
+def carry_out(attack: Attack, count: int, outcome: Outcome, folder: Path) -> None:
+    """Try as often as asked, by the next seed, with what that needs in a folder; count it."""
+    started_s, seed = time.monotonic(), outcome.seed + outcome.portions
     tries, problems = 0, []
     for one in attack.run(count, seed, folder):
         tries += 1
         if one.problem:
-            problems.append(f'{one.name}: {one.problem}')
-    return Outcome(
-        attack.name,
-        attack.about,
-        attack.oracle,
-        tries,
-        tries - len(problems),
-        seed,
-        round(time.monotonic() - started_s, 1),
-        problems,
-    )
+            problems.append(f'seed {seed}, {one.name}: {one.problem}')
+    outcome.portions += 1
+    outcome.asked += count
+    outcome.tries += tries
+    outcome.survived += tries - len(problems)
+    outcome.seconds = round(outcome.seconds + time.monotonic() - started_s, 1)
+    outcome.problems += problems

@@ -16,7 +16,7 @@ ORACLE = (
     'every image is answered, or counted as dropped or lost; below 1.5 GB; 10 s later the node '
     'holds at most 250 MB more than before the first burst'
 )
-COUNT, SHORT, SEED = 20, 0, 16
+COUNT, PORTION, SHORT, SEED = 20, 5, 0, 16
 _SIZES = ((480, 640), (1_080, 1_920), (2_160, 3_840), (4_320, 7_680))
 _BURST = 30
 # The middleware keeps the memory of two images of the largest size, here of 100 MB.

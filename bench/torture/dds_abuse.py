@@ -24,7 +24,7 @@ ORACLE = (
     'every image is answered, or counted as dropped or lost; nothing fails; below 2 GB; a good '
     'image is answered after each burst'
 )
-COUNT, SHORT, SEED = 2_000, 0, 16
+COUNT, PORTION, SHORT, SEED = 2_000, 500, 0, 16
 _SIDES = (1, 2, 3, 16, 47, 64, 240, 480, 1_080, 2_160, 6_000, 8_000)
 _MOST_PIXELS = 48_000_000
 _MOST_MB = 2_000

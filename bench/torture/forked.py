@@ -14,6 +14,7 @@ import traceback
 
 MOST_S = 5.0
 BLOCKED_S = 30.0  # without the processor, which other programs may have
+LOOK_S = 0.5  # between two looks: while all is stopped, no more than this passes
 MOST_BYTES = 1_000_000_000
 _MOST_TOLD = 100_000  # bytes of what a child says
 
@@ -42,7 +43,7 @@ def problem_of(work: Callable[[], int], most_s: float = MOST_S) -> str:
         os.close(reader)
         _work(work, writer)
     os.close(writer)
-    told, in_time = _read(reader, time.monotonic() + BLOCKED_S + most_s)
+    told, in_time = _read(reader, BLOCKED_S + most_s)
     os.close(reader)
     if not in_time:
         os.kill(child, signal.SIGKILL)
@@ -80,14 +81,15 @@ def _work(work: Callable[[], int], writer: int) -> None:
     os._exit(code)
 
 
-def _read(reader: int, until_s: float) -> tuple[str, bool]:
+def _read(reader: int, left_s: float) -> tuple[str, bool]:
     """Return what is written until the other end is closed, and whether that was in time."""
     told = b''
-    while (left_s := until_s - time.monotonic()) > 0:
-        if not select.select([reader], [], [], left_s)[0]:
-            break
-        piece = os.read(reader, 65536)
-        if not piece:
-            return told.decode(errors='replace'), True
-        told += piece
+    while left_s > 0:
+        before_s = time.monotonic()
+        if select.select([reader], [], [], LOOK_S)[0]:
+            piece = os.read(reader, 65536)
+            if not piece:
+                return told.decode(errors='replace'), True
+            told += piece
+        left_s -= min(LOOK_S, time.monotonic() - before_s)
     return told.decode(errors='replace'), False

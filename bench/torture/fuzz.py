@@ -10,6 +10,7 @@ from pathlib import Path
 import random
 import resource
 import select
+import shutil
 import signal
 import struct
 import tempfile
@@ -38,7 +39,7 @@ import numpy as np
 
 from bench.torture import corpus
 from bench.torture.attack import Try
-from bench.torture.forked import BLOCKED_S, MOST_BYTES, MOST_S
+from bench.torture.forked import BLOCKED_S, LOOK_S, MOST_BYTES, MOST_S
 from bench.torture.spoil import spoil
 
 ABOUT = (
@@ -46,7 +47,7 @@ ABOUT = (
     'poses, recordings, result tables, truth, YAML; so many executions each'
 )
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
-COUNT, SHORT, SEED = 20_000, 4, 16
+COUNT, PORTION, SHORT, SEED = 20_000, 1_000, 4, 16
 _BATCH = 250
 _NUMBERS = ('0', '-1', '1e308', 'nan', 'inf', '9' * 30, '1e99999999', '', '[]', '0x', '~', "'")
 
@@ -154,18 +155,19 @@ def _in_fork(
         os.close(reader)
         _decode_all(name, target, numbers, seed, folder, writer, place)
     os.close(writer)
-    told, stuck = b'', False
-    before, since_s = -1, time.monotonic()
-    while not stuck:
-        if select.select([reader], [], [], 0.5)[0]:
+    told, before, blocked_s = b'', -1, 0.0
+    while blocked_s < BLOCKED_S:
+        look_s = time.monotonic()
+        if select.select([reader], [], [], LOOK_S)[0]:
             piece = os.read(reader, 65536)
             if not piece:
                 break
             told += piece
         (at,) = struct.unpack('q', place[:8])
+        blocked_s += min(LOOK_S, time.monotonic() - look_s)
         if at != before:
-            before, since_s = at, time.monotonic()
-        stuck = time.monotonic() - since_s > BLOCKED_S
+            before, blocked_s = at, 0.0
+    stuck = blocked_s >= BLOCKED_S
     if stuck:
         os.kill(child, signal.SIGKILL)
     os.close(reader)
@@ -195,24 +197,33 @@ def _decode_all(
     resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 2)
+    own = Path(tempfile.mkdtemp(dir=folder))
     for number in numbers:
         place[:8] = struct.pack('q', number)
         started_s = time.process_time()
         problem = ''
-        with tempfile.TemporaryDirectory(dir=folder) as own:
-            try:
-                target.decode(target.make(random.Random(f'{name} {seed} {number}')), Path(own))
-            except ConvseqError as error:
-                if len(str(error)) > 2000:
-                    problem = f'an error of {len(str(error))} characters'
-            except BaseException:
-                problem = ' | '.join(traceback.format_exc().splitlines()[-5:])
+        try:
+            target.decode(target.make(random.Random(f'{name} {seed} {number}')), own)
+        except ConvseqError as error:
+            if len(str(error)) > 2000:
+                problem = f'an error of {len(str(error))} characters'
+        except BaseException:
+            problem = ' | '.join(traceback.format_exc().splitlines()[-5:])
+        _empty(own)
         took_s = time.process_time() - started_s
         if took_s > MOST_S:
             problem = f'took {took_s:.1f} s'
         if problem:
             os.write(writer, f'{number}\t{problem[:500]}\n'.encode(errors='replace'))
     os._exit(0)
+
+
+def _empty(folder: Path) -> None:
+    for one in [*folder.iterdir()]:
+        if one.is_dir():
+            shutil.rmtree(one)
+        else:
+            one.unlink()
 
 
 def _spoiled(seeds: list[bytes], decode: Callable[[Any, Path], object]) -> Target:

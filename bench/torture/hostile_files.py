@@ -27,7 +27,7 @@ ABOUT = (
     '`build-map`'
 )
 ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB'
-COUNT, SHORT, SEED = 5_000, 8, 16
+COUNT, PORTION, SHORT, SEED = 5_000, 100, 8, 16
 _SHARE_OF_BOMBS = 0.4
 
 

@@ -27,7 +27,7 @@ ABOUT = (
     'preloaded and online, `build-map --append` and `convert`'
 )
 ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched'
-COUNT, SHORT, SEED = 1_000, 12, 16
+COUNT, PORTION, SHORT, SEED = 1_000, 100, 12, 16
 _PLACES, _SIZE = 20, ('--image-size-px', '64')
 _ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
 _TABLES = 'about', 'sessions', 'places', 'pictures', 'images'

@@ -19,7 +19,7 @@ ABOUT = (
     'elsewhere (three), or the end is cut off (one); it is read, and added to'
 )
 ORACLE = 'it is refused with one line within 5 s, or all that it answers is what it was'
-COUNT, SHORT, SEED = 5_000, 100, 16
+COUNT, PORTION, SHORT, SEED = 5_000, 500, 100, 16
 _PLACES, _SECTOR = 60, 512
 _MOST_S = 5.0
 

@@ -25,7 +25,7 @@ ORACLE = (
     'what was said to be committed is there, and what was added a second before the end; all of '
     'it is right; the next program goes on'
 )
-COUNT, SHORT, SEED = 1_000, 8, 16
+COUNT, PORTION, SHORT, SEED = 1_000, 96, 8, 16
 _AT_ONCE = 16  # programs
 _LONGEST_S = 3.0
 _MOST_LOST_S = 1.0

@@ -15,7 +15,7 @@ from bench.torture.robot import image, robot
 
 ABOUT = 'SIGINT or SIGTERM while frames come at any rate, then a start on the same growing map'
 ORACLE = 'exit 0 within 3 s; the map opens, and holds every place that it held before'
-COUNT, SHORT, SEED = 200, 0, 16
+COUNT, PORTION, SHORT, SEED = 200, 10, 0, 16
 _MOST_S = 3.0
 
 

@@ -120,6 +120,7 @@ def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
         process = subprocess.Popen(
             command, env=own, cwd=folder, stdout=log, stderr=subprocess.STDOUT
         )
+        one = None
         try:
             one = Robot(process, context)
             ready = one.wait_for(lambda: one.told.get('state') == 'enabled', _START_S)
@@ -129,6 +130,9 @@ def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
             yield one
         finally:
             end(process, _END_S)
+            # Else its publishers stay: a node counts what it missed of a single one.
+            if one:
+                one.node.destroy_node()
             context.try_shutdown()
 
 

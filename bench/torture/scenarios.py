@@ -157,7 +157,13 @@ def _goes_on(path: Path, _commits: list[int], acknowledged: int) -> None:
     grow(owner.reference_map, 2)
     owner.close()
     assert holds(path) == before + 2
-    assert [one.name for one in path.parent.iterdir() if one.name.endswith('-lock')] == []
+    _nothing_beside(path)
+
+
+def _nothing_beside(path: Path) -> None:
+    """See that the last program left nothing of its own, nor of who ended before."""
+    beside = {one.name for one in path.parent.iterdir()} - {'old.db', path.name}
+    assert not beside, beside
 
 
 def _save(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
@@ -174,6 +180,7 @@ def _old_or_new(path: Path, commits: list[int], acknowledged: int) -> None:
         _goes_on(path, commits, commits[0])
     save_map(drawn(3, 2), path)
     assert holds(path, 2) == 3
+    _nothing_beside(path)
 
 
 def _old_format(path: Path, _commits: list[int]) -> None:
@@ -189,6 +196,7 @@ def _converted(path: Path, _commits: list[int], acknowledged: int) -> None:
     if not path.exists():
         assert acknowledged < 0
         convert(path.with_name('old.db'), path)
+        _nothing_beside(path)
     assert len(open_map(path)) == _GOLDEN_PLACES
 
 

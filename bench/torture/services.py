@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Services called at 50 Hz while frames come at 10 Hz."""
+"""Services called at 10 or 50 Hz while frames come at 10 Hz."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +17,13 @@ from bench.torture import corpus
 from bench.torture.attack import Try
 from bench.torture.robot import image, Robot, robot
 
-ABOUT = '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz'
+ABOUT = (
+    '`~/reset`, `~/set_enabled`, `~/save_map`, `~/load_map` and parameters, called at 50 Hz, or '
+    'by odd seeds at 10 Hz'
+)
 ORACLE = 'every call is answered within 30 s; the node lives, and answers frames afterwards'
-COUNT, SHORT, SEED = 1_200, 0, 16
-_CALL_HZ, _FRAME_HZ = 50, 10
+COUNT, PORTION, SHORT, SEED = 1_200, 200, 0, 16
+_CALLS_HZ, _FRAME_HZ = (50, 10), 10
 _PATIENCE_S = 30.0
 
 
@@ -36,10 +39,12 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
         save_map_path=folder / 'copy.db',
         image_size_px=256,
     ) as one:
-        yield from _called(one, count, draw, folder)
+        yield from _called(one, count, _CALLS_HZ[seed % 2], draw, folder)
 
 
-def _called(one: Robot, count: int, draw: random.Random, folder: Path) -> Iterator[Try]:
+def _called(
+    one: Robot, count: int, call_hz: int, draw: random.Random, folder: Path
+) -> Iterator[Try]:
     clients = {
         name: one.node.create_client(kind, f'/vpr_node/{name}', qos_profile=QoSProfile(depth=1000))
         for name, kind in {
@@ -59,11 +64,11 @@ def _called(one: Robot, count: int, draw: random.Random, folder: Path) -> Iterat
     asked = []
     start_s = time.monotonic()
     for number in range(count):
-        if number % (_CALL_HZ // _FRAME_HZ) == 0:
+        if number % (call_hz // _FRAME_HZ) == 0:
             one.camera.publish(image(corpus.gray(number), (number + 1) * 10**9))
         name = draw.choice(list(clients))
         asked.append((name, clients[name].call_async(_request(name, draw, folder))))
-        one.spin(max(0.0, start_s + (number + 1) / _CALL_HZ - time.monotonic()))
+        one.spin(max(0.0, start_s + (number + 1) / call_hz - time.monotonic()))
     one.wait_for(lambda: all(future.done() for _, future in asked), _PATIENCE_S)
     alive = one.process.poll() is None
     for number, (name, future) in enumerate(asked):

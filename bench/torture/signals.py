@@ -17,7 +17,7 @@ from bench.torture.attack import Try
 
 ABOUT = 'SIGINT or SIGTERM from .3 to 3 s after the start of `vpr_node`, half of them twice'
 ORACLE = 'exit 0 within 1.5 s; on standard error nothing but lines of information'
-COUNT, SHORT, SEED = 500, 2, 16
+COUNT, PORTION, SHORT, SEED = 500, 50, 2, 16
 _EARLIEST_S, _LATEST_S = 0.3, 3.0
 _MOST_S = 1.5
 _HANGS_S = 20.0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
+from convseq_ros.installing import pip_install
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +53,7 @@ class OnnxModel:
         try:
             import onnxruntime
         except ImportError:
-            raise SourceError(f'{path}: needs onnxruntime; pip install onnxruntime') from None
+            raise SourceError(f'{path}: needs onnxruntime; {pip_install("onnxruntime")}') from None
         if not path.is_file():
             raise SourceError(f'{path}: no such file; check the path of the model')
         options = onnxruntime.SessionOptions()

@@ -3,6 +3,7 @@
 """Histograms of oriented gradients of the whole image as one descriptor (Dalal, Triggs 2005)."""
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import pip_install
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +38,9 @@ def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     try:
         from skimage.feature import hog
     except ImportError:
-        raise ConvseqError('method hog needs scikit-image: pip install scikit-image') from None
+        raise ConvseqError(
+            f'method hog needs scikit-image: {pip_install("scikit-image")}'
+        ) from None
     resized = cv2.resize(gray, (_SIDE_PX, _SIDE_PX), interpolation=cv2.INTER_LINEAR)
     return hog(
         resized,

@@ -11,10 +11,23 @@ from convseq_ros.config import core_parameters
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import Parameter, parameters
 
+_PAGE = """\
+# Parameters
+
+Printed by `convseq config --markdown`. They are the same for the node (`-p NAME:=VALUE`,
+`--params-file`), for `convseq replay --config FILE` and as options (`--min-margin 0.01`).
+`convseq config > my.yaml` prints all of them, ready to edit; a name that is not listed is an
+error. Those marked * may change while the node runs. `build-map` takes those of keyframes and
+motion, `image_size_px`, `image_mask`, `image_rotation_deg` and `max_image_mpx`.
+
+| parameter | default | unit | allowed | meaning |
+|---|---|---|---|---|
+"""
+
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument('--markdown', action='store_true', help='print a table for documents')
+    parser.add_argument('--markdown', action='store_true', help='print docs/PARAMETERS.md')
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -45,8 +58,8 @@ def yaml(known: Iterable[Parameter]) -> str:
 
 
 def markdown(known: Iterable[Parameter]) -> str:
-    """Return a table of the parameters."""
-    lines = ['| parameter | default | unit | allowed | meaning |', '|---|---|---|---|---|']
+    """Return docs/PARAMETERS.md."""
+    lines = []
     for item in known:
         allowed = item.bounds.replace('|', 'or')
         live = ' *' if item.dynamic else ''
@@ -54,4 +67,4 @@ def markdown(known: Iterable[Parameter]) -> str:
             f'| `{item.name}`{live} | `{json.dumps(item.default)}` | {item.unit} | {allowed} '
             f'| {item.doc} |'
         )
-    return '\n'.join(lines)
+    return _PAGE + '\n'.join(lines)

@@ -10,6 +10,7 @@ import sys
 from convseq_ros.cli.processes import environment, running, wait_for_rows
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import NEEDS_ROS
 from convseq_ros.results import read_results
 
 _END_S = 10.0
@@ -54,7 +55,7 @@ def recognise_live(
 
     """
     if importlib.util.find_spec('rclpy') is None:
-        raise ConvseqError("the live node needs ROS: pip install 'convseq_ros[ros]'")
+        raise ConvseqError(NEEDS_ROS)
     table = folder / 'live.csv'
     parameters = flatten(config) | {
         'map_path': str(map_path.absolute()),

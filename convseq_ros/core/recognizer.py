@@ -10,6 +10,7 @@ from convseq_ros.core.decision.candidates import ranked, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
+from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.online import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
@@ -51,28 +52,26 @@ class PlaceRecognizer:
         self.buffer = QueryBuffer(self.matcher, config.matching.matching == 'coherent')
         self._search, self._acceptance = make_search(reference_map, config), Acceptance(config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
+        self.localizer = Localizer(reference_map.places, config)
         self._last: Match | None = None
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
         """
         Return what is known about the place that the newest frame shows.
 
-        Parameters
-        ----------
-        frame : Frame
-            Frames come in order. One whose stamp is up to a second late is skipped; one later
-            still means that the clock jumped back: the buffer is emptied, a session begins.
-        descriptor : Descriptor, optional
-            What it shows, if it is described already.
+        Frames come in order. One whose stamp is up to a second late is skipped; one later still
+        means that the clock jumped back: the buffer is emptied, a session begins. A `descriptor`
+        says what the frame shows, if it is described already.
 
-        Notes
-        -----
         Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
         frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
         dropped frames hold their places; (5) another velocity than the map's is followed.
 
         """
-        frame = upright(frame, self._encoding)
+        match = self._answer(upright(frame, self._encoding), descriptor)
+        return self.localizer.update(match, frame.pose, self.mapping.session_start)
+
+    def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
         if (order := self._order.update(frame.stamp_ns)) is Order.LATE:
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
@@ -82,8 +81,7 @@ class PlaceRecognizer:
             self._order.update(frame.stamp_ns)
             self.resets += 1
 
-        def encode() -> Descriptor:
-            # III-B, III-C: entropy of the image, histograms of gradients in its cells.
+        def encode() -> Descriptor:  # III-B, III-C: entropy, histograms of gradients in cells
             if descriptor is None and frame.gray is not None:
                 return describe(frame.gray, self._encoding)
             return descriptor or self._blank
@@ -144,6 +142,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
-        for stage in (self._order, self.gate, self.matcher, self.buffer, self._search):
+        before = self._order, self.gate, self.matcher, self.buffer, self._search
+        for stage in (*before, self._acceptance, self.localizer):
             stage.reset()
-        self._acceptance.reset()

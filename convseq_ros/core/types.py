@@ -125,6 +125,25 @@ class RelativePose:
 UNKNOWN_M2 = 1e6  # variance of a position that is not known, in square metres
 
 
+class LocalizationState(StrEnum):
+    """Whether it is known where in the map the robot is."""
+
+    LOST = 'lost'
+    CANDIDATE = 'candidate'
+    LOCALISED = 'localised'
+
+
+@dataclass(frozen=True, slots=True)
+class Localization:
+    """Where in the map the robot is, as far as the frames so far tell."""
+
+    state: LocalizationState = LocalizationState.LOST
+    # Probability in [0, 1] that the place is right; 0 if lost, None if it is not calibrated.
+    quality: float | None = 0.0
+    reference_index: int | None = None  # the place that was recognised last; None if lost
+    problem: str = ''  # why it is not localised, in one line
+
+
 @dataclass(frozen=True, slots=True)
 class Match:
     """The answer to one frame."""
@@ -146,6 +165,7 @@ class Match:
     relative_yaw_rad: float | None = None
     # Of the base, against the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
+    localization: Localization | None = None  # after this frame; None if nobody kept it
 
     @property
     def best(self) -> Candidate | None:

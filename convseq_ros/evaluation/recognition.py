@@ -11,7 +11,14 @@ from typing import Any
 from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, SequenceConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Candidate, Match, Reason, Status
+from convseq_ros.core.types import (
+    Candidate,
+    Localization,
+    LocalizationState,
+    Match,
+    Reason,
+    Status,
+)
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.rerun import part_of, rerun
 from convseq_ros.parameter import parameters, Value
@@ -201,5 +208,10 @@ def _match(stored: dict[str, Any]) -> Match:
             'reason': Reason(stored['reason']),
             'candidates': candidates,
             'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
+            'localization': stored['localization'] and _localization(stored['localization']),
         }
     )
+
+
+def _localization(stored: dict[str, Any]) -> Localization:
+    return Localization(**{**stored, 'state': LocalizationState(stored['state'])})

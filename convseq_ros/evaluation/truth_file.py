@@ -5,19 +5,13 @@
 from collections.abc import Callable, Mapping, Sequence
 import csv
 from pathlib import Path
-import pickle  # nosec B403
 from typing import Any, BinaryIO
 
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.array_pickle import read_objects
 from convseq_ros.files import read_array, refuse_irregular
 import numpy as np
 import numpy.typing as npt
-
-_HARMLESS = {
-    (module, name)
-    for module in ('numpy.core.multiarray', 'numpy._core.multiarray')
-    for name in ('_reconstruct', 'scalar')
-} | {('numpy', 'ndarray'), ('numpy', 'dtype')}
 
 
 def read_pairs(
@@ -124,15 +118,18 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
             f'{path}: an array of shape {stored.shape} is no truth; expected rows of query and '
             'references, or a bool matrix'
         )
+    pairs: list[list[int]] = []
     try:
-        pairs = [
-            [int(query), int(reference)]
-            for query, references in stored.tolist()
-            for reference in np.ravel(np.asarray(references, np.int64))
-        ]
+        for query, references in stored.tolist():
+            own = references if isinstance(references, list) else [references]
+            if len(pairs) + len(own) > shape[0] * shape[1]:
+                raise SourceError(
+                    f'{path}: has more pairs than there are of queries and references'
+                )
+            pairs += [[int(query), int(reference)] for reference in own]
+        return np.array(pairs, np.int64).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):
         raise SourceError(f'{path}: its rows are not query and list of references') from None
-    return np.array(pairs, np.int64).reshape(-1, 2)
 
 
 def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64]:
@@ -194,15 +191,6 @@ def _explained(path: Path, opened: Callable[[], Any]) -> Any:
         raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
 
 
-class _HarmlessUnpickler(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) in _HARMLESS:
-            return super().find_class(module, name)
-        if (module, name) == ('_codecs', 'encode'):
-            return lambda text, _: text.encode('latin1')
-        raise pickle.UnpicklingError(f'holds {module}.{name}, which is no array')
-
-
 def _load(file: BinaryIO, path: Path) -> npt.NDArray[Any]:
     version = np.lib.format.read_magic(file)
     read = (
@@ -213,5 +201,4 @@ def _load(file: BinaryIO, path: Path) -> npt.NDArray[Any]:
     shape, fortran, dtype = read(file)
     if not dtype.hasobject:
         return read_array(path)
-    stored: npt.NDArray[Any] = _HarmlessUnpickler(file, encoding='latin1').load()
-    return stored.reshape(shape, order='F' if fortran else 'C')
+    return read_objects(file, shape, fortran)

@@ -174,6 +174,7 @@ class Diagnostics:
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     match, session = statistics.last_match, situation.session
+    known = session.recognizer.localizer.localization
     values: dict[str, object] = {
         'state': _state_word(situation),
         'mode': 'online' if session.is_growing else 'preloaded',
@@ -191,6 +192,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'last_reason': match.reason.value if match else '',
         'last_sequence_length': match.sequence_length if match else 0,
         'last_score': match.best.score if match and match.best else 0.0,
+        'localization': known.state.value,
+        'localization_quality': '' if known.quality is None else known.quality,
         'map_path': session.path or '',
         'map_size': situation.map_size,
         'clock_jumps': situation.clock_jumps,

@@ -57,6 +57,12 @@ class ImageSubscription:
             self._config.image_reliability,
         )
 
+    def stop(self) -> None:
+        """Listen no more."""
+        if self._subscription:
+            self._subscription.destroy()
+        self._subscription = None
+
     def _on_message(self, message: ImageMessage) -> None:
         fitting = round(self._config.queue_mb * 1e6) // max(1, len(message.data))
         if self._subscription and fitting < self._config.queue_size:

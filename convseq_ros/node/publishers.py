@@ -9,6 +9,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
+from convseq_ros.node.closure_message import closure_message
 from convseq_ros.node.conversions import (
     candidates_message,
     image_message,
@@ -55,6 +56,7 @@ class MatchPublishers:
         self._closure_index = node.create_publisher(
             Int64MultiArray, '~/loop_closure_index', _DEPTH
         )
+        self._whole_closure = node.create_publisher(PointCloud2, '~/closure', _DEPTH)
         self._pose = node.create_publisher(PoseWithCovarianceStamped, '~/pose', _DEPTH)
         self._debug_image = node.create_publisher(Image, '~/debug_image', _DEPTH)
         self._markers = MatchMarkers(node)
@@ -64,8 +66,14 @@ class MatchPublishers:
         """Show another map."""
         self._path.follow(reference_map, self.config.map_frame)
 
-    def publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
-        """Publish the answer to one frame; -1 and 0 stand for no match and no score."""
+    def publish(
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer
+    ) -> PoseEstimate | None:
+        """
+        Publish the answer to one frame, and return the pose that was, if any.
+
+        -1 and 0 stand for no match and no score.
+        """
         best, accepted = match.best, match.accepted
         places = recognizer.reference_map.places
         poses = {
@@ -79,6 +87,7 @@ class MatchPublishers:
         if accepted:
             estimate = self._publish_accepted(match, accepted, recognizer)
         self._show(frame, match, recognizer, estimate)
+        return estimate
 
     def _publish_accepted(
         self, match: Match, accepted: Candidate, recognizer: PlaceRecognizer
@@ -87,6 +96,10 @@ class MatchPublishers:
         if not self._is_of_another_session(accepted, recognizer):
             self._closure.publish(loop_closure_message(match.query_stamp_ns, accepted))
         self._closure_index.publish(loop_closure_index_message(match.query_index, accepted))
+        own = recognizer.mapping.session_start
+        self._whole_closure.publish(
+            closure_message(match, recognizer.reference_map, config.base_frame, own)
+        )
         estimate = estimate_pose(
             recognizer.reference_map.places,
             accepted.reference_index,

@@ -30,6 +30,8 @@ class Statistics:
         Monotonic time of the last message, or of the start.
     latency_ms, duration_ms : float
         Of the last frame: from its arrival to its answer, and the work alone.
+    busy_ms : float
+        The work on all frames together.
 
     """
 
@@ -42,6 +44,7 @@ class Statistics:
     last_match: Match | None = None
     latency_ms: float = 0.0
     duration_ms: float = 0.0
+    busy_ms: float = 0.0
     reasons: Counter[str] = field(default_factory=Counter)
 
     def arrived(self, arrival_ns: int) -> None:
@@ -55,4 +58,5 @@ class Statistics:
         self.reasons[match.reason.value] += 1
         self.last_match = match
         self.duration_ms = duration_ms
+        self.busy_ms += duration_ms
         self.latency_ms = (time.monotonic_ns() - arrival_ns) / 1e6

@@ -69,6 +69,10 @@ class FollowingSubscription:
         """Messages that did not arrive."""
         return max(self._reported, self._missing)
 
+    def destroy(self) -> None:
+        """Hear nothing any more."""
+        self._node.destroy_subscription(self._subscription)
+
     def hold_at_most(self, depth: int) -> None:
         """Have fewer messages wait for the executor from now on."""
         if depth < self._depth:

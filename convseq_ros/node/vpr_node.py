@@ -2,53 +2,46 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
-from contextlib import suppress
-from ctypes import CDLL
-import os
 from pathlib import Path
-import sys
 import threading
 import time
 from typing import Any
 
-from convseq_ros.process import hand_over, ignore, run_node, stand
-
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
-    run_node('convseq_ros.node.vpr_node')
+    from convseq_ros.node.__main__ import main as start
+
+    start()
 
 from convseq_ros.config import Config
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Diagnostics, Situation
 from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
+from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
+from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
+from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.logging import get_logger
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, try_shutdown
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
 _MAPS_TIMEOUT_S = 2.0
-_LOOK_UP_S = 0.2
-_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
-_MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
 
 
-class VprNode(Node):
+class VprNode(ManagedNode):
     """
     Recognises the places of a map in the images of a camera.
 
@@ -75,24 +68,30 @@ class VprNode(Node):
         except RuntimeError as error:
             # Such as security that the middleware does not have.
             raise ConvseqError(str(error)) from None
-        logger = self.get_logger()
+        self._enabled = True
+        self._is_open = self._ready = self._listening = False
         try:
-            self._config, config = declare(self, self._on_parameters)
-            path = Path(config.map_path) if config.map_path else None
-            session = Session(path, self._config)
-            try:
-                self._results = ResultLog(config.result_file, logger)
-            except ConvseqError:
-                session.close()
-                raise
+            self._config, self._node_config = declare(self, self._on_parameters)
+            self._is_managed = self._node_config.lifecycle
+            if self._is_managed:
+                self.manage()
+            else:
+                self.open_work()
         except (ConvseqError, OSError):
             super().destroy_node()
             raise
+
+    def open_work(self) -> None:
+        """Open the map and the result file, and make what does the work; then warm up."""
+        logger, config = self.get_logger(), self._node_config
+        session = Session(Path(config.map_path) if config.map_path else None, self._config)
+        try:
+            self._results = ResultLog(config.result_file, logger)
+        except ConvseqError:
+            session.close()
+            raise
         for line in session.ignored:
             logger.warning(line)
-        self._node_config = config
-        self._enabled = True
-        self._ready = False
         self._statistics = Statistics()
         self._surroundings = Surroundings(self, config.odom_wait_s)
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
@@ -100,7 +99,7 @@ class VprNode(Node):
             session,
             self._surroundings,
             self._results,
-            self._answers.publish,
+            self._publish,
             self._statistics,
             logger,
             self.context.ok,
@@ -116,6 +115,7 @@ class VprNode(Node):
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
         self._images = ImageSubscription(self, config, self._on_image)
+        self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
         self._diagnostics = Diagnostics(
             self,
             self._statistics,
@@ -123,19 +123,50 @@ class VprNode(Node):
             self._images.advice,
             config.diagnostics_period_s,
         )
-        self._warm = self.create_guard_condition(self._listen)
+        self._progress = ProgressLog(
+            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
+        )
+        self._warm = self.create_guard_condition(self._on_warm)
+        self._warmed = threading.Event()
+        self._is_open = True
         self._worker.between_items(self._warm_up)
         self._worker.start()
+        if self._is_managed:
+            self._warmed.wait()
+            self._ready = True
 
-    def destroy_node(self) -> None:
-        """Finish the frame at hand, close the files and leave the graph."""
+    def listen(self) -> None:
+        """Take in images from now on."""
+        self._ready = self._listening = True
+        self._images.start()
+        self._maps.announce()
+        self.get_logger().info(f'listening to {self._images.topic}')
+
+    def pause(self) -> None:
+        """Take in no images for now."""
+        self._listening = False
+        self._images.stop()
+        self.get_logger().info('not listening')
+
+    def close_work(self) -> None:
+        """Finish the frame at hand and close the files."""
+        if not self._is_open:
+            return
+        self._is_open = self._listening = False
+        self._whereabouts.give_up()
         if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
         elif self._ready:
             self.get_logger().warning('stopped in the middle of a frame')
+        self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
         self._results.close()
+        self._ready = False
+
+    def destroy_node(self) -> None:
+        """Finish the frame at hand, close the files and leave the graph."""
+        self.close_work()
         super().destroy_node()
 
     def _warm_up(self) -> None:
@@ -157,14 +188,16 @@ class VprNode(Node):
             # Whatever is under way fails when a signal shuts ROS down.
             if self.context.ok():
                 raise
+        finally:
+            self._warmed.set()
 
-    def _listen(self) -> None:
-        if self._ready:
-            return
-        self._ready = True
-        self._images.start()
-        self._maps.announce()
-        self.get_logger().info(f'listening to {self._images.topic}')
+    def _on_warm(self) -> None:
+        if not (self._listening or self._is_managed):
+            self.listen()
+
+    def _publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
+        estimate = self._answers.publish(frame, match, recognizer)
+        self._whereabouts.update(match, estimate)
 
     def _on_image(self, message: ImageMessage) -> None:
         arrival_ns = time.monotonic_ns()
@@ -183,11 +216,13 @@ class VprNode(Node):
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:
         self._config, self._node_config = config, node_config
+        if not self._is_open:
+            return
         self._maps.save_path = node_config.save_map_path
 
         def apply() -> None:
             self._recognition.configure(config)
-            self._answers.config = node_config
+            self._answers.config = self._whereabouts.config = node_config
 
         self._worker.between_items(apply)
 
@@ -210,7 +245,7 @@ class VprNode(Node):
         session, odometry = self._recognition.session, self._surroundings.odometry
         return Situation(
             ready=self._ready,
-            enabled=self._enabled,
+            enabled=self._enabled and (self._listening or not self._ready),
             session=session,
             topic=self._images.topic,
             waiting=self._worker.waiting,
@@ -226,52 +261,4 @@ class VprNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code."""
-    stand(0)
-    _have_memory_returned()
-    try:
-        # Its own handlers would shut ROS down under whatever is at work.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        return _refuse(error)
-    try:
-        _run()
-    except (ConvseqError, OSError) as error:
-        return _refuse(error)
-    finally:
-        try_shutdown()
-        ignore()
-    _leave_what_is_at_work()
-    return 0
-
-
-def _run() -> None:
-    executor = SingleThreadedExecutor()
-    node = VprNode()
-    ending = threading.Event()
-    hand_over(ending.set)
-    executor.add_node(node)
-    try:
-        # A signal does not wake the executor: it looks up now and then.
-        while ok() and not ending.is_set():
-            executor.spin_once(timeout_sec=_LOOK_UP_S)
-    finally:
-        node.destroy_node()
-
-
-def _have_memory_returned() -> None:
-    """Have the C library give large images back to the system; else it keeps those of a burst."""
-    with suppress(AttributeError, OSError):
-        CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
-
-
-def _leave_what_is_at_work() -> None:
-    """End at once if threads are still at work: Python would tidy up what they are using."""
-    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
-
-
-def _refuse(error: Exception) -> int:
-    get_logger('vpr_node').error(' '.join(str(error).split()))
-    return 1
+    return run_until_signal(VprNode, args)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One thread behind one bounded queue."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from functools import partial
 import math
@@ -31,8 +31,9 @@ class Worker(Generic[Item]):
 
     Attributes
     ----------
-    dropped : int
-        Items that were pushed out of the queue, or waited for too long.
+    drops : Counter of str
+        Items that were pushed out of the queue or waited for too long, by the setting that says
+        so: queue_size, queue_mb, max_wait_s.
 
     """
 
@@ -43,7 +44,7 @@ class Worker(Generic[Item]):
         max_wait_s: float = 0.0,
         queue_bytes: float = math.inf,
     ) -> None:
-        self.dropped = 0
+        self.drops: Counter[str] = Counter()
         self._handle = handle
         self._size = queue_size
         self._max_wait_ns = round(max_wait_s * 1e9)
@@ -62,11 +63,9 @@ class Worker(Generic[Item]):
     def put(self, item: Item, size: int = 0) -> None:
         """Append an item that holds so many bytes; returns at once."""
         with self._changed:
-            while self._items and (
-                len(self._items) == self._size or self._bytes + size > self._most_bytes
-            ):
+            while self._items and (cause := self._overfull(size)):
                 self._take()
-                self.dropped += 1
+                self.drops[cause] += 1
             self._items.append((time.monotonic_ns(), size, item))
             self._bytes += size
             self._changed.notify()
@@ -76,6 +75,11 @@ class Worker(Generic[Item]):
         with self._changed:
             self._actions.append(action)
             self._changed.notify()
+
+    @property
+    def dropped(self) -> int:
+        """Items that were dropped, for whatever cause."""
+        return self.drops.total()
 
     @property
     def waiting(self) -> int:
@@ -119,13 +123,19 @@ class Worker(Generic[Item]):
                 return self._actions.popleft()
             while len(self._items) > 1 and self._is_late():
                 self._take()
-                self.dropped += 1
+                self.drops['max_wait_s'] += 1
             return partial(self._handle, self._take())
 
     def _take(self) -> Item:
         _, size, item = self._items.popleft()
         self._bytes -= size
         return item
+
+    def _overfull(self, size: int) -> str:
+        """Return which limit another item of a size would break; empty if none."""
+        if len(self._items) == self._size:
+            return 'queue_size'
+        return 'queue_mb' if self._bytes + size > self._most_bytes else ''
 
     def _is_late(self) -> bool:
         waited_ns = time.monotonic_ns() - self._items[0][0]

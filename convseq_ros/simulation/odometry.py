@@ -87,6 +87,10 @@ class Odometer:
         half = self._yaw / 2
         return Pose((self._x, self._y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
 
+    def lift(self) -> None:
+        """Be carried elsewhere: the wheels do not turn on the way there."""
+        self._last = None
+
     def _step(self, ahead: float, aside: float, turn: float) -> None:
         drift, distance = self._drift, math.hypot(ahead, aside)
         along, across, turned = self._rng.standard_normal(3) * math.sqrt(distance)

@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import pip_install
 from convseq_ros.simulation.drive import Shot
 import cv2
 import numpy as np
@@ -62,7 +63,7 @@ def write_recording(
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
-        raise ConvseqError('rosbags is not installed; run `pip install rosbags`') from None
+        raise ConvseqError(f'rosbags is not installed; {pip_install("rosbags")}') from None
     path = Path(path)
     if path.exists():
         raise ConvseqError(f'{path}: exists already; remove it or choose another name')

@@ -10,13 +10,15 @@ from typing import NamedTuple
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # ITU T.81, table B.1: SOFn
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # ibid.: markers without a length
 _JPEG_SCAN = b'\xff\xda'
-_CHUNK_BYTES = 12  # of a PNG besides its content: length, kind, checksum
+_CHUNK_HEAD_BYTES = 8  # of a PNG: length, kind
+_CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # besides its content: its checksum, too
 _MOST_CHUNKS = 100_000  # an encoder's are 8 kB and more, save some of text
 # TIFF 6.0, section 8; types of a tag's value that are numbers: SHORT, LONG, and BigTIFF's LONG8.
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_BITS, _TIFF_SAMPLES = 256, 257, 258, 277
 _TIFF_TILE_WIDTH, _TIFF_TILE_HEIGHT = 322, 323
 _TIFF_TYPES = {3: 'H', 4: 'I', 16: 'Q'}
 _COLOUR_BITS = 24
+_NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # what fits in 32 bits
 
 
 class Declared(NamedTuple):
@@ -74,7 +76,7 @@ def _jpeg(data: bytes) -> Declared:
 def _png(data: bytes) -> Declared:
     at = 8
     for _ in range(_MOST_CHUNKS):
-        if at + _CHUNK_BYTES > len(data):
+        if at + _CHUNK_HEAD_BYTES > len(data) or data[at + 4 : at + 8] == b'IEND':
             break
         (length,) = struct.unpack_from('>I', data, at)
         at += _CHUNK_BYTES + length
@@ -94,8 +96,10 @@ def _bmp(data: bytes) -> Declared:
 
 
 def _netpbm(data: bytes) -> Declared:
-    words = re.sub(rb'#[^\n]*', b'', data[2:1024]).split(None, 2)
-    return Declared(int(words[0]) * int(words[1]))
+    found = _NETPBM_SIZE.match(re.sub(rb'#[^\n]*', b'', data[2:1024]))
+    if not found:
+        raise ValueError('its size is no two numbers')
+    return Declared(int(found[1]) * int(found[2]))
 
 
 def _webp(data: bytes) -> Declared:

@@ -7,6 +7,7 @@ import struct
 from typing import Any, NamedTuple
 
 from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.installing import pip_install
 
 MAX_STAMP_NS = 2**63 - 1
 STAMP_END = 12  # bytes: CDR header, seconds, nanoseconds
@@ -77,7 +78,8 @@ def typestore() -> Any:
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
         raise ConvseqError(
-            'rosbags is not installed, but recordings need it; pip install rosbags'
+            'rosbags is not installed, but recordings need it; '
+            + pip_install('rosbags', 'mcap', 'zstandard')
         ) from None
     return get_typestore(Stores.ROS2_JAZZY)
 

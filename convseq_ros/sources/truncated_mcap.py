@@ -10,6 +10,7 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.files import refuse_irregular
+from convseq_ros.installing import pip_install
 from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic
@@ -77,7 +78,7 @@ class TruncatedMcap:
         except ImportError:
             raise SourceError(
                 f'{self.path}: damaged, and mcap, which could save its messages, is not '
-                'installed; pip install mcap'
+                f'installed; {pip_install("mcap")}'
             ) from None
         from mcap.records import Chunk
 

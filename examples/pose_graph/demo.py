@@ -15,9 +15,7 @@ try:
     import matplotlib  # noqa: F401
     import rclpy  # noqa: F401
 except ModuleNotFoundError as error:
-    sys.exit(
-        f"demo: {error.name} is not installed; run `pip install 'convseq_ros[slam,ros,plot]'`"
-    )
+    sys.exit(f"demo: {error.name} is not installed; in a clone, pip install '.[slam,ros,plot]'")
 from comparison import compare, draw_false, error_m, Trial
 from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.core.types import Pose

@@ -19,7 +19,7 @@ from typing import Any
 try:
     from graph import Closure, Noise, Odometry, optimise, Pose, Solution
 except ModuleNotFoundError as error:
-    sys.exit(f"pose_graph_node: {error}; pip install 'convseq_ros[slam]'")
+    sys.exit(f'pose_graph_node: {error}; pip install gtsam')
 try:
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
     from geometry_msgs.msg import Pose as PoseMessage
@@ -34,7 +34,7 @@ try:
     from rclpy.utilities import ok, try_shutdown
     from std_msgs.msg import Float64MultiArray
 except ModuleNotFoundError as error:
-    sys.exit(f"pose_graph_node: {error}; pip install 'convseq_ros[ros]'")
+    sys.exit(f'pose_graph_node: {error}; source /opt/ros/jazzy/setup.bash')
 from record import write_record
 
 # No message is lost while the graph is optimised.

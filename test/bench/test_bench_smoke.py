@@ -7,6 +7,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from convseq_ros.core.compiled import library
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -15,6 +16,7 @@ PARTS = {'encoding', 'pairs', 'rows', 'frames', 'sequence', 'memory', 'node'}
 
 @pytest.fixture(scope='module')
 def docs(tmp_path_factory):
+    pytest.importorskip('matplotlib')
     folder = tmp_path_factory.mktemp('docs')
     command = [sys.executable, '-m', 'bench', '--quick', '--page', '--docs', str(folder)]
     command += ['--json', str(folder / 'performance.json')]
@@ -49,6 +51,7 @@ def test_every_target_is_met_or_missed(measured):
 def test_machine_libraries_and_threads_are_told(measured):
     about = measured['about']
     assert about['machine']['cpu'] and about['machine']['cores']
+    assert about['machine']['kernels'] == (library().variant or 'none')
     assert {'python', 'numpy'} <= set(about['versions'])
     assert all(row['threads'] >= 1 for row in measured['findings'])
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.cli import COMMANDS, main
+from convseq_ros.cli import build_map, COMMANDS, main
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 import cv2
@@ -164,6 +164,22 @@ def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
+
+
+def test_of_two_builders_of_one_map_one_fails_and_what_the_other_made_stays(
+    drive, tmp_path, monkeypatch
+):
+    path, progress, codes = tmp_path / 'map.db', build_map.progress, []
+
+    def while_another_builds(frames, *rest):
+        monkeypatch.setattr(build_map, 'progress', progress)
+        codes.append(main(['build-map', str(drive), str(path), '--append']))
+        return progress(frames, *rest)
+
+    monkeypatch.setattr(build_map, 'progress', while_another_builds)
+    codes.append(main(['build-map', str(drive), str(path)]))
+    assert sorted(codes) == [0, 1]
+    assert len(open_map(path)) == COUNT
 
 
 def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):

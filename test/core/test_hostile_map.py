@@ -4,12 +4,14 @@
 
 from contextlib import suppress
 import os
+import signal
 import sqlite3
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import database as module
 from convseq_ros.core.map import reader
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import pack_cells, Place
@@ -316,6 +318,25 @@ def test_a_file_of_the_user_beside_the_map_is_left_alone(path):
     for name in ('map.db.part', 'map.part', 'other'):
         assert path.with_name(name).read_text() == 'of the user'
     assert len(list(path.parent.iterdir())) == 4
+
+
+def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_path):
+    """Killed once before and once after something is in the part; what is others' stays."""
+    for moment in ('__init__', 'commit'):
+        if not os.fork():
+            setattr(MapWriter, moment, lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+            save_map(grown(3), path)
+        assert os.waitstatus_to_exitcode(os.wait()[1]) == -signal.SIGKILL
+        assert len(list(tmp_path.glob('map.db.*.part'))) == 1
+    others = [tmp_path / name for name in ('map.db.mine.part', 'map.db.abcdefgh.part')]
+    for one in others:
+        one.mkdir()
+        (one / 'map.db').touch()
+    (tmp_path / 'map.db.12345678.part').mkdir(0o700)
+    (tmp_path / 'map.db.12345678.part' / 'notes').touch()
+    Autosave(path, ENCODING, KeyframeConfig()).close()
+    kept = {'map.db', 'map.db.12345678.part', *(one.name for one in others)}
+    assert {one.name for one in tmp_path.iterdir()} == kept
 
 
 def test_a_read_only_file_is_not_called_a_full_disk(path, monkeypatch):

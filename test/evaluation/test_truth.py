@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which references are right."""
 
+import resource
+
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
@@ -122,6 +124,56 @@ def test_a_pickle_that_would_run_code_is_refused(tmp_path, capsys):
     with pytest.raises(SourceError, match=r'builtins\.print, which is no array'):
         read_npy(tmp_path / 'gt.npy', (1, 1))
     assert capsys.readouterr().out == ''
+
+
+def npy(path, pickled):
+    """Write a file as NumPy does, of two rows of two objects, with a pickle of our own."""
+    np.save(path, np.empty((2, 2), object), allow_pickle=True)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.index(b'\x80')] + pickled)
+    return path
+
+
+def objects(data, kind=b'O8'):
+    """Return a pickle, as text, of an array with 4 values; its shape is that of the header."""
+    array = b'cnumpy._core.multiarray\n_reconstruct\n(cnumpy\nndarray\nI0\nVb\ntR'
+    kind = b'cnumpy\ndtype\n(V%s\nI0\nI1\ntR(I3\nV|\nNNNI-1\nI-1\nI63\ntb' % kind
+    return array + b'(I1\n(I2\nI2\nt' + kind + b'I00\n' + data + b'tb.'
+
+
+ROWS = b'(I0\n(I0\nI1\nlI1\n(I2\nll'
+DOUBLED = b'(I0\nlp0\n0' + b'(g0\ng0\nlp0\n0' * 60  # a list of two, of which each is two, ...
+HARMFUL_PICKLES = {
+    'a type that is none': objects(b"S'%s'\n" % (b'x' * 32), b'V8'),
+    'bytes for objects': objects(b"S'%s'\n" % (b'x' * 32)),
+    'too few values': objects(b'(I0\nl'),
+    'a list of lists without end': objects(DOUBLED + b'(I0\ng0\nI1\ng0\nl'),
+    'a name of another': b'cos\nsystem\n(Vtrue\ntR.',
+    'what is no array': b'(I0\nl.',
+    'a number of gigabytes': b'\x80\x04]r\xff\xff\xff\x0f.',
+    'a text of terabytes': b'\x80\x04\x8d' + (2**42).to_bytes(8, 'little') + b'.',
+}
+
+
+def test_a_pickle_of_rows_is_read(tmp_path):
+    assert read_npy(npy(tmp_path / 'gt.npy', objects(ROWS)), (2, 3)).tolist() == [
+        [0, 0], [0, 1], [1, 2]
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize('name', HARMFUL_PICKLES)
+def test_a_pickle_that_is_no_truth_does_no_harm(tmp_path, name):
+    path = npy(tmp_path / 'gt.npy', HARMFUL_PICKLES[name])
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(SourceError, match=r'gt\.npy: '):
+        read_npy(path, (2, 3))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before_kb + 100_000
+
+
+def test_a_list_that_stands_in_many_rows_is_more_than_there_is(tmp_path):
+    data = b'(I0\n(' + b'I1\n' * 7 + b'lp0\nI1\ng0\nl'
+    with pytest.raises(SourceError, match='more pairs than there are'):
+        read_npy(npy(tmp_path / 'gt.npy', objects(data)), (2, 3))
 
 
 @pytest.mark.parametrize(

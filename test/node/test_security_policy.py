@@ -26,7 +26,10 @@ def allowed(group, kind):
 
 
 def test_the_policy_names_what_the_node_uses(client, vpr):
-    node = vpr()
+    # With all that only some nodes have.
+    node = vpr(lifecycle='true', publish_initial_pose='true')
+    assert node.trigger_configure().name == 'SUCCESS'
+    assert node.trigger_activate().name == 'SUCCESS'
     who = node.get_name(), node.get_namespace()
 
     def used(found):

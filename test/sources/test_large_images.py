@@ -86,17 +86,25 @@ def test_a_tile_that_is_larger_than_its_picture_counts(decoded):
     assert not decoded
 
 
+@pytest.mark.parametrize('left', [8, 10, 12, 10**6])
 @pytest.mark.parametrize('length', [2**31 - 1, 2**32 - 1, 100_000])
-def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, decoded):
+def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, left, decoded):
     data = picture('png')
     at = data.index(b'IDAT') - 4
-    data = data[:at] + length.to_bytes(4, 'big') + data[at + 4 :]
+    data = data[:at] + (length.to_bytes(4, 'big') + data[at + 4 :])[:left]
     with pytest.raises(ImageError, match='cannot be decoded'):
         decode_picture(data)
     assert not decoded
 
 
-@pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'P6 x', b'II*\0'])
+def test_what_stands_behind_the_end_of_a_png_is_none_of_its_chunks():
+    assert decode_picture(picture('png') + b'\xff' * 100).size
+
+
+NO_SIZES = [b'P6 x', b'P5 -8 8 255 ', b'P5 6_4 8 255 ', b'P5 ' + b'9' * 400 + b' 8 255 ']
+
+
+@pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'II*\0', *NO_SIZES])
 def test_what_has_no_size_is_not_decoded(data, decoded):
     with pytest.raises(ImageError, match='cannot be decoded'):
         decode_picture(data)

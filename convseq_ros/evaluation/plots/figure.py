@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import pip_install
 from convseq_ros.results import complete_or_absent
 
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
@@ -17,7 +18,7 @@ def new_figure(width: float, height: float, face: str = 'white') -> Any:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise ConvseqError('figures need matplotlib: pip install matplotlib') from None
+        raise ConvseqError(f'figures need matplotlib: {pip_install("matplotlib")}') from None
     figure = Figure(figsize=(width, height), dpi=100, facecolor=face)
     FigureCanvasAgg(figure)
     return figure

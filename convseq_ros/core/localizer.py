@@ -1,0 +1,164 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether it is known where in the map the robot is, frame after frame."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+from convseq_ros.config import Config
+from convseq_ros.core.constants import constants
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
+
+
+@constants
+class LOCALIZER:
+    """Engineering; scripts/relocalise.py measures what comes of it."""
+
+    near_m: float = 5.0  # beyond what odometry says, within which it is the same place
+    # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
+    # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
+    places_a_keyframe: int = 2
+    silent_keyframes: int = 30  # that recognise nothing, after which it is lost
+
+
+# Of frames that say nothing about the place.
+_SILENT = frozenset(
+    {
+        Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY, Reason.UNINFORMATIVE, Reason.UNREADABLE,
+        Reason.OUT_OF_ORDER,
+    }
+)  # fmt: skip
+# Of frames whose best candidate is sure.
+_SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+
+
+@dataclass(frozen=True, slots=True)
+class _Sighting:
+    """A place that was recognised for sure."""
+
+    keyframe: int  # number of the frame that shows it
+    reference: int
+    odometry: Pose | None  # of that frame
+    confidence: float | None
+    agreeing: int  # sure matches that agree on where it is, one after another, up to this one
+
+
+class Localizer:
+    """
+    Holds `lost`, `candidate` or `localised` over the matches of a drive.
+
+    A sure match is a candidate; `localize_keyframes` of them that agree make it localised. It
+    stays so while nothing speaks against it, also where matches are not sure. Two places agree if
+    they are no further apart in the map than odometry says, or, where there is no odometry or no
+    pose, near by their numbers. `lost_keyframes` in a row that show another place make it lost,
+    and so do `localize_keyframes` sure matches that agree on one. In a map that grows only the
+    places of earlier sessions count.
+    """
+
+    def __init__(self, places: Sequence[Place], config: Config) -> None:
+        self._places, self._config = places, config.localization
+        self._near_places = config.acceptance.rival_distance
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._keyframes = self._against = 0
+        self._home: _Sighting | None = None  # where it is localised
+        self._seen: _Sighting | None = None  # the last sure match
+        self._lost_at = 0  # keyframe at which it was lost
+        self._reasons: Counter[Reason] = Counter()  # since then
+        self._last: Match | None = None
+
+    def update(self, match: Match, odometry: Pose | None, known: int) -> Match:
+        """
+        Return a match with what is known after it.
+
+        `odometry` tells where the frame was taken; the first `known` places are of earlier
+        sessions.
+        """
+        if match.reason not in _SILENT:
+            self._keyframes, self._last = self._keyframes + 1, match
+            self._reasons[match.reason] += 1
+            seen = self._sighting(match, odometry, known)
+            self._seen = seen or self._seen
+            if self._home:
+                self._keep_or_lose(self._home, match, seen, odometry)
+            elif seen and seen.agreeing >= self._config.localize_keyframes:
+                self._home = seen
+        return replace(match, localization=self.localization)
+
+    @property
+    def localization(self) -> Localization:
+        """What is known now."""
+        if home := self._home:
+            doubt = self._against / self._config.lost_keyframes
+            sure = None if home.confidence is None else home.confidence * (1 - doubt)
+            return Localization(LocalizationState.LOCALISED, sure, home.reference)
+        seen, problem = self._seen, self._problem()
+        recent = seen and self._keyframes - seen.keyframe < self._config.lost_keyframes
+        if seen and recent and self._keyframes > self._lost_at:
+            return Localization(
+                LocalizationState.CANDIDATE, seen.confidence, seen.reference, problem
+            )
+        return Localization(problem=problem)
+
+    def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
+        best = match.best
+        if best is None or match.reason not in _SURE or best.reference_index >= known:
+            return None
+        before, count = self._seen, 1
+        if before and self._agree(before, best.reference_index, odometry):
+            count += before.agreeing
+        return _Sighting(self._keyframes, best.reference_index, odometry, match.confidence, count)
+
+    def _keep_or_lose(
+        self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
+    ) -> None:
+        if seen and self._agree(home, seen.reference, odometry):
+            self._home, self._against = seen, 0
+            return
+        best = match.best
+        is_elsewhere = best and not self._agree(home, best.reference_index, odometry)
+        is_against = is_elsewhere or match.reason is Reason.INCONSISTENT
+        self._against = self._against + 1 if is_against else 0
+        if (
+            self._against >= self._config.lost_keyframes
+            or (seen and seen.agreeing >= self._config.localize_keyframes)
+            or self._keyframes - home.keyframe >= LOCALIZER.silent_keyframes
+        ):
+            self._home, self._against, self._lost_at = None, 0, self._keyframes
+            self._reasons.clear()
+
+    def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:
+        """Return whether the robot may have come from a sighting to a place."""
+        then, now = self._places[sighting.reference].pose, self._places[reference].pose
+        if then and now and odometry and sighting.odometry:
+            way_m = math.dist(odometry.position, sighting.odometry.position)
+            return math.dist(then.position, now.position) <= LOCALIZER.near_m + way_m
+        keyframes = self._keyframes - sighting.keyframe
+        reach = self._near_places + LOCALIZER.places_a_keyframe * keyframes
+        return abs(reference - sighting.reference) <= reach
+
+    def _problem(self) -> str:
+        """Return why it is not localised."""
+        last, seen = self._last, self._seen
+        if last is None:
+            return 'too few frames: none that shows anything new was seen'
+        if last.reason in (Reason.NO_MAP, Reason.RECENT):
+            return 'there is no map: no place of an earlier session may be matched'
+        if last.reason is Reason.AMBIGUOUS and len(last.candidates) > 1:
+            first, second = (one.reference_index for one in last.candidates[:2])
+            return f'ambiguous between place {first} and place {second}'
+        if seen and self._keyframes - seen.keyframe < self._config.lost_keyframes:
+            return (
+                f'too few frames: {seen.agreeing} of {self._config.localize_keyframes} matches '
+                f'agree on place {seen.reference}'
+            )
+        count = sum(self._reasons.values())
+        if self._reasons[Reason.WARMING_UP] == count:
+            return f'too few frames: {count} that show anything new, and more make a sequence'
+        told = ', '.join(f'{number} {one}' for one, number in self._reasons.most_common())
+        return f'nothing recognised in {count} keyframes ({told})'

@@ -1,0 +1,134 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A closure in one message, from standard types: `~/closure`.
+
+A PointCloud2 of one point, whose fields have names, types and sizes, so that a reader in Python
+or C++ takes them by name (docs/backends/README.md), and new fields can be added at the end.
+"""
+
+from array import array
+import math
+from uuid import UUID
+
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Match, RelativePose, UNKNOWN_M2
+from convseq_ros.node.conversions import match_header, stamp_from_ns
+import numpy as np
+import numpy.typing as npt
+from sensor_msgs.msg import PointCloud2, PointField
+
+LAYOUT = 1  # of the fields below; it changes when one goes or means something else
+# Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
+CLOSURE = np.dtype(
+    [
+        # Of the query's base in the reference's base frame, metres; NaN where not measured.
+        ('x', '<f8'),
+        ('y', '<f8'),
+        ('z', '<f8'),
+        ('qx', '<f8'),
+        ('qy', '<f8'),
+        ('qz', '<f8'),
+        ('qw', '<f8'),
+        ('direction', '<f8', 3),  # of the position, unit vector, also where its length is unknown
+        # Of x, y, z and turns about these axes, row by row; 1e6 where not measured.
+        ('covariance', '<f8', 36),
+        ('layout', '<u4'),
+        ('query_sec', '<i4'),
+        ('query_nanosec', '<u4'),
+        ('reference_sec', '<i4'),
+        ('reference_nanosec', '<u4'),
+        ('query_id', '<u4'),  # frames answered before
+        ('reference_id', '<u4'),  # index of the place in the map
+        ('confidence', '<f4'),  # probability in [0, 1] that the place is right; NaN if unknown
+        ('inliers', '<u4'),  # correspondences that agree with the pose, or moved alike
+        ('map_id', '<u1', 16),  # the bytes of UUIDs
+        ('reference_session', '<u1', 16),
+        ('query_session', '<u1', 16),  # zero if this drive is no part of the map
+    ]
+)
+"""The one row of `~/closure`."""
+
+_KINDS = {
+    'f8': PointField.FLOAT64,
+    'f4': PointField.FLOAT32,
+    'u4': PointField.UINT32,
+    'i4': PointField.INT32,
+    'u1': PointField.UINT8,
+}
+_NOTHING = UUID(int=0)
+
+
+def closure_message(
+    match: Match, reference_map: ReferenceMap, frame_id: str, session_start: int
+) -> PointCloud2:
+    """
+    Return an accepted match as a closure.
+
+    `frame_id` is the robot's base; places from `session_start` on are of this drive.
+    """
+    accepted = match.accepted
+    if accepted is None:
+        raise ValueError('a closure needs an accepted match')
+    row = np.zeros(1, CLOSURE)
+    _write_pose(row, match.relative_pose)
+    row['layout'] = LAYOUT
+    for name, stamp_ns in (
+        ('query', match.query_stamp_ns),
+        ('reference', accepted.reference_stamp_ns),
+    ):
+        stamp = stamp_from_ns(stamp_ns)
+        row[f'{name}_sec'], row[f'{name}_nanosec'] = stamp.sec, stamp.nanosec
+    row['query_id'] = match.query_index % 2**32
+    row['reference_id'] = accepted.reference_index
+    row['confidence'] = math.nan if match.confidence is None else match.confidence
+    measured = match.relative_pose
+    row['inliers'] = measured.inliers if measured else accepted.inliers or 0
+    place = reference_map.places[accepted.reference_index]
+    row['map_id'] = _bytes(reference_map.map_id)
+    row['reference_session'] = _bytes(reference_map.sessions[place.session].id)
+    if session_start < len(reference_map):
+        newest = reference_map.places[len(reference_map) - 1]
+        row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
+    return PointCloud2(
+        header=match_header(match, frame_id),
+        height=1,
+        width=1,
+        fields=closure_fields(),
+        is_bigendian=False,
+        point_step=CLOSURE.itemsize,
+        row_step=CLOSURE.itemsize,
+        data=array('B', row.tobytes()),
+        is_dense=False,
+    )
+
+
+def closure_fields() -> list[PointField]:
+    """Return how a closure describes itself."""
+    fields = []
+    for name, (kind, offset, *_) in (CLOSURE.fields or {}).items():
+        datatype = _KINDS[kind.base.str[1:]]
+        count = math.prod(kind.shape)
+        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=count))
+    return fields
+
+
+def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:
+    nowhere = (math.nan,) * 3
+    position = measured.position_m if measured else None
+    direction = measured.direction if measured else None
+    row['x'], row['y'], row['z'] = position or nowhere
+    orientation = measured.orientation if measured else (math.nan,) * 4
+    row['qx'], row['qy'], row['qz'], row['qw'] = orientation
+    row['direction'] = direction or nowhere
+    covariance = measured.covariance if measured else np.eye(6) * UNKNOWN_M2
+    row['covariance'] = covariance.ravel()
+
+
+def _bytes(ident: str) -> npt.NDArray[np.uint8]:
+    """Return the bytes of a UUID; zeros if it is none."""
+    try:
+        made = UUID(ident)
+    except ValueError:
+        made = _NOTHING
+    return np.frombuffer(made.bytes, np.uint8)

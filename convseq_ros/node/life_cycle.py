@@ -1,0 +1,110 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that may be managed from outside, state by state (lifecycle_msgs)."""
+
+from collections.abc import Callable
+from itertools import chain
+from typing import Any
+
+from convseq_ros.errors import ConvseqError
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+
+_DONE, _REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+class ManagedNode(LifecycleNodeMixin, Node):
+    """
+    A plain node until `manage` is called; from then on its transitions call these.
+
+    configure: `open_work`, and what it makes is destroyed by cleanup; activate: `listen`;
+    deactivate: `pause`; cleanup and shutdown: `close_work`.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        Node.__init__(self, name, **kwargs)
+        self._own: frozenset[Any] | None = None
+
+    def open_work(self) -> None:
+        """Open files and make topics and services; ConvseqError or OSError if that fails."""
+        raise NotImplementedError
+
+    def listen(self) -> None:
+        """Take in images from now on."""
+        raise NotImplementedError
+
+    def pause(self) -> None:
+        """Take in none, and keep what was seen."""
+        raise NotImplementedError
+
+    def close_work(self) -> None:
+        """Finish the work at hand and close the files."""
+        raise NotImplementedError
+
+    def manage(self) -> None:
+        """Offer `~/change_state` and the other services of a managed node."""
+        LifecycleNodeMixin.__init__(self, enable_communication_interface=True)
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Do what takes long."""
+        self._own = frozenset(chain.from_iterable(self._made().values()))
+        try:
+            self.open_work()
+        except (ConvseqError, OSError) as error:
+            self.get_logger().error(str(error))
+            self._let_go()
+            return _REFUSED
+        return _DONE
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to listen."""
+        self.listen()
+        return _DONE
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening."""
+        self.pause()
+        return _DONE
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Be as before `configure`."""
+        self.close_work()
+        self._let_go()
+        return _DONE
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Be finished."""
+        return self.on_cleanup(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin anew after what nobody foresaw."""
+        return self.on_cleanup(state)
+
+    # rclpy's own lets the error of a transition that is not possible end the executor.
+    def _LifecycleNodeMixin__change_state(self, number: int) -> TransitionCallbackReturn:
+        try:
+            change: Any = LifecycleNodeMixin.__dict__['_LifecycleNodeMixin__change_state']
+            return change(self, number)
+        except RuntimeError as error:
+            self.get_logger().warning(f'transition {number} is not possible now: {error}')
+            return _REFUSED
+
+    def _made(self) -> dict[Callable[[Any], bool], list[Any]]:
+        """Return what the node has on the graph, by what destroys it."""
+        return {
+            self.destroy_subscription: [*self.subscriptions],
+            self.destroy_publisher: [*self.publishers],
+            self.destroy_service: [*self.services],
+            self.destroy_timer: [*self.timers],
+            self.destroy_guard_condition: [*self.guards],
+        }
+
+    def _let_go(self) -> None:
+        """Destroy what was made since `configure` began."""
+        if self._own is None:
+            return
+        for destroy, made in self._made().items():
+            for one in made:
+                if one not in self._own:
+                    destroy(one)
+        self._own = None

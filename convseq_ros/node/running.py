@@ -1,0 +1,76 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the process of a node runs, from ROS's first moment to the exit code."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from ctypes import CDLL
+import os
+import sys
+import threading
+
+from convseq_ros.errors import ConvseqError
+from convseq_ros.process import hand_over, ignore, stand
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import ok, try_shutdown
+
+_LOOK_UP_S = 0.2
+_M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
+_MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
+
+
+def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Run a node until SIGINT or SIGTERM; return the exit code."""
+    stand(0)
+    _have_memory_returned()
+    try:
+        # Its own handlers would shut ROS down under whatever is at work.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        return _refuse(error)
+    try:
+        _run(make_node)
+    except (ConvseqError, OSError) as error:
+        return _refuse(error)
+    finally:
+        try_shutdown()
+        ignore()
+    _leave_what_is_at_work()
+    return 0
+
+
+def _run(make_node: Callable[[], Node]) -> None:
+    executor = SingleThreadedExecutor()
+    node = make_node()
+    ending = threading.Event()
+    hand_over(ending.set)
+    executor.add_node(node)
+    try:
+        # A signal does not wake the executor: it looks up now and then.
+        while ok() and not ending.is_set():
+            executor.spin_once(timeout_sec=_LOOK_UP_S)
+    finally:
+        node.destroy_node()
+
+
+def _have_memory_returned() -> None:
+    """Have the C library give large images back to the system; else it keeps those of a burst."""
+    with suppress(AttributeError, OSError):
+        CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
+
+
+def _leave_what_is_at_work() -> None:
+    """End at once if threads are still at work: Python would tidy up what they are using."""
+    if any(thread.name in ('worker', 'service') for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
+
+
+def _refuse(error: Exception) -> int:
+    get_logger('vpr_node').error(' '.join(str(error).split()))
+    return 1

@@ -1,0 +1,184 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is: the state, the service that asks for it, and the pose to start from."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+import threading
+import time
+
+from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.types import Localization, LocalizationState, Match
+from convseq_ros.node.conversions import pose_message, status_message
+from convseq_ros.node.diagnostics import Situation
+from convseq_ros.node.services import Background, SERVICE_QOS
+from convseq_ros.node_config import NodeConfig
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_POLL_S = 0.2
+_LOCALISED = LocalizationState.LOCALISED
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is known after a frame."""
+
+    frame: int  # its number
+    localization: Localization
+    estimate: PoseEstimate | None  # where the camera was when a place was recognised last
+    remark: str  # on that pose, or why there is none
+
+
+class Whereabouts:
+    """
+    Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`.
+
+    Parameters
+    ----------
+    node : Node
+        Whose topics and service they are.
+    config : NodeConfig
+        Frame of poses, and how long a call may wait; may be replaced.
+    situation : callable
+        Returns how the node is.
+    advice : callable
+        Says why no images may come.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: NodeConfig,
+        situation: Callable[[], Situation],
+        advice: Callable[[], str],
+    ) -> None:
+        self.config = config
+        self._node, self._situation, self._advice = node, situation, advice
+        self._changed = threading.Condition()
+        self._known = _Known(0, Localization(), None, '')
+        self._given_up = False
+        self._background = Background()
+        self._state = node.create_publisher(DiagnosticStatus, '~/localization', _LATCHED)
+        self._initial_pose = (
+            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', _LATCHED)
+            if config.publish_initial_pose
+            else None
+        )
+        # Several may ask at once; images and other services are served meanwhile.
+        node.create_service(
+            Trigger,
+            '~/localize',
+            self._on_localize,
+            qos_profile=SERVICE_QOS,
+            callback_group=ReentrantCallbackGroup(),
+        )
+        self._publish(Localization())
+
+    def update(self, match: Match, estimate: PoseEstimate | None) -> None:
+        """Take in the answer to a frame, with its pose if there is one."""
+        now, before = match.localization or Localization(), self._known
+        is_found = now.state is _LOCALISED
+        if match.accepted:
+            remark = _remark(match, estimate)
+        else:
+            estimate, remark = before.estimate, before.remark
+        with self._changed:
+            self._known = _Known(before.frame + 1, now, estimate, remark)
+            self._changed.notify_all()
+        if now.state is not before.localization.state:
+            self._publish(now)
+            if is_found and self._initial_pose and match.accepted:
+                self._announce(match, estimate, remark)
+
+    def give_up(self) -> None:
+        """Answer whoever waits: the node is ending."""
+        with self._changed:
+            self._given_up = True
+            self._changed.notify_all()
+        self._background.finish(_POLL_S)
+
+    def _publish(self, now: Localization) -> None:
+        level = DiagnosticStatus.OK if now.state is _LOCALISED else DiagnosticStatus.WARN
+        values: dict[str, object] = {'problem': now.problem}
+        if now.quality is not None:
+            values['quality'] = float(now.quality)
+        if now.reference_index is not None:
+            values['reference_index'] = now.reference_index
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        self._state.publish(status_message(level, name, now.state.value, values))
+
+    def _announce(self, match: Match, estimate: PoseEstimate | None, remark: str) -> None:
+        if estimate and self._initial_pose:
+            self._initial_pose.publish(pose_message(match, estimate, self.config.map_frame))
+        else:
+            self._node.get_logger().warning(f'no initialpose: {remark}', once=True)
+
+    async def _on_localize(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        begun = self._known.frame
+        response.success, response.message = await self._background.result_of(
+            lambda: self._localize(begun)
+        )
+        return response
+
+    def _localize(self, begun: int) -> tuple[bool, str]:
+        """Wait for a frame after which it is known where the robot is; or say why it is not."""
+        until_s = time.monotonic() + self.config.localize_timeout_s
+        while not (problem := self._hindrance()):
+            with self._changed:
+                known = self._known
+                if known.frame > begun and known.localization.state is _LOCALISED:
+                    return True, self._told(known)
+                left_s = until_s - time.monotonic()
+                if left_s <= 0:
+                    break
+                self._changed.wait(min(left_s, _POLL_S))
+        if not problem and known.frame == begun:
+            problem = f'no images: {self._advice()}'
+        return False, problem or known.localization.problem
+
+    def _hindrance(self) -> str:
+        """Return why it is of no use to wait; empty if it is."""
+        if self._given_up:
+            return 'the node is ending'
+        situation = self._situation()
+        name = self._node.get_fully_qualified_name()
+        if not situation.enabled:
+            return f'disabled; call {name}/set_enabled, or activate a managed node'
+        if situation.ready and not situation.map_size:
+            return f'there is no map; call {name}/load_map or set map_path'
+        return ''
+
+    def _told(self, known: _Known) -> str:
+        now = known.localization
+        quality = 'not known' if now.quality is None else f'{now.quality:.2f}'
+        text = f'place {now.reference_index}, quality {quality}; '
+        if (found := known.estimate) is None:
+            return f'{text}no pose: {known.remark}'
+        x, y, z = found.pose.position
+        qx, qy, qz, qw = found.pose.orientation
+        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+        sigma_m = math.sqrt(max(0.0, float(found.covariance[:2, :2].trace()) / 2))
+        sigma_rad = math.sqrt(max(0.0, float(found.covariance[5, 5])))
+        return (
+            f'{text}x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), yaw {yaw:.3f} rad '
+            f'(sigma {sigma_rad:.3f}) in frame {self.config.map_frame}{known.remark}'
+        )
+
+
+def _remark(match: Match, estimate: PoseEstimate | None) -> str:
+    """Return what is to be said of a pose, or why there is none."""
+    if estimate is None:
+        return 'the map has none; build it with --odom or --poses'
+    if match.relative_yaw_rad is None and match.relative_pose is None:
+        return "; not calibrated: without camera_info it is the place's own"
+    return ''

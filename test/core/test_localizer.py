@@ -1,0 +1,180 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Lost, candidate, localised: worked by hand on made-up matches."""
+
+from convseq_ros.config import Config
+from convseq_ros.core.localizer import LOCALIZER, Localizer
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.types import Candidate, LocalizationState, Match, Pose, Reason, Status
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+LOST, CANDIDATE, LOCALISED = LocalizationState
+AHEAD = (0.0, 0.0, 0.0, 1.0)
+STREET = [Place(index, pose=Pose((float(index), 0.0, 0.0), AHEAD)) for index in range(300)]
+WITHOUT_POSES = [Place(index) for index in range(300)]
+
+
+class Robot:
+    """Tells a localiser what is recognised, and how far odometry says that it went."""
+
+    def __init__(self, places=STREET, known=300):
+        self.localizer, self.known, self.frame = Localizer(places, Config()), known, 0
+
+    def sees(self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9):
+        indices = () if best is None else (best, *others)
+        candidates = tuple(Candidate(index, index, 0.5) for index in indices)
+        status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
+        self.frame += 1
+        match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
+        odometry = None if at_m is None else Pose((at_m, 0.0, 0.0), AHEAD)
+        return self.localizer.update(match, odometry, self.known).localization
+
+
+@pytest.fixture(params=[STREET, WITHOUT_POSES], ids=['poses', 'no_poses'])
+def found(request):
+    """Return a robot that is localised at place 100, with odometry."""
+    robot = Robot(request.param)
+    assert robot.sees(99, at_m=0.0).state is CANDIDATE
+    assert robot.sees(100, at_m=1.0).state is LOCALISED
+    return robot
+
+
+def test_it_begins_lost_and_says_why():
+    robot = Robot()
+    assert robot.localizer.localization.state is LOST
+    assert 'too few frames' in robot.localizer.localization.problem
+    assert 'more make a sequence' in robot.sees(reason=Reason.WARMING_UP).problem
+    told = robot.sees(7, Reason.AMBIGUOUS, others=(90,))
+    assert told.problem == 'ambiguous between place 7 and place 90' and told.quality == 0.0
+    assert robot.sees(7, Reason.WEAK).problem == (
+        'nothing recognised in 3 keyframes (1 warming_up, 1 ambiguous, 1 weak)'
+    )
+    assert 'there is no map' in robot.sees(reason=Reason.NO_MAP).problem
+
+
+def test_one_match_is_a_candidate_and_two_that_agree_are_enough():
+    robot = Robot()
+    first = robot.sees(40, confidence=0.7)
+    assert (first.state, first.reference_index, first.quality) == (CANDIDATE, 40, 0.7)
+    assert first.problem == 'too few frames: 1 of 2 matches agree on place 40'
+    second = robot.sees(41)
+    assert (second.state, second.reference_index, second.quality) == (LOCALISED, 41, 0.9)
+    assert second.problem == ''
+
+
+def test_two_matches_of_different_places_are_not_enough():
+    robot = Robot()
+    robot.sees(40)
+    assert robot.sees(200).state is CANDIDATE
+    assert robot.sees(40).state is CANDIDATE
+    assert robot.sees(41).state is LOCALISED
+
+
+def test_odometry_tells_a_way_along_the_map_from_a_leap():
+    robot = Robot()
+    robot.sees(40, at_m=0.0)
+    # As many places as a quick drive moves on, but odometry says that the robot went one metre.
+    assert robot.sees(50, at_m=1.0).state is CANDIDATE
+    robot = Robot()
+    robot.sees(40, at_m=0.0)
+    assert robot.sees(80, at_m=38.0).state is LOCALISED
+
+
+def test_a_candidate_that_nothing_repeats_is_forgotten():
+    robot = Robot()
+    robot.sees(40)
+    states = [robot.sees(40, Reason.WEAK).state for _ in range(5)]
+    assert states == [CANDIDATE] * 3 + [LOST] * 2
+
+
+def test_it_stays_localised_while_nothing_speaks_against_it(found):
+    for metres in range(2, 2 + LOCALIZER.silent_keyframes - 1):
+        told = found.sees(99 + metres, Reason.WEAK, at_m=float(metres))
+        assert (told.state, told.reference_index, told.quality) == (LOCALISED, 100, 0.9)
+    assert found.sees(130, Reason.WEAK, at_m=31.0).state is LOST
+
+
+def test_frames_that_say_nothing_change_nothing(found):
+    for reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY, Reason.UNREADABLE):
+        for _ in range(40):
+            assert found.sees(reason=reason).state is LOCALISED
+
+
+def test_kidnapped_it_is_lost_in_four_keyframes_and_found_again(found):
+    told = [found.sees(250 + step, Reason.INCONSISTENT, at_m=2.0 + step) for step in range(4)]
+    assert [each.state for each in told] == [LOCALISED] * 3 + [LOST]
+    assert [each.quality for each in told] == pytest.approx([0.675, 0.45, 0.225, 0.0])
+    assert found.sees(254, at_m=6.0).state is CANDIDATE
+    assert found.sees(255, at_m=7.0).state is LOCALISED
+
+
+def test_sure_of_another_place_it_is_lost_sooner(found):
+    assert found.sees(250, at_m=2.0).state is LOCALISED
+    assert found.sees(251, at_m=3.0).state is LOST
+    told = found.sees(252, at_m=4.0)
+    assert (told.state, told.reference_index) == (LOCALISED, 252)
+
+
+def test_one_slip_does_not_make_it_lost(found):
+    for _ in range(5):
+        assert found.sees(250, Reason.WEAK, at_m=2.0).state is LOCALISED
+        assert found.sees(101, at_m=2.0).state is LOCALISED
+
+
+def test_the_same_place_under_another_number_is_no_contradiction():
+    twice = [*STREET[:150], *STREET[:150]]
+    robot = Robot(twice)
+    robot.sees(20, at_m=0.0)
+    assert robot.sees(171, at_m=1.0).state is LOCALISED
+    for step in range(2, 8):
+        assert robot.sees(20 + step, at_m=float(step)).quality == 0.9
+
+
+def test_a_growing_map_localises_in_earlier_sessions_only():
+    robot = Robot(known=100)
+    robot.sees(150)
+    assert robot.sees(151).state is LOST
+    robot.sees(50)
+    assert robot.sees(51).state is LOCALISED
+
+
+def test_quality_is_unknown_where_confidence_is():
+    robot = Robot()
+    robot.sees(40, confidence=None)
+    assert robot.sees(41, confidence=None).quality is None
+
+
+def test_reset_forgets_the_drive(found):
+    found.localizer.reset()
+    assert found.localizer.localization.state is LOST
+    assert found.sees(100, at_m=3.0).state is CANDIDATE
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([*Reason]),
+            st.integers(0, 299),
+            st.one_of(st.none(), st.floats(-1e6, 1e6)),
+        ),
+        max_size=60,
+    )
+)
+def test_whatever_is_seen_the_record_makes_sense(frames):
+    robot, before = Robot(), LOST
+    for reason, best, at_m in frames:
+        told = robot.sees(best, reason, at_m)
+        assert 0.0 <= told.quality <= 1.0
+        assert (told.reference_index is None) == (told.state is LOST)
+        assert (told.problem == '') == (told.state is LOCALISED)
+        # Never from one place to another without being lost in between.
+        assert not (before is LOCALISED and told.state is CANDIDATE)
+        assert not (
+            before is LOST
+            and told.state is LOCALISED
+            and reason is not Reason.ACCEPTED
+            and reason is not Reason.COOL_DOWN
+        )
+        before = told.state

@@ -1,0 +1,126 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The managed node, over DDS: lifecycle_msgs' services, as a life cycle manager calls them."""
+
+import threading
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
+
+SECOND = 1_000_000_000
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
+ACTIVE, FINALIZED = State.PRIMARY_STATE_ACTIVE, State.PRIMARY_STATE_FINALIZED
+
+
+@pytest.fixture
+def managed(client, vpr):
+    """Return a maker of a managed node, with ways to change its state and to ask for it."""
+
+    def make(**parameters):
+        node = vpr(lifecycle='true', **parameters)
+
+        def change(number):
+            request = Transition(id=number)
+            return client.call(ChangeState, '/vpr_node/change_state', transition=request).success
+
+        def state():
+            return client.call(GetState, '/vpr_node/get_state').current_state.id
+
+        return node, change, state
+
+    return make
+
+
+def services_of(client):
+    found = client.node.get_service_names_and_types()
+    return {name for name, _ in found if name.startswith('/vpr_node/')}
+
+
+def test_images_are_heard_while_active_and_the_past_is_kept(
+    client, managed, map_path, street, image
+):
+    node, change, state = managed(map_path=map_path, fixed_length=2)
+    assert state() == UNCONFIGURED
+    assert '/vpr_node/localize' not in services_of(client)
+    assert change(CONFIGURE) and state() == INACTIVE
+    # The map is open and all is compiled, but nobody listens.
+    assert node._ready and not client.node.get_subscriptions_info_by_topic('/image')
+    assert change(ACTIVATE) and state() == ACTIVE
+    heard = client.listen(Int32, '/vpr_node/match_index')
+    camera = client.camera(Image)
+    camera.publish(image(street[3], SECOND))
+    client.wait_for(lambda: len(heard) == 1)
+    assert change(DEACTIVATE) and state() == INACTIVE
+    client.wait_for(lambda: not camera.get_subscription_count())
+    camera.publish(image(street[20], 2 * SECOND))
+    assert change(ACTIVATE)
+    client.wait_for(camera.get_subscription_count)
+    camera.publish(image(street[4], 3 * SECOND))
+    client.wait_for(lambda: len(heard) == 2)
+    # A sequence of two: the frame from before the pause is its first.
+    assert [each.data for each in heard] == [-1, 4]
+
+
+def test_cleanup_lets_go_of_files_and_of_the_graph_and_all_begins_anew(
+    client, managed, map_path, tmp_path, street, image
+):
+    table = tmp_path / 'result.csv'
+    _, change, state = managed(map_path=map_path, fixed_length=1, result_file=table)
+    assert state() == UNCONFIGURED
+    for _ in range(2):
+        before = services_of(client)
+        assert change(CONFIGURE) and change(ACTIVATE)
+        heard = client.listen(Int32, '/vpr_node/match_index')
+        camera = client.camera(Image)
+        camera.publish(image(street[7], SECOND))
+        client.wait_for(lambda heard=heard: heard)
+        assert heard[0].data == 7
+        assert change(DEACTIVATE) and change(CLEANUP) and state() == UNCONFIGURED
+        assert len(table.read_text().splitlines()) == 2
+        assert not [*tmp_path.glob('*.part')]
+        client.wait_for(lambda before=before: services_of(client) == before)
+        client.node.destroy_publisher(camera)
+    assert 'worker' not in {thread.name for thread in threading.enumerate()}
+
+
+def test_a_map_that_cannot_be_opened_refuses_to_be_configured(client, managed, tmp_path):
+    _, change, state = managed(map_path=tmp_path / 'missing.db')
+    assert not change(CONFIGURE)
+    assert state() == UNCONFIGURED
+    assert not change(CONFIGURE)
+
+
+def test_a_transition_that_is_not_possible_is_refused_and_harms_nobody(client, managed, map_path):
+    _, change, state = managed(map_path=map_path)
+    assert not change(ACTIVATE)
+    assert not change(99)
+    assert state() == UNCONFIGURED
+    assert change(CONFIGURE) and not change(CONFIGURE)
+    assert state() == INACTIVE
+
+
+def test_inactive_it_answers_its_services_and_says_that_it_does_not_listen(
+    client, managed, map_path
+):
+    _, change, state = managed(map_path=map_path)
+    assert change(CONFIGURE)
+    answer = client.call(Trigger, '/vpr_node/localize')
+    assert not answer.success and 'activate' in answer.message
+    assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN) and state() == FINALIZED
+
+
+def test_it_ends_from_every_state(client, managed, map_path):
+    """The fixture ends the node; what waits for a place is answered."""
+    _, change, _ = managed(map_path=map_path, localize_timeout_s=3600.0)
+    assert change(CONFIGURE) and change(ACTIVATE)
+    service = client.service(Trigger, '/vpr_node/localize')
+    service.call_async(Trigger.Request())

@@ -1,0 +1,169 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is: asked for, published when it changes, and why it is not known."""
+
+import threading
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from convseq_ros.config import EVERY_FRAME
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.node import map_services
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.srv import LoadMap
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32
+from std_srvs.srv import SetBool, Trigger
+
+SECOND = 1_000_000_000
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def show(client, street, image):
+    """Return a way to show places of the street, one after another, each with an answer."""
+    heard, camera, shown = [], [], []
+
+    def show(*places):
+        if not camera:
+            heard.append(client.listen(Int32, '/vpr_node/match_index'))
+            camera.append(client.camera(Image))
+        for place in places:
+            shown.append(place)
+            camera[0].publish(image(street[place], len(shown) * SECOND))
+            client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
+
+    return show
+
+
+@pytest.fixture
+def ask(client):
+    """Return a way to ask where the robot is: a future for each call."""
+    services = []
+
+    def ask(count=1):
+        if not services:
+            services.append(client.service(Trigger, '/vpr_node/localize'))
+        return [services[0].call_async(Trigger.Request()) for _ in range(count)]
+
+    return ask
+
+
+def answers(client, futures):
+    for future in futures:
+        client.wait_for(future.done, 'an answer of ~/localize')
+    return [future.result() for future in futures]
+
+
+def test_it_is_told_on_the_frame_that_makes_it_sure_to_all_who_asked(
+    client, vpr, map_path, show, ask
+):
+    vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
+    show(3)
+    futures = ask(2)
+    show(4)
+    first, second = answers(client, futures)
+    assert first.success and second.success
+    assert first.message == second.message
+    # The street's places lie along x, 1 m apart, at y 2 and z 0.5, turned by 2 atan(.6 / .8).
+    assert first.message.startswith('place 4, quality not known; x 4.00 y 2.00 z 0.50 m (sigma ')
+    assert 'yaw 1.287 rad' in first.message and 'in frame map' in first.message
+    assert 'not calibrated' in first.message
+
+
+def test_the_state_is_latched_and_one_initial_pose_is_published_each_time(
+    client, vpr, map_path, show
+):
+    vpr(
+        '-r', 'initialpose:=/amcl/initialpose', map_path=map_path, fixed_length=1,
+        publish_initial_pose='true', lost_keyframes=2,
+    )  # fmt: skip
+    show(1, 2, 3, 4, 21, 22, 23, 24)
+    # Whoever comes late hears the last state, and the last pose.
+    late = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
+    poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
+    client.wait_for(lambda: late and poses)
+    assert late[0].message == 'localised' and late[0].level == DiagnosticStatus.OK
+    assert {item.key: item.value for item in late[0].values}['problem'] == ''
+    assert poses[0].pose.pose.position.x == 23.0
+    assert poses[0].header.frame_id == 'map' and poses[0].pose.covariance[0] > 0
+    assert len(poses) == 1
+
+
+def test_every_change_of_the_state_is_published(client, vpr, map_path, show):
+    vpr(map_path=map_path, fixed_length=1, lost_keyframes=2, publish_initial_pose='true')
+    told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
+    poses = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
+    client.wait_for(lambda: told)
+    show(1, 2, 3, 4, 21, 22, 23, 24)
+    client.wait_for(lambda: len(told) == 5 and len(poses) == 2)
+    states = ['lost', 'candidate', 'localised', 'lost', 'localised']
+    assert [each.message for each in told] == states
+    assert [pose.pose.pose.position.x for pose in poses] == [2.0, 23.0]
+
+
+def test_without_images_it_says_so(client, vpr, map_path, ask):
+    vpr(map_path=map_path, localize_timeout_s=0.1)
+    (answer,) = answers(client, ask())
+    assert not answer.success
+    assert answer.message.startswith('no images: /image has no publisher')
+
+
+def test_without_a_map_or_when_disabled_it_says_so_at_once(client, vpr, ask, map_path):
+    vpr(localize_timeout_s=3600.0)
+    (answer,) = answers(client, ask())
+    assert not answer.success
+    assert answer.message == 'there is no map; call /vpr_node/load_map or set map_path'
+    client.call(LoadMap, '/vpr_node/load_map', map_url=str(map_path))
+    client.call(SetBool, '/vpr_node/set_enabled', data=False)
+    (answer,) = answers(client, ask())
+    assert answer.message.startswith('disabled; call /vpr_node/set_enabled')
+
+
+def test_what_is_not_recognised_is_told_with_its_reasons(client, vpr, map_path, show, ask):
+    vpr(map_path=map_path, fixed_length=1, min_margin=1.0, localize_timeout_s=2.0)
+    show(3)
+    futures = ask()
+    show(4)
+    (answer,) = answers(client, futures)
+    assert not answer.success and answer.message.startswith('ambiguous between place 4 and place')
+
+
+def test_a_call_while_a_map_is_opened_is_answered_by_the_new_map(
+    client, vpr, map_path, tmp_path, street_map, show, ask, monkeypatch
+):
+    free, opening = threading.Event(), threading.Event()
+    quick = map_services.Session
+
+    def slowly(*args, **kwargs):
+        opening.set()
+        assert free.wait(60)
+        return quick(*args, **kwargs)
+
+    # The same street, but place 5 comes first, and it has no poses.
+    later = ReferenceMap(keyframes=EVERY_FRAME)
+    for index in range(5, 25):
+        later.add(Place(index * SECOND), street_map.packed(index))
+    save_map(later, tmp_path / 'later.db')
+    vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
+    show(3)
+    monkeypatch.setattr(map_services, 'Session', slowly)
+    loading = client.service(LoadMap, '/vpr_node/load_map').call_async(
+        LoadMap.Request(map_url=str(tmp_path / 'later.db'))
+    )
+    client.wait_for(opening.is_set)
+    futures = ask()
+    free.set()
+    client.wait_for(loading.done)
+    show(8, 9)
+    (answer,) = answers(client, futures)
+    assert answer.success
+    assert answer.message == (
+        'place 4, quality not known; no pose: the map has none; build it with --odom or --poses'
+    )

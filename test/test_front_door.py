@@ -1,0 +1,198 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What README, launch file and hints promise a stranger is true where it can be run here."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+import sysconfig
+import types
+
+from convseq_ros import installing
+from convseq_ros.config import core_parameters
+from convseq_ros.node_config import NodeConfig
+from convseq_ros.parameter import parameters
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+README = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
+MOST_WORDS, MOST_GIF_BYTES = 900, 2_000_000
+LINK = re.compile(r'\]\(([^)#\s]+)(?:#[^)\s]*)?\)')
+
+
+def test_the_readme_is_short():
+    assert len(README.split()) < MOST_WORDS
+
+
+def test_what_moves_in_the_readme_is_small_and_credited():
+    picture = REPOSITORY / 'docs' / 'images' / 'loop.gif'
+    assert picture.stat().st_size < MOST_GIF_BYTES
+    assert 'docs/images/CREDITS.md' in README
+    assert 'Mathieu Labbe' in (picture.parent / 'CREDITS.md').read_text(encoding='utf-8')
+
+
+def pages():
+    found = subprocess.run(
+        ['git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md'],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+    )
+    return [REPOSITORY / name for name in found.stdout.split()]
+
+
+def test_links_inside_the_repository_lead_somewhere():
+    broken = [
+        f'{page.relative_to(REPOSITORY)}: {target}'
+        for page in pages() or [REPOSITORY / 'README.md', *(REPOSITORY / 'docs').rglob('*.md')]
+        for target in LINK.findall(page.read_text(encoding='utf-8'))
+        if ':' not in target and not (page.parent / target).exists()
+    ]
+    assert not broken
+
+
+def test_the_python_of_the_readme_runs():
+    (code,) = re.findall(r'```python\n(.*?)```', README, re.DOTALL)
+    drawn = 'import numpy as np, os, tempfile; os.chdir(tempfile.mkdtemp())\n' + (
+        'images = np.random.default_rng(0).integers(0, 200, (30, 96, 128), np.uint8)\n'
+        'first_drive = second_drive = [(1 + n * 10**9, gray) for n, gray in enumerate(images)]\n'
+    )
+    result = subprocess.run([sys.executable, '-c', drawn + code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[-1] == 'accepted 29'
+
+
+# Launch: `ros2 launch` cannot be had here, so its parts are replaced by what records the calls.
+
+
+class Recorded:
+    def __init__(self, *args, **kwargs):
+        self.args, self.kwargs = args, kwargs
+
+
+class Configuration(Recorded):
+    def perform(self, context):
+        return context[self.args[0]]
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """Return what makes the node of the launch file from the words of a command line."""
+    names = {
+        'ament_index_python.packages': {'get_package_share_directory': lambda _: '/share'},
+        'launch': {'LaunchDescription': Recorded},
+        'launch.actions': {'DeclareLaunchArgument': Recorded, 'OpaqueFunction': Recorded},
+        'launch.substitutions': {'LaunchConfiguration': Configuration},
+        'launch_ros.actions': {'Node': Recorded},
+        'launch_ros.parameter_descriptions': {
+            'ParameterValue': lambda value, value_type: value_type(value)
+        },
+    }
+    for name, content in names.items():
+        module = types.ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+        monkeypatch.setitem(sys.modules, name.partition('.')[0], module)
+    monkeypatch.setitem(sys.modules, 'launch', sys.modules['launch'])
+
+    def make(command):
+        words = command.split()
+        monkeypatch.setattr(sys, 'argv', ['/opt/ros/jazzy/bin/ros2', *words[1:]])
+        path = REPOSITORY / 'launch' / 'vpr.launch.py'
+        for name, content in names.items():
+            sys.modules[name].__dict__.update(content)
+        namespace = {'__file__': str(path)}
+        exec(compile(path.read_text(), str(path), 'exec'), namespace)
+        *arguments, function = namespace['generate_launch_description']().args[0]
+        context = {one.args[0]: one.kwargs['default_value'] for one in arguments}
+        given = dict(word.split(':=') for word in words if ':=' in word)
+        assert given.keys() <= context.keys()
+        (node,) = function.kwargs['function'](context | given)
+        return node.kwargs
+
+    return make
+
+
+def commands(text, start):
+    return [line for line in text.splitlines() if line.startswith(start)]
+
+
+def test_the_launch_lines_of_the_readme_set_what_they_say(launched):
+    preloaded, online = commands(README, 'ros2 launch')
+    node = launched(preloaded)
+    file, chosen = node['parameters']
+    assert file == '/share/config/vpr_node.yaml'
+    assert chosen == {'map_path': 'map.db', 'use_sim_time': False}
+    assert ('image', '/camera/image_raw') in node['remappings']
+    assert ('image/compressed', '/camera/image_raw/compressed') in node['remappings']
+    assert ('odom', '/odom') in node['remappings']
+    node = launched(online)
+    assert node['namespace'] == 'robot1' and node['remappings'] == []
+    assert node['parameters'][1] == {'mode': 'online', 'map_path': 'home.db', 'use_sim_time': True}
+
+
+def test_an_unknown_launch_argument_is_an_error(launched):
+    with pytest.raises(ValueError, match=r'no such argument: map_pth:=map.db; there are image'):
+        launched('ros2 launch convseq_ros vpr.launch.py map_pth:=map.db')
+
+
+def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(monkeypatch, launched):
+    launched('ros2 launch mine robot.launch.py map_path:=map.db')
+    with pytest.raises(AssertionError):
+        launched('ros2 launch mine robot.launch.py speed:=3')  # past ours, which does not look
+
+
+# Hints.
+
+
+def test_every_hint_about_pip_is_made_in_one_place():
+    package = REPOSITORY / 'convseq_ros'
+    named = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob('*.py')
+        if 'pip install' in path.read_text(encoding='utf-8')
+    }
+    assert named == {'installing.py'}
+
+
+def test_no_page_or_hint_names_what_no_index_has():
+    for path in (*pages(), *(REPOSITORY / 'convseq_ros').rglob('*.py')):
+        assert 'convseq_ros[' not in path.read_text(encoding='utf-8'), path
+    for path in (REPOSITORY / 'examples').rglob('*.py'):
+        assert 'convseq_ros[' not in path.read_text(encoding='utf-8'), path
+
+
+def test_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
+    assert installing.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
+    (tmp_path / 'EXTERNALLY-MANAGED').touch()
+    monkeypatch.setattr(sysconfig, 'get_path', lambda _: str(tmp_path))
+    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    assert installing.pip_install('mcap').startswith('pip install --break-system-packages mcap')
+
+
+# The node without ROS.
+
+
+def node(*args):
+    code = (
+        'import sys; sys.modules["rclpy"] = None; import importlib.util as u; '
+        'find = u.find_spec; u.find_spec = lambda name: None if name == "rclpy" else find(name); '
+        f'sys.argv = ["vpr_node", *{args!r}]; from convseq_ros.node.__main__ import main; main()'
+    )
+    return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+
+
+def test_the_node_without_ros_says_what_to_do_in_one_line():
+    result = node()
+    assert result.returncode == 1
+    assert result.stderr.startswith('vpr_node: ROS 2 is not installed or not sourced: source /opt')
+    assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize('word', ['-h', '--help'])
+def test_the_help_of_the_node_names_every_parameter_and_starts_nothing(word):
+    result = node(word)
+    assert result.returncode == 0 and not result.stderr
+    for item in (*core_parameters(), *parameters(NodeConfig)):
+        assert f'  {item.name} = ' in result.stdout
