@@ -18,7 +18,10 @@ def driven(*frames, start=0):
     """Return the evidence of frames: a place, its lead in deviations, strengths here and there."""
     evidence = VerifiedEvidence()
     for number, (place, deviations, here, there) in enumerate(frames, start):
-        found = {place: Verification(0, here, here / 2), place + FAR: Verification(0, there, there / 2)}
+        found = {
+            place: Verification(0, here, here / 2),
+            place + FAR: Verification(0, there, there / 2),
+        }
         evidence.update(found, 10)
         evidence.see(number, place, deviations)
     return evidence
