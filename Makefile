@@ -4,6 +4,8 @@
 # make demo-relocalise    switched on at night in a mapped town, and carried away twice
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make docs              build the documentation into site/; warnings are errors
+# make docs-test         run every command of the documentation in a fresh clone: 10 minutes
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
@@ -33,7 +35,8 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-relocalise demo-slam results bench gif board torture test lint types contract test-aarch64 test-newest test-noble clean
+.PHONY: demo demo-relocalise demo-slam results bench docs docs-test gif board torture test lint types contract \
+	test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -50,6 +53,12 @@ results: .venv/bench.stamp
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
+
+docs: .venv-docs/docs.stamp
+	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
+
+docs-test: .venv/test.stamp
+	.venv/bin/pytest --quiet docs/test_pages.py
 
 gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif
@@ -100,6 +109,11 @@ test-noble: .venv-noble/test.stamp
 	.venv/$(INSTALL) '.[ros,plot,slam]'
 	touch $@ .venv/demo.stamp
 
+.venv-docs/docs.stamp: setup.py
+	$(PYTHON) -m venv .venv-docs
+	.venv-docs/$(INSTALL) --editable '.[docs]'
+	touch $@
+
 .venv/bench.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
 	.venv/$(INSTALL) '.[ros,evaluation]'
@@ -121,4 +135,4 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 clean:
-	rm -rf .venv .venv-noble .hypothesis .*_cache build install log *.egg-info
+	rm -rf .venv .venv-noble .venv-docs site .hypothesis .*_cache build install log *.egg-info

@@ -94,6 +94,7 @@ setup(
             'scikit-image>=0.22',
             'scikit-learn',
         ],
+        'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
         'dev': [
             'bandit>=1.7',
             'catkin_pkg',

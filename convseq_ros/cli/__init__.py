@@ -22,7 +22,7 @@ COMMANDS = {
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'locate': 'say where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
-    'info': 'say what a map holds',
+    'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',

@@ -32,6 +32,7 @@ from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
+from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
@@ -132,6 +133,7 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
         )
+        self._finder = TopicFinder(self, self._follow)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
@@ -188,13 +190,19 @@ class VprNode(ManagedNode):
             if self.context.ok():
                 raise
 
+    def _follow(self, topics: dict[str, str]) -> None:
+        self._surroundings.follow(topics)
+        self._images.follow(topics['image'])
+
     def _on_warm(self) -> None:
         self._ready = True
         if not (self._listening or self._is_managed):
             self.listen()
 
-    def _publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
-        estimate = self._answers.publish(frame, match, recognizer)
+    def _publish(
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+    ) -> None:
+        estimate = self._answers.publish(frame, match, recognizer, duration_ms)
         self._whereabouts.update(match, estimate)
 
     def _on_image(self, message: ImageMessage) -> None:
@@ -209,7 +217,8 @@ class VprNode(ManagedNode):
                 f'{self._images.topic}: images have no stamp; using the time at which they arrive',
                 once=True,
             )
-        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic)
+        number = self._statistics.received - 1
+        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic, number)
         self._worker.put(arrival, len(message.data))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:

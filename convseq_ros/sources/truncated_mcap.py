@@ -40,9 +40,12 @@ class TruncatedMcap:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self._broken_at = -1
+        times_ns: list[int] = []
         for message, topic in self._scan():
+            times_ns = [*times_ns[:1], message.log_time_ns]
             count = self.topics[topic].count if topic in self.topics else 0
             self.topics[topic] = Topic(topic, message.type_name, count + 1)
+        self.duration_s = max(0, times_ns[-1] - times_ns[0]) / 1e9 if times_ns else 0.0
         size = path.stat().st_size
         if not self.topics:
             raise SourceError(

@@ -59,9 +59,10 @@ class ReferenceMap:
 
     def add_frame(self, frame: Frame, descriptor: Descriptor, thumbnail_width_px: int = 0) -> None:
         """Append the place that a frame shows: the one way from a frame to a place."""
-        gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose)
         if not self.sessions:
-            self._begin_session(frame.stamp_ns, frame.camera)
+            self.begin_session(frame.stamp_ns, frame.camera)
+        session = len(self.sessions) - 1
+        gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose, session)
         small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
         self.add(place, pack_cells(descriptor.cells), small)
 
@@ -79,11 +80,12 @@ class ReferenceMap:
         if known_descriptor is None:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
-            self._begin_session(place.stamp_ns)
+            self.begin_session(place.stamp_ns)
         self._in_memory.append(Picture(packed, thumbnail))
         self._places.append(place, known_descriptor)
 
-    def _begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+    def begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+        """Have what is added from now on belong to another drive, which begins at a stamp."""
         self.sessions.append(MapSession(str(uuid4()), '', start_ns, camera))
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
