@@ -18,7 +18,7 @@ class ERROR:
 
     # Times least squares' deviations, over the share of regions that agree: neighbouring regions
     # err alike, and where few agree the field is bad.
-    scatter: float = 2.3
+    scatter: float = 2.15
     position_m: float = 0.02  # what no number of regions mends
     turn_rad: float = 0.002
     # A position that is less sure than this, or than half of the way, is not told.
