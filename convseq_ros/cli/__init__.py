@@ -21,6 +21,7 @@ COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'play': 'publish a recording to live topics, with /clock',
+    'watch': 'see in a terminal what a running node recognises',
     'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
