@@ -1,6 +1,7 @@
 # make demo [DATA=path]   from a fresh clone to a picture
 # make test               all that CI runs
 # make demo-slam          loop closures into a pose graph, and what false ones cost
+# make demo-relocalise    switched on at night in a mapped town, and carried away twice
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
 # make coverage          which lines the tests reach, in htmlcov/
@@ -35,13 +36,17 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-slam results bench coverage docs docs-test gif board torture test lint types contract test-aarch64 test-newest test-noble clean
+.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test gif board torture test \
+	lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
 
 demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
+
+demo-relocalise: .venv/demo.stamp
+	.venv/bin/python examples/relocalise/relocalise.py $(if $(IMAGES),--images '$(IMAGES)')
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \

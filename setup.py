@@ -85,6 +85,7 @@ setup(
         'watch': ['rich>=13'],  # convseq watch
         'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
+        'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
             'hypothesis>=6.98',
             'onnx',

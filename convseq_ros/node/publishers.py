@@ -9,6 +9,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
+from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.node.answer import answer_message, MapInfo
 from convseq_ros.node.closure_message import closure_message
 from convseq_ros.node.conversions import (
@@ -19,7 +20,6 @@ from convseq_ros.node.conversions import (
     match_header,
     pose_message,
 )
-from convseq_ros.node.debug_image import debug_image
 from convseq_ros.node.markers import MatchMarkers
 from convseq_ros.node.reference_path import ReferencePath
 from convseq_ros.node_config import NodeConfig
@@ -141,7 +141,7 @@ class MatchPublishers:
             best = match.best
             thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
             shown = upright(frame, reference_map.encoding)
-            picture = debug_image(shown, match, thumbnail, recognizer.buffer.inliers(best))
+            picture = match_picture(shown, match, thumbnail, recognizer.buffer.inliers(best))
             self._debug_image.publish(image_message(picture, match_header(match, '')))
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
+from contextlib import ExitStack
 from pathlib import Path
-import threading
 import time
 from typing import Any
 
@@ -84,13 +84,19 @@ class VprNode(ManagedNode):
 
     def open_work(self) -> None:
         """Open the map and the result file, and make what does the work; then warm up."""
+        with ExitStack() as undone:
+            self._open_work(undone)
+            undone.pop_all()
+        self._is_open = True
+        self._worker.between_items(self._warm_up)
+        self._worker.start()
+
+    def _open_work(self, undone: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
         session = Session(Path(config.map_path) if config.map_path else None, self._config)
-        try:
-            self._results = ResultLog(config.result_file, logger)
-        except ConvseqError:
-            session.close()
-            raise
+        undone.callback(session.close)
+        self._results = ResultLog(config.result_file, logger)
+        undone.callback(self._results.close)
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
@@ -129,17 +135,10 @@ class VprNode(ManagedNode):
         )
         self._finder = TopicFinder(self, self._follow)
         self._warm = self.create_guard_condition(self._on_warm)
-        self._warmed = threading.Event()
-        self._is_open = True
-        self._worker.between_items(self._warm_up)
-        self._worker.start()
-        if self._is_managed:
-            self._warmed.wait()
-            self._ready = True
 
     def listen(self) -> None:
         """Take in images from now on."""
-        self._ready = self._listening = True
+        self._listening = True
         self._images.start()
         self._maps.announce()
         self.get_logger().info(f'listening to {self._images.topic}')
@@ -190,14 +189,13 @@ class VprNode(ManagedNode):
             # Whatever is under way fails when a signal shuts ROS down.
             if self.context.ok():
                 raise
-        finally:
-            self._warmed.set()
 
     def _follow(self, topics: dict[str, str]) -> None:
         self._surroundings.follow(topics)
         self._images.follow(topics['image'])
 
     def _on_warm(self) -> None:
+        self._ready = True
         if not (self._listening or self._is_managed):
             self.listen()
 
