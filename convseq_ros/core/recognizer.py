@@ -71,7 +71,8 @@ class PlaceRecognizer:
 
         """
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
-        return self.localizer.update(match, frame.pose, self.mapping.session_start)
+        known, near = self.mapping.session_start, self.config.acceptance.rival_distance
+        return self.localizer.update(match, frame.pose, known, near)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
