@@ -45,7 +45,7 @@ demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
 
 demo-relocalise: .venv/demo.stamp
-	.venv/bin/python examples/relocalise/demo.py $(if $(IMAGES),--images '$(IMAGES)')
+	.venv/bin/python examples/relocalise/relocalise.py $(if $(IMAGES),--images '$(IMAGES)')
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \

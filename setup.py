@@ -83,6 +83,7 @@ setup(
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
+        'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
             'hypothesis>=6.98',
             'onnx',

@@ -11,7 +11,15 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import pack_cells, Picture, Place, Places, thumbnail, unpack_cells
+from convseq_ros.core.map.place import (
+    pack_cells,
+    Packed,
+    Picture,
+    Place,
+    Places,
+    thumbnail,
+    unpack_cells,
+)
 from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +106,11 @@ class ReferenceMap:
 
     def cells_of(self, indices: Sequence[int]) -> list[Cells]:
         """Return what `cells` does for several places, which are read in one go."""
-        return [unpack_cells(one.packed) for one in self.pictures(indices)]
+        return [unpack_cells(packed) for packed in self.packed_of(indices)]
+
+    def packed_of(self, indices: Sequence[int]) -> list[Packed]:
+        """Return the packed cells of several places, which are read in one go."""
+        return [one.packed for one in self.pictures(indices)]
 
     def thumbnail(self, index: int) -> bytes:
         """Return the JPEG of a place, empty if it has none."""
@@ -106,9 +118,10 @@ class ReferenceMap:
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; those that are stored are read in one go."""
+        count = len(self)
         for index in indices:
-            if not 0 <= index < len(self):
-                raise IndexError(f'reference {index} of {len(self)}')
+            if not 0 <= index < count:
+                raise IndexError(f'reference {index} of {count}')
         with self._moving:
             stored, read = self._stored, self._read_pictures
             found = {one: self._in_memory[one - stored] for one in indices if one >= stored}
