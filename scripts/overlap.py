@@ -40,7 +40,7 @@ def main() -> None:
         ]
         alike = [np.median([similarity(new, old) for old, new in some]) for some in pairs]
         print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
-        print(f"| {name}, the paper's similarity |", ' | '.join(f'{one:.3f}' for one in alike), '|')
+        print(f'| {name}, similarity |', ' | '.join(f'{one:.3f}' for one in alike), '|')
 
 
 if __name__ == '__main__':
