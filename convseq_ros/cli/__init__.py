@@ -20,8 +20,10 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',
     'replay': 'recognise the frames of a recording in a map, without ROS',
+    'locate': 'say where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
-    'info': 'say what a map holds',
+    'watch': 'see in a terminal what a running node recognises',
+    'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',

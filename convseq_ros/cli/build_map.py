@@ -11,6 +11,7 @@ import time
 
 from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
+from convseq_ros.cli.recording_info import describe_recording
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -73,6 +74,8 @@ def run(chosen: argparse.Namespace) -> int:
             f'{built.bytes / 1e6:.1f} MB; {built.added} added from {built.frames} frames '
             f'at {built.frames / max(built.seconds, 1e-9):.0f} frames/s'
         )
+        if built.added and not built.with_pose:
+            print(f'no poses: {_why_no_pose(chosen)}')
     if built.interrupted:
         print('convseq build-map: interrupted; the map holds what was added', file=sys.stderr)
     return int(built.interrupted)
@@ -130,6 +133,17 @@ def build(
         path.stat().st_size,
         interrupted,
     )
+
+
+def _why_no_pose(chosen: argparse.Namespace) -> str:
+    if chosen.odom or chosen.poses:
+        return (
+            f'{chosen.odom or chosen.poses} tells none at the time of an image; check that it '
+            'covers the drive, and that both clocks agree'
+        )
+    found = describe_recording(chosen.recording).get('use', {}).get('--odom', [])
+    remedy = ' or '.join(f'--odom {topic}' for topic in found) or '--odom TOPIC or --poses FILE'
+    return f'none were asked for; add {remedy}'
 
 
 def _asked() -> list[Parameter]:

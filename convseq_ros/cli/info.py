@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Say what a map holds: `convseq info MAP`."""
+"""Say what a map or a recording holds: `convseq info FILE`."""
 
 import argparse
 from datetime import datetime, UTC
@@ -9,24 +9,30 @@ import json
 import math
 from pathlib import Path
 
-from convseq_ros.core.map.format import FORMAT_VERSION
+from convseq_ros.cli.recording_info import describe_recording, recording_lines
+from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument('map', type=Path, help='map file; it is not changed')
+    parser.add_argument('file', type=Path, help='map or recording; it is not changed')
     parser.add_argument('--json', action='store_true', help='print as JSON')
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Print what the map holds."""
-    reader = MapReader(chosen.map)
+    """Print what the map or the recording holds."""
+    file: Path = chosen.file
+    if file.exists() and not (file.is_file() and is_map_or_empty(file)):
+        found = describe_recording(file)
+        print(json.dumps(found) if chosen.json else '\n'.join(recording_lines(found)))
+        return 0
+    reader = MapReader(file)
     facts = {
-        'map': str(chosen.map),
+        'map': str(file),
         'format': FORMAT_VERSION,
-        'bytes': chosen.map.stat().st_size,
+        'bytes': file.stat().st_size,
         **reader.about(),
         **describe_places(reader.reference_map()),
     }
@@ -39,16 +45,22 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
-    """Return counts, time span and the length of the path through the poses."""
+    """Return counts, time span and the length of the drives' paths through the poses."""
     places = list(reference_map.places)
-    poses = [place.pose for place in places if place.pose]
+    known = [place for place in places if place.pose]
+    ways = [
+        math.dist(one.pose.position, other.pose.position)
+        for one, other in pairwise(known)
+        if one.pose and other.pose and one.session == other.session
+    ]
     return {
         'references': len(places),
         'first_stamp_ns': places[0].stamp_ns if places else None,
         'last_stamp_ns': places[-1].stamp_ns if places else None,
         'sources': sorted({place.source for place in places})[:5],
-        'with_pose': len(poses),
-        'path_m': sum(math.dist(one.position, other.position) for one, other in pairwise(poses)),
+        'sessions': len(reference_map.sessions),
+        'with_pose': len(known),
+        'path_m': sum(ways, 0.0),
     }
 
 

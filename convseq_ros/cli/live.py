@@ -64,7 +64,8 @@ def recognise_live(
         'max_wait_s': 0.0,
         'odom_wait_s': 2.0,
     }
-    settings = [f'{name}:={value}' for name, value in parameters.items()]
+    # ROS cannot parse an empty text, which is the default of those that have it.
+    settings = [f'{name}:={value}' for name, value in parameters.items() if value != '']
     node = [
         '-m',
         'convseq_ros.node.vpr_node',

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 5  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 6  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
@@ -85,16 +85,26 @@ _module = cache(import_module)
 
 
 class Array:
-    """The type of an argument that is a C-contiguous array; TypeError if another is given."""
+    """The type of an argument: a C-contiguous array, or None; TypeError if another is given."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self._dtype = dtype
 
     def from_param(self, given: Any) -> ctypes.c_void_p:
-        """Return its address, in half the time that `numpy.ctypeslib.ndpointer` takes."""
+        """Return its address."""
+        if given is None:
+            return ctypes.c_void_p()
         if given.dtype != self._dtype or not given.flags.c_contiguous:
             raise TypeError(f'expected contiguous {self._dtype}, got {given.dtype}')
-        return ctypes.c_void_p(given.ctypes.data)
+        return ctypes.c_void_p(address(given))
+
+
+def address(given: Any) -> int:
+    """Return where the numbers of an array begin, in a quarter of the time that `ctypes` takes."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(given))
+    except (TypeError, ValueError):  # it may not be written to, or is empty
+        return int(given.ctypes.data)
 
 
 def array(dtype: Any) -> Array:

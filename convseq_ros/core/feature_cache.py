@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
+from convseq_ros.core.map.place import unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import NoBackground
 from convseq_ros.core.similarity.pair_score import PairScore
@@ -27,10 +28,11 @@ class Threads:
 
     def run(self, counts: Sequence[int], job: Callable[[int, slice], None]) -> None:
         """Call a job with the number of each piece of work, and slices of its so many things."""
+        at_once = _AT_ONCE if self._helpers else max(counts, default=0) or 1
         lots = [
-            (piece, slice(start, min(start + _AT_ONCE, count)))
+            (piece, slice(start, min(start + at_once, count)))
             for piece, count in enumerate(counts)
-            for start in range(0, count, _AT_ONCE)
+            for start in range(0, count, at_once)
         ]
         waiting = iter(lots)  # of all threads
 
@@ -100,13 +102,18 @@ class FeatureCache:
         return [(one[0], one[1]) if one else None for one in told]
 
     def _made(self, indices: Sequence[int]) -> list[Any]:
-        cells, own = self._map.cells_of(indices), self._background
-        made: list[Any] = [None] * len(cells)
+        packed, own = self._map.packed_of(indices), self._background
+        made: list[Any] = [None] * len(packed)
 
         def prepare(_: int, lot: slice) -> None:
+            if self.pair.prepare_packed:
+                some = packed[lot], own.normalizes, own.of_map
+                made[lot] = self.pair.prepare_packed(*some)
+                return
             for place in range(lot.start, lot.stop):
-                if cells[place].any():
-                    made[place] = self.pair.prepare(own.normalize(cells[place]), own.of_map)
+                cells = unpack_cells(packed[place])
+                if cells.any():
+                    made[place] = self.pair.prepare(own.normalize(cells), own.of_map)
 
-        self._threads.run([len(cells)], prepare)
+        self._threads.run([len(packed)], prepare)
         return made

@@ -3,19 +3,21 @@
 """The frame gate: which frames are keyframes, to be matched and to become places."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 import math
 from typing import Any
 
-from convseq_ros.config import Config, KeyframeConfig, MatchingConfig, MotionConfig
+from convseq_ros.config import Config, KeyframeConfig, MotionConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.glance import Glance, glance, NearnessByGlance
 from convseq_ros.core.sequence.frame_drops import FRAME_DROPS, FrameDropDetector
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Pose, Reason
+import numpy as np
+import numpy.typing as npt
 
 
 @constants
@@ -60,49 +62,47 @@ class Standstill:
     def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
         self._config, self._similarity = config, similarity
         self._by_image = by_image and config.stationary_overlap < 1.0  # if there is no odometry
+        self._glances = NearnessByGlance()
         self._pose: Pose | None = None
         self._descriptor: Descriptor | None = None
 
     def reset(self) -> None:
+        self._glances.reset()
         self._pose = self._descriptor = None
 
-    def update(self, descriptor: Descriptor, pose: Pose | None) -> bool:
+    def update(
+        self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None
+    ) -> bool:
         """Take in a frame; return whether it stands still; one that shows nothing moves."""
-        still, last = False, self._descriptor
         if not descriptor.informative:
             return False
-        if pose and self._pose and self._config.stationary_m:
-            still = near(pose, self._pose, self._config.stationary_m)
-        elif self._by_image and last is not None:
-            still = self._similarity(descriptor, last) > self._config.stationary_overlap
+        if (still := self._by_pose(pose)) is None:
+            still, last = False, self._descriptor
+            if self._by_image and last is not None:
+                still = self._similarity(descriptor, last) > self._config.stationary_overlap
+            self._glances.update(seen, still)
         if not still:
             self._pose, self._descriptor = pose, descriptor
         return still
 
+    def is_sure(self, pose: Pose | None, seen: Glance | None) -> bool:
+        """Return whether it stands still whatever the frame shows in detail: by way or glance."""
+        if self.asks_for_image(pose):
+            return self._glances.is_sure(seen)
+        return bool(self._by_pose(pose))
 
-class Overlap:
-    """
-    Compares two images by their coherent score, of the definition, with normalised cells.
+    def update_pose(self, pose: Pose | None) -> None:
+        """Take in where a frame was that moved, whatever it shows."""
+        self._pose = pose or self._pose
 
-    What is left of it after a way depends on how near things are, hardly on the light.
-    """
+    def asks_for_image(self, pose: Pose | None) -> bool:
+        """Return whether it takes what a frame shows to tell."""
+        return self._by_image and self._by_pose(pose) is None
 
-    def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
-        _, self._pair = chosen_kernels(MatchingConfig(matching='coherent', kernel=kernel))
-        self._normalize = self._pair.normalize or (lambda cells: cells)
-        self._least_bits = saliency_threshold * ENTROPY.max_bits
-
-    def prepare(self, descriptor: Descriptor) -> Any:
-        """Return what others are compared with."""
-        return self._pair.prepare(self._normalize(descriptor.cells), None)
-
-    def since(self, prepared: Any, descriptor: Descriptor) -> float:
-        """Return what moved together, as a share in [0, 1]; 0 since nothing (None)."""
-        normalized = replace(descriptor, cells=self._normalize(descriptor.cells))
-        query = self._pair.extract(normalized, self._least_bits, None)
-        if query is None or prepared is None:
-            return 0.0
-        return float(self._pair.compare(query, [prepared])[0][0])
+    def _by_pose(self, pose: Pose | None) -> bool | None:
+        if pose and self._pose and self._config.stationary_m:
+            return near(pose, self._pose, self._config.stationary_m)
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,7 @@ class FrameGate:
         counts = by_image and config.matching.velocity_search
         self._drops = FrameDropDetector(FRAME_DROPS.memory if counts else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
+        self._glances = NearnessByGlance()
         self._interval_ns = round(GATE.earliest * keyframes.keyframe_interval_s * 1e9)
         self.reset()
 
@@ -134,25 +135,42 @@ class FrameGate:
         """Forget the frames so far."""
         self._standstill.reset()
         self._drops.reset()
+        self._glances.reset()
         self._last_ns: int | None = None  # of the last keyframe, as the others
         self._pose: Pose | None = None
         self._scene: Any = None
 
     def update(
-        self, stamp_ns: int, pose: Pose | None, encode: Callable[[], Descriptor]
+        self,
+        stamp_ns: int,
+        pose: Pose | None,
+        encode: Callable[[], Descriptor],
+        gray: npt.NDArray[np.uint8] | None = None,
     ) -> Verdict:
-        """Decide about the next frame; `encode` describes it, if time and way let it pass."""
+        """Decide about the next frame; `encode` describes it, if nothing cheaper decides."""
         self._drops.update(stamp_ns)
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
+        seen = None if gray is None else glance(gray)
+        if self._standstill.is_sure(pose, seen):
+            self._drops.update_keyframe()
+            return Verdict(Reason.STATIONARY, self._blank)
+        # Whether a robot without odometry moves is asked of every frame that is not passed over.
+        asks = self._standstill.asks_for_image(pose)
+        if self._by_scene and not asks and self._glances.is_sure(seen):
+            self._standstill.update_pose(pose)
+            return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         descriptor = encode()
-        if self._standstill.update(descriptor, pose):
+        if self._standstill.update(descriptor, pose, seen):
             self._drops.update_keyframe()
             return Verdict(Reason.STATIONARY, descriptor)
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
-            if self._overlap.since(self._scene, descriptor) > self._keyframes.keyframe_overlap:
+            share = self._keyframes.keyframe_overlap
+            is_near = self._overlap.is_above(self._scene, descriptor, share)
+            self._glances.update(seen, is_near)
+            if is_near:
                 return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
             self._scene = self._overlap.prepare(descriptor)
         self._last_ns, self._pose = stamp_ns, pose or self._pose

@@ -21,6 +21,10 @@ class LOCALIZER:
     # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
     # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
     places_a_keyframe: int = 2
+    # Of the inliers that the place usually has, below which a frame shows another one. On drawn
+    # nights a robot that is put down elsewhere has a third from the first frame on.
+    few_inliers: float = 0.5
+    memory: float = 0.7  # share of the past in what is usual, per keyframe
     silent_keyframes: int = 30  # that recognise nothing, after which it is lost
 
 
@@ -53,9 +57,10 @@ class Localizer:
     A sure match is a candidate; `localize_keyframes` of them that agree make it localised. It
     stays so while nothing speaks against it, also where matches are not sure. Two places agree if
     they are no further apart in the map than odometry says, or, where there is no odometry or no
-    pose, near by their numbers. `lost_keyframes` in a row that show another place make it lost,
-    and so do `localize_keyframes` sure matches that agree on one. In a map that grows only the
-    places of earlier sessions count.
+    pose, near by their numbers. `lost_keyframes` in a row that show another place, or have half
+    the inliers that the place usually has, make it lost, and so do `localize_keyframes` sure
+    matches that agree on another one. In a map that grows only the places of earlier sessions
+    count.
     """
 
     def __init__(self, places: Sequence[Place], config: Config) -> None:
@@ -69,6 +74,7 @@ class Localizer:
         self._home: _Sighting | None = None  # where it is localised
         self._seen: _Sighting | None = None  # the last sure match
         self._lost_at = 0  # keyframe at which it was lost
+        self._usual: float | None = None  # inliers of sure matches of where it is localised
         self._reasons: Counter[Reason] = Counter()  # since then
         self._last: Match | None = None
 
@@ -88,6 +94,7 @@ class Localizer:
                 self._keep_or_lose(self._home, match, seen, odometry)
             elif seen and seen.agreeing >= self._config.localize_keyframes:
                 self._home = seen
+                self._usual = _mixed(None, match.best.inliers if match.best else None)
         return replace(match, localization=self.localization)
 
     @property
@@ -117,12 +124,16 @@ class Localizer:
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
     ) -> None:
-        if seen and self._agree(home, seen.reference, odometry):
-            self._home, self._against = seen, 0
-            return
         best = match.best
-        is_elsewhere = best and not self._agree(home, best.reference_index, odometry)
-        is_against = is_elsewhere or match.reason is Reason.INCONSISTENT
+        inliers = best.inliers if best else None
+        few = bool(self._usual and inliers and inliers < LOCALIZER.few_inliers * self._usual)
+        if seen and self._agree(home, seen.reference, odometry):
+            self._home, seen = seen, None
+            if not few:
+                self._against, self._usual = 0, _mixed(self._usual, inliers)
+                return
+        is_elsewhere = best is not None and not self._agree(home, best.reference_index, odometry)
+        is_against = is_elsewhere or few or match.reason is Reason.INCONSISTENT
         self._against = self._against + 1 if is_against else 0
         if (
             self._against >= self._config.lost_keyframes
@@ -130,6 +141,7 @@ class Localizer:
             or self._keyframes - home.keyframe >= LOCALIZER.silent_keyframes
         ):
             self._home, self._against, self._lost_at = None, 0, self._keyframes
+            self._usual = None
             self._reasons.clear()
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:
@@ -162,3 +174,10 @@ class Localizer:
             return f'too few frames: {count} that show anything new, and more make a sequence'
         told = ', '.join(f'{number} {one}' for one, number in self._reasons.most_common())
         return f'nothing recognised in {count} keyframes ({told})'
+
+
+def _mixed(usual: float | None, inliers: int | None) -> float | None:
+    """Return what is usual after one more keyframe."""
+    if usual is None or inliers is None:
+        return usual if inliers is None else float(inliers)
+    return LOCALIZER.memory * usual + (1 - LOCALIZER.memory) * inliers

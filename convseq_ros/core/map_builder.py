@@ -53,7 +53,7 @@ class MapBuilder:
         if (gray := frame.gray) is None:
             return False
         encode = partial(describe, gray, self.reference_map.encoding)
-        verdict = self._gate.update(frame.stamp_ns, frame.pose, encode)
+        verdict = self._gate.update(frame.stamp_ns, frame.pose, encode, gray)
         if verdict.reason is None:
             self._mapping.add(frame, verdict.descriptor)
         self._autosave.save()

@@ -59,18 +59,14 @@ class Matcher:
         usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
         threads = Threads((matching.threads or usable) - 1)
         self._background = own = NoBackground()
-        if matching.subtract_background and exact.normalize and exact.regions:
-            self._background = own = Background(reference_map, exact.normalize, exact.regions)
+        if matching.subtract_background and exact.normalize and exact.project:
+            self._background = own = Background(reference_map, exact.normalize, exact.project)
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
         self._to_verify: FeatureCache | None = None
-        if verifies and (regions := exact.regions):
-
-            def prepare(cells: Cells, background: Regions | None) -> Arranged:
-                return arranged(regions(cells, background)[0])
-
-            pair = replace(exact, prepare=prepare)
+        if verifies and exact.project:
+            pair = replace(exact, prepare=self._arranged, prepare_packed=None)
             self._to_verify = FeatureCache(reference_map, pair, own, threads, _KEPT_TO_VERIFY)
 
     def reset(self) -> None:
@@ -79,15 +75,23 @@ class Matcher:
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return what is compared of a query, or None if it shows nothing."""
         self._follow_map()
-        cells = self._background.normalize(descriptor.cells)
-        background = self._background.update(cells)
-        shown = replace(descriptor, cells=cells), self._least_bits, background
-        if (fast := self._fast.pair.extract(*shown)) is None:
+        pair, shown = self._exact.pair, None
+        if pair.project and pair.subtract:
+            regions = pair.project(self._background.normalize(descriptor.cells))
+            shown = pair.subtract(regions, self._background.update(regions))
+        asked = descriptor, self._least_bits, shown
+        if (fast := self._fast.pair.extract(*asked)) is None:
             return None
-        exact = fast if self.exact else self._exact.pair.extract(*shown)
-        if self._to_verify is None:
-            return Features(fast, exact)
-        return Features(fast, exact, self._to_verify.pair.prepare(cells, background))
+        exact = fast if self.exact else pair.extract(*asked)
+        return Features(fast, exact, arranged(shown[0]) if self._to_verify and shown else None)
+
+    def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
+        return arranged(self._shown(cells, background))
+
+    def _shown(self, cells: Cells, background: Regions | None) -> Regions:
+        pair = self._exact.pair
+        assert pair.project and pair.subtract
+        return pair.subtract(pair.project(cells), background)[0]
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -97,9 +101,9 @@ class Matcher:
         """Return what `scores` does for several queries, with all references read in one go."""
         return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
-    def exact_scores(self, query: Features, indices: Indices) -> Row:
-        """Return what `scores` does, by the definition."""
-        return self._exact.scores_of([(query.exact, indices)])[0]
+    def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
+        """Return what `scores_of` does, by the definition."""
+        return self._exact.scores_of([(query.exact, indices) for query, indices in asked])
 
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
@@ -113,9 +117,9 @@ class Matcher:
     def inliers(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
         """Return where the regions are that moved by a shift, (n, 4), as `PairScore` says."""
         cells, pair = self._background.normalize(self._map.cells(index)), self._exact.pair
-        if pair.inliers is None or pair.regions is None or not cells.any():
+        if pair.inliers is None or not cells.any():
             return np.zeros((0, 4))
-        return pair.inliers(query.exact, pair.regions(cells, self._background.of_map)[0], shift)
+        return pair.inliers(query.exact, self._shown(cells, self._background.of_map), shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of a query and some references; nothing if it is not asked."""

@@ -86,7 +86,7 @@ class PlaceRecognizer:
                 return describe(frame.gray, self._encoding)
             return descriptor or self._blank
 
-        verdict = self.gate.update(frame.stamp_ns, frame.pose, encode)
+        verdict = self.gate.update(frame.stamp_ns, frame.pose, encode, frame.gray)
         if verdict.reason:
             match = self._again(answer, verdict.reason)
         else:

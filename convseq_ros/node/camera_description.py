@@ -32,6 +32,10 @@ class CameraDescription:
             node, CameraInfo, 'camera_info', self._on_camera_info, _DEPTH
         )
 
+    def follow(self, topic: str) -> None:
+        """Listen to another topic instead."""
+        self._subscription.move(topic)
+
     @property
     def known(self) -> bool:
         """Whether the camera is calibrated."""

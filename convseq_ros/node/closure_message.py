@@ -40,6 +40,7 @@ CLOSURE = np.dtype(
         ('reference_nanosec', '<u4'),
         ('query_id', '<u4'),  # frames answered before
         ('reference_id', '<u4'),  # index of the place in the map
+        ('session', '<u4'),  # number of the place's session in the map, from 0
         ('confidence', '<f4'),  # probability in [0, 1] that the place is right; NaN if unknown
         ('inliers', '<u4'),  # correspondences that agree with the pose, or moved alike
         ('map_id', '<u1', 16),  # the bytes of UUIDs
@@ -85,6 +86,7 @@ def closure_message(
     measured = match.relative_pose
     row['inliers'] = measured.inliers if measured else accepted.inliers or 0
     place = reference_map.places[accepted.reference_index]
+    row['session'] = place.session
     row['map_id'] = _bytes(reference_map.map_id)
     row['reference_session'] = _bytes(reference_map.sessions[place.session].id)
     if session_start < len(reference_map):

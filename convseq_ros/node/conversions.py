@@ -4,6 +4,7 @@
 
 from array import array
 from collections.abc import Mapping
+import math
 import sys
 
 from builtin_interfaces.msg import Time
@@ -19,7 +20,7 @@ from std_msgs.msg import Float64MultiArray, Header, Int64MultiArray
 
 _NS = 1_000_000_000
 _FIRST_NS, _LAST_NS = -(2**31) * _NS, 2**31 * _NS - 1  # builtin_interfaces/Time: int32 seconds
-_ORIGIN = (0.0, 0.0, 0.0)
+_NOWHERE = (math.nan, math.nan, math.nan)
 
 CANDIDATE = np.dtype(
     [
@@ -60,7 +61,7 @@ def candidates_message(
     match : Match
         The answer to one frame.
     poses : mapping from int to Pose or None
-        Pose of each reference that is a candidate; None is put at the origin.
+        Pose of each reference that is a candidate; None gives NaN, and a cloud that is not dense.
     frame_id : str
         Frame in which the poses are given.
 
@@ -69,7 +70,7 @@ def candidates_message(
     for number, candidate in enumerate(match.candidates):
         pose = poses[candidate.reference_index]
         stamp = stamp_from_ns(candidate.reference_stamp_ns)
-        x, y, z = pose.position if pose else _ORIGIN
+        x, y, z = pose.position if pose else _NOWHERE
         index, score = candidate.reference_index, candidate.score
         length = match.sequence_length
         rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec)
@@ -82,7 +83,7 @@ def candidates_message(
         point_step=CANDIDATE.itemsize,
         row_step=rows.nbytes,
         data=array('B', rows.tobytes()),
-        is_dense=True,
+        is_dense=all(poses[one.reference_index] for one in match.candidates),
     )
 
 

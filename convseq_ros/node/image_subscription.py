@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.node.topic_finder import cameras
 from convseq_ros.node_config import NodeConfig
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
@@ -41,6 +42,7 @@ class ImageSubscription:
         self._node = node
         self._config = config
         self._on_image = on_image
+        self._transport = config.image_transport
         self._subscription: FollowingSubscription | None = None
         self._topic = node.resolve_topic_name('image')
         if config.image_transport == 'compressed' and not self._topic.endswith(_SUFFIX):
@@ -50,12 +52,21 @@ class ImageSubscription:
         """Begin to listen."""
         self._subscription = FollowingSubscription(
             self._node,
-            _TYPES[self._config.image_transport],
+            _TYPES[self._transport],
             self._topic,
             self._on_message,
             self._config.queue_size,
             self._config.image_reliability,
         )
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic instead, and to compressed images if it is named so."""
+        is_listening = self._subscription is not None
+        self.stop()
+        self._topic = topic
+        self._transport = 'compressed' if topic.endswith(_SUFFIX) else 'raw'
+        if is_listening:
+            self.start()
 
     def stop(self) -> None:
         """Listen no more."""
@@ -82,32 +93,34 @@ class ImageSubscription:
     def advice(self) -> str:
         """Say why no images may come and what to do about it, in one line."""
         types = self._published(self.topic)
-        wanted = _TYPES[self._config.image_transport]
+        wanted = _TYPES[self._transport]
         if not types:
             return self._advice_for_silence()
         if _type_name(wanted) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         remedy = f'remap `image` to a topic of {_type_name(wanted)}'
-        if self._config.image_transport == 'raw' and _type_name(CompressedImage) in types:
+        if self._transport == 'raw' and _type_name(CompressedImage) in types:
             if self.topic.endswith(_SUFFIX):
                 remedy = 'set image_transport to compressed'
             else:
                 remedy = (
                     f'publish it on {self.topic}{_SUFFIX} and set image_transport to compressed'
                 )
-        elif self._config.image_transport == 'compressed' and _type_name(Image) in types:
+        elif self._transport == 'compressed' and _type_name(Image) in types:
             remedy = 'set image_transport to raw'
         return f'{self.topic} carries {", ".join(sorted(set(types)))}; {remedy}'
 
     def _advice_for_silence(self) -> str:
         text = f'{self.topic} has no publisher'
-        if self._config.image_transport == 'raw':
+        if self._transport == 'raw':
             other, transport = self.topic + _SUFFIX, 'compressed'
         else:
             other, transport = self.topic.removesuffix(_SUFFIX), 'raw'
         if _type_name(_TYPES[transport]) in self._published(other):
             return f'{text}, but {other} has: set image_transport to {transport}'
-        return f'{text}; remap it to the topic of the camera: -r image:=TOPIC'
+        found = cameras(self._node)
+        names = ' or '.join(f'-r image:={topic}' for topic in found) or '-r image:=TOPIC'
+        return f'{text}; remap it to the topic of the camera: {names}'
 
     def _published(self, topic: str) -> list[str]:
         return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]

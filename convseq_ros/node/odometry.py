@@ -56,7 +56,14 @@ class Odometry:
         self._track = PoseTrack(kept=_KEPT)
         self._unheard = self._waited_in_vain = self._lost_in_a_row = 0
         self._changed = threading.Condition()
-        FollowingSubscription(node, OdometryMessage, 'odom', self._on_odometry, _DEPTH)
+        self._subscription = FollowingSubscription(
+            node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
+        )
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic instead."""
+        self._topic = topic
+        self._subscription.move(topic)
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return the pose at a time; None if odometry does not tell."""

@@ -9,6 +9,8 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
+from convseq_ros.evaluation.match_picture import match_picture
+from convseq_ros.node.answer import answer_message, MapInfo
 from convseq_ros.node.closure_message import closure_message
 from convseq_ros.node.conversions import (
     candidates_message,
@@ -18,10 +20,10 @@ from convseq_ros.node.conversions import (
     match_header,
     pose_message,
 )
-from convseq_ros.node.debug_image import debug_image
 from convseq_ros.node.markers import MatchMarkers
 from convseq_ros.node.reference_path import ReferencePath
 from convseq_ros.node_config import NodeConfig
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
@@ -48,6 +50,7 @@ class MatchPublishers:
     def __init__(self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]) -> None:
         self.config = config
         self._odometry_frame = odometry_frame
+        self._answer = node.create_publisher(DiagnosticArray, '~/answer', _DEPTH)
         self._index = node.create_publisher(Int32, '~/match_index', _DEPTH)
         self._score = node.create_publisher(Float32, '~/match_score', _DEPTH)
         self._length = node.create_publisher(UInt32, '~/sequence_length', _DEPTH)
@@ -61,13 +64,15 @@ class MatchPublishers:
         self._debug_image = node.create_publisher(Image, '~/debug_image', _DEPTH)
         self._markers = MatchMarkers(node)
         self._path = ReferencePath(node)
+        self._map_info = MapInfo(node)
 
     def follow(self, reference_map: ReferenceMap) -> None:
         """Show another map."""
         self._path.follow(reference_map, self.config.map_frame)
+        self._map_info.follow(reference_map, self.config.map_frame)
 
     def publish(
-        self, frame: Frame, match: Match, recognizer: PlaceRecognizer
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> PoseEstimate | None:
         """
         Publish the answer to one frame, and return the pose that was, if any.
@@ -79,6 +84,9 @@ class MatchPublishers:
         poses = {
             item.reference_index: places[item.reference_index].pose for item in match.candidates
         }
+        self._answer.publish(
+            answer_message(match, duration_ms, recognizer.reference_map, self.config.map_frame)
+        )
         self._index.publish(Int32(data=accepted.reference_index if accepted else -1))
         self._score.publish(Float32(data=best.score if best else 0.0))
         self._length.publish(UInt32(data=match.sequence_length))
@@ -121,7 +129,7 @@ class MatchPublishers:
     ) -> None:
         """Publish what people look at."""
         reference_map, accepted = recognizer.reference_map, match.accepted
-        self._path.follow(reference_map, self.config.map_frame)
+        self.follow(reference_map)
         # Odometry is given in the map's frame if it says so, or if this session made the place.
         shared = self._odometry_frame() == self.config.map_frame or (
             accepted is not None and accepted.reference_index >= recognizer.mapping.session_start
@@ -133,7 +141,7 @@ class MatchPublishers:
             best = match.best
             thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
             shown = upright(frame, reference_map.encoding)
-            picture = debug_image(shown, match, thumbnail, recognizer.buffer.inliers(best))
+            picture = match_picture(shown, match, thumbnail, recognizer.buffer.inliers(best))
             self._debug_image.publish(image_message(picture, match_header(match, '')))
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:

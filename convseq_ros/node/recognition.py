@@ -20,7 +20,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 _LOG_PERIOD_S = 5.0
 
-Publish = Callable[[Frame, Match, PlaceRecognizer], None]
+Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,8 @@ class Arrival:
         Monotonic time at which it came.
     topic : str
         Where it came from.
+    number : int
+        How many came before it, those among them that were dropped, too.
 
     """
 
@@ -45,6 +47,7 @@ class Arrival:
     stamp_ns: int
     arrival_ns: int
     topic: str
+    number: int
 
 
 class Surroundings(Protocol):
@@ -70,7 +73,7 @@ class Recognition:
     results : ResultLog
         Gets a row for every answer.
     publish : callable
-        Receives every answer, with its frame and who gave it.
+        Receives every answer, with its frame, who gave it and the milliseconds that it took.
     statistics : Statistics
         Where answers and failures are counted.
     logger : rclpy logger
@@ -102,7 +105,6 @@ class Recognition:
         self._statistics = statistics
         self._logger = logger
         self._ros_is_up = ros_is_up
-        self._frames = 0
 
     def handle(self, arrival: Arrival) -> None:
         """Answer one frame; errors are logged and counted."""
@@ -152,10 +154,9 @@ class Recognition:
         match = recognizer.process(frame)
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()
-        match = replace(match, query_index=self._frames)
-        self._frames += 1
+        match = replace(match, query_index=arrival.number)
         self._results.write(match, duration_ms)
-        self._publish(frame, match, recognizer)
+        self._publish(frame, match, recognizer, duration_ms)
         self._statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _keep(self) -> None:

@@ -1,10 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way along which the map was made, on `~/reference_path`, for whoever comes late."""
+"""The way of the drive that made the map last, on `~/reference_path`, for whoever comes late."""
 
+from bisect import bisect_left
+from collections.abc import Sequence
 import math
 import time
 
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns
 from geometry_msgs.msg import PoseStamped
@@ -46,15 +49,31 @@ class ReferencePath:
 
 
 def path_message(reference_map: ReferenceMap, frame_id: str) -> Path:
-    """Return the places that have a pose, with their stamps, thinned out to 5000."""
-    step = max(1, math.ceil(len(reference_map) / _MOST_POSES))
+    """
+    Return the poses of the newest drive that has any, with their stamps, thinned out to 5000.
+
+    A path is drawn as one line, and no line leads from one drive to the next.
+    """
     poses = [
         PoseStamped(
             header=Header(stamp=stamp_from_ns(place.stamp_ns), frame_id=frame_id),
             pose=pose_only_message(place.pose),
         )
-        for place in reference_map.places[::step]
+        for place in _newest_drive(reference_map.places)
         if place.pose
     ]
     stamp = poses[-1].header.stamp if poses else stamp_from_ns(0)
     return Path(header=Header(stamp=stamp, frame_id=frame_id), poses=poses)
+
+
+def _newest_drive(places: Sequence[Place]) -> Sequence[Place]:
+    end = len(places)
+    while end:
+        session = places[end - 1].session
+        start = bisect_left(places, session, 0, end, key=lambda place: place.session)
+        step = max(1, math.ceil((end - start) / _MOST_POSES))
+        drive = places[start:end:step]
+        if any(place.pose for place in drive):
+            return drive
+        end = start
+    return ()

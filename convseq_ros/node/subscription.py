@@ -73,6 +73,11 @@ class FollowingSubscription:
         """Hear nothing any more."""
         self._node.destroy_subscription(self._subscription)
 
+    def move(self, topic: str) -> None:
+        """Hear another topic instead."""
+        self._topic, self._last = topic, 0
+        self._subscribe(self._asked, self._is_following)
+
     def hold_at_most(self, depth: int) -> None:
         """Have fewer messages wait for the executor from now on."""
         if depth < self._depth:

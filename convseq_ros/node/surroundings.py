@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What other topics say of an image: where it was taken, and by which camera."""
 
+from collections.abc import Mapping
+
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.node.camera_description import CameraDescription
 from convseq_ros.node.odometry import Odometry
@@ -29,6 +31,13 @@ class Surroundings:
     def __init__(self, node: Node, odom_wait_s: float) -> None:
         self.odometry = Odometry(node, odom_wait_s)
         self.camera = CameraDescription(node)
+
+    def follow(self, topics: Mapping[str, str]) -> None:
+        """Listen to other topics instead, those of 'odom' and 'camera_info' that are given."""
+        if 'odom' in topics:
+            self.odometry.follow(topics['odom'])
+        if 'camera_info' in topics:
+            self.camera.follow(topics['camera_info'])
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return where an image was taken; may wait for odometry."""

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS node: images in, recognised places out."""
 
+from contextlib import ExitStack
 from pathlib import Path
-import threading
 import time
 from typing import Any
 
@@ -32,6 +32,7 @@ from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
+from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
@@ -83,13 +84,19 @@ class VprNode(ManagedNode):
 
     def open_work(self) -> None:
         """Open the map and the result file, and make what does the work; then warm up."""
+        with ExitStack() as undone:
+            self._open_work(undone)
+            undone.pop_all()
+        self._is_open = True
+        self._worker.between_items(self._warm_up)
+        self._worker.start()
+
+    def _open_work(self, undone: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
         session = Session(Path(config.map_path) if config.map_path else None, self._config)
-        try:
-            self._results = ResultLog(config.result_file, logger)
-        except ConvseqError:
-            session.close()
-            raise
+        undone.callback(session.close)
+        self._results = ResultLog(config.result_file, logger)
+        undone.callback(self._results.close)
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
@@ -126,18 +133,12 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
         )
+        self._finder = TopicFinder(self, self._follow)
         self._warm = self.create_guard_condition(self._on_warm)
-        self._warmed = threading.Event()
-        self._is_open = True
-        self._worker.between_items(self._warm_up)
-        self._worker.start()
-        if self._is_managed:
-            self._warmed.wait()
-            self._ready = True
 
     def listen(self) -> None:
         """Take in images from now on."""
-        self._ready = self._listening = True
+        self._listening = True
         self._images.start()
         self._maps.announce()
         self.get_logger().info(f'listening to {self._images.topic}')
@@ -188,15 +189,20 @@ class VprNode(ManagedNode):
             # Whatever is under way fails when a signal shuts ROS down.
             if self.context.ok():
                 raise
-        finally:
-            self._warmed.set()
+
+    def _follow(self, topics: dict[str, str]) -> None:
+        self._surroundings.follow(topics)
+        self._images.follow(topics['image'])
 
     def _on_warm(self) -> None:
+        self._ready = True
         if not (self._listening or self._is_managed):
             self.listen()
 
-    def _publish(self, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
-        estimate = self._answers.publish(frame, match, recognizer)
+    def _publish(
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+    ) -> None:
+        estimate = self._answers.publish(frame, match, recognizer, duration_ms)
         self._whereabouts.update(match, estimate)
 
     def _on_image(self, message: ImageMessage) -> None:
@@ -211,7 +217,8 @@ class VprNode(ManagedNode):
                 f'{self._images.topic}: images have no stamp; using the time at which they arrive',
                 once=True,
             )
-        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic)
+        number = self._statistics.received - 1
+        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic, number)
         self._worker.put(arrival, len(message.data))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:

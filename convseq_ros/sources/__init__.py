@@ -9,7 +9,7 @@ from typing import Protocol
 from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder, pictures_in
@@ -69,7 +69,7 @@ def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
     if path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir():
         _refuse_topic(path, 'a video', topic)
         return Video(path, reading)
-    if not path.is_dir() or _holds_recording(path):
+    if not path.is_dir() or holds_recording(path):
         return Recording(path, topic, reading)
     _refuse_topic(path, 'a folder of pictures', topic)
     return ImageFolder(path, reading)
@@ -131,7 +131,7 @@ def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
     file = Path(camera_info)
     if file.is_file():
         return lambda height, width: read_camera_file(file, height, width)
-    if path.is_dir() and not _holds_recording(path):
+    if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
     camera = read_camera(path, camera_info)
     return lambda _height, _width: camera
@@ -142,7 +142,8 @@ def _refuse_topic(path: Path, what: str, topic: str) -> None:
         raise SourceError(f'{path}: {what} has no topic {topic!r}; leave it out')
 
 
-def _holds_recording(folder: Path) -> bool:
+def holds_recording(folder: Path) -> bool:
+    """Return whether a folder is what a recorder wrote; SourceError if it cannot be read."""
     try:
         files = list(folder.iterdir())
         pictures = pictures_in(folder)

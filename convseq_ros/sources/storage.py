@@ -9,7 +9,7 @@ import re
 from typing import Any, Protocol
 
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.bounded_readers import check_chunks, open_bounded
 from convseq_ros.sources.inflate import inflate, LIMITS
 from convseq_ros.sources.natural_order import natural_key
@@ -27,6 +27,7 @@ class Storage(Protocol):
     path: Path
     topics: dict[str, Topic]
     damage: str
+    duration_s: float  # from the first message of any topic to the last
 
     def messages(self, topic: str) -> Iterator[RawMessage]:
         """Yield the messages of a topic as recorded; each call starts anew."""
@@ -122,6 +123,7 @@ class IndexedStorage:
         try:
             with open_bounded(path) as reader:
                 self._is_ros1 = path.suffix.lower() == '.bag'
+                self.duration_s = max(0, int(reader.duration)) / 1e9
                 if not self._is_ros1:
                     check_chunks(path, reader)
                 self.topics = {

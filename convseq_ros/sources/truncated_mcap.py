@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
 from convseq_ros.installing import pip_install
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic
@@ -40,9 +40,12 @@ class TruncatedMcap:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self._broken_at = -1
+        times_ns: list[int] = []
         for message, topic in self._scan():
+            times_ns = [*times_ns[:1], message.log_time_ns]
             count = self.topics[topic].count if topic in self.topics else 0
             self.topics[topic] = Topic(topic, message.type_name, count + 1)
+        self.duration_s = max(0, times_ns[-1] - times_ns[0]) / 1e9 if times_ns else 0.0
         size = path.stat().st_size
         if not self.topics:
             raise SourceError(

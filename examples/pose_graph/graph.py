@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 _HELD = (1e-3, 1e-3, 1e-4)
 _NEWEST_NS = 200_000_000
+# Standard deviations that a measured closure has at least: neighbours see the same map alike.
+_FINEST = (0.1, 0.1, 0.01)
 
 
 class Pose(NamedTuple):
@@ -34,12 +36,18 @@ class Closure(NamedTuple):
         The later and the earlier one, nanoseconds.
     turn_rad : float, optional
         By how much the robot was turned to the left then, against before; None if not measured.
+    measured : Pose, optional
+        Where the robot was then, as seen from where it was before; None if not measured.
+    covariance : sequence of 9 float, optional
+        Of that x, y and yaw, row by row.
 
     """
 
     query_ns: int
     reference_ns: int
     turn_rad: float | None = None
+    measured: Pose | None = None
+    covariance: Sequence[float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +184,10 @@ def optimise(
     """
     Return the path that agrees best with the odometry and with the closures.
 
-    A closure says that two places are the same: position zero apart, heading as measured or
-    alike. Graduated non-convexity (Yang, Antonante, Tzoumas and Carlone, RA-L 2020), with
-    truncated least squares, decides which closures to believe; the odometry is always believed.
+    A closure says how far two places are apart as it was measured; else that they are the same:
+    position zero apart, heading as measured or alike. Graduated non-convexity (Yang, Antonante,
+    Tzoumas and Carlone, RA-L 2020), with truncated least squares, decides which closures to
+    believe; the odometry is always believed.
 
     Parameters
     ----------
@@ -202,19 +211,13 @@ def optimise(
     if not poses:
         raise ValueError('there is no odometry to optimise')
     graph, initial = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.add(gtsam.PriorFactorPose2(0, poses[0], _sigmas(*_HELD)))
-    initial.insert(0, poses[0])
-    for index in range(1, len(poses)):
-        step = poses[index - 1].between(poses[index])
-        root = math.sqrt(max(0.1, math.hypot(step.x(), step.y())))
-        along, turn = noise.odometry_m * root, noise.odometry_rad * root
-        model = _sigmas(along, along, turn)
-        graph.add(gtsam.BetweenFactorPose2(index - 1, index, step, model))
-        initial.insert(index, poses[index])
+    for index, pose in enumerate(poses):
+        graph.add(odometry_factor(poses, index, noise))
+        initial.insert(index, pose)
     believed = graph.size()
     used = []
     for number, closure in enumerate(closures):
-        factor = _factor(odometry, closure, noise)
+        factor = closure_factor(odometry, closure, noise)
         if factor is not None:
             used.append(number)
             graph.add(factor)
@@ -248,16 +251,36 @@ def _graduated(
     return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
 
 
-def _factor(odometry: Odometry, closure: Closure, noise: Noise) -> gtsam.BetweenFactorPose2 | None:
+def odometry_factor(
+    poses: Sequence[gtsam.Pose2], index: int, noise: Noise
+) -> gtsam.NonlinearFactor:
+    """Return what holds a keyframe: the way from the one before, or, of the first, its place."""
+    if not index:
+        return gtsam.PriorFactorPose2(0, poses[0], _sigmas(*_HELD))
+    step = poses[index - 1].between(poses[index])
+    root = math.sqrt(max(0.1, math.hypot(step.x(), step.y())))
+    along, turn = noise.odometry_m * root, noise.odometry_rad * root
+    return gtsam.BetweenFactorPose2(index - 1, index, step, _sigmas(along, along, turn))
+
+
+def closure_factor(
+    odometry: Odometry, closure: Closure, noise: Noise
+) -> gtsam.BetweenFactorPose2 | None:
     """Return the factor between the keyframes before both times; None if it would say nothing."""
     reference, query = odometry.place(closure.reference_ns), odometry.place(closure.query_ns)
     if reference is None or query is None or reference[0] == query[0]:
         return None
-    same = gtsam.Pose2(0.0, 0.0, closure.turn_rad or 0.0)
-    heading = noise.closure_rad if closure.turn_rad is None else noise.turn_rad
-    measured = reference[1].compose(same).compose(query[1].inverse())
-    model = _sigmas(noise.closure_m, noise.closure_m, heading)
-    return gtsam.BetweenFactorPose2(reference[0], query[0], measured, model)
+    if closure.measured is not None and closure.covariance is not None:
+        apart = gtsam.Pose2(*closure.measured)
+        floor = np.diag(np.square(_FINEST))
+        matrix = np.reshape(closure.covariance, (3, 3)) + floor
+        model = gtsam.noiseModel.Gaussian.Covariance(matrix)
+    else:
+        apart = gtsam.Pose2(0.0, 0.0, closure.turn_rad or 0.0)
+        heading = noise.closure_rad if closure.turn_rad is None else noise.turn_rad
+        model = _sigmas(noise.closure_m, noise.closure_m, heading)
+    between = reference[1].compose(apart).compose(query[1].inverse())
+    return gtsam.BetweenFactorPose2(reference[0], query[0], between, model)
 
 
 def _sigmas(*values: float) -> gtsam.noiseModel.Diagonal:

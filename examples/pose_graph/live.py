@@ -12,7 +12,7 @@ from convseq_ros.errors import ConvseqError
 
 _HERE = Path(__file__).resolve().parent
 _CLOSURES = ['-r', 'loop_closure:=/vpr_node/loop_closure']
-_POSES = ['-r', 'pose:=/vpr_node/pose']
+_POSES = ['-r', 'pose:=/vpr_node/pose', '-r', 'closure:=/vpr_node/closure']
 _STALLED_S = 30.0
 _END_S = 60.0
 _POLL_S = 0.2
@@ -44,7 +44,7 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_parameters(settings, table)]
     graph = [
         str(_HERE / 'pose_graph_node.py'),
-        *_parameters({'use_pose': 'true'}, folder / 'pose_graph.json'),
+        *_parameters({'use_pose': 'true', 'use_closure': 'true'}, folder / 'pose_graph.json'),
         *_CLOSURES,
         *_POSES,
     ]

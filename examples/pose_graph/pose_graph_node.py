@@ -4,8 +4,11 @@
 A back end in one node: odometry and loop closures in, the path before and after out.
 
 Subscribes to `odom` (nav_msgs/Odometry), to `loop_closure` (std_msgs/Float64MultiArray, two times
-in seconds) and, if `use_pose` is true, to `pose` (geometry_msgs/PoseWithCovarianceStamped, by that
-odometry); publishes `~/path_before` and `~/path_after` (nav_msgs/Path) and /diagnostics.
+in seconds), if `use_pose` is true, to `pose` (geometry_msgs/PoseWithCovarianceStamped, by that
+odometry), and, if `use_closure` is true, to `closure` (sensor_msgs/PointCloud2), which tells how
+far both places of a closure are apart. Publishes `~/path_before` and `~/path_after`
+(nav_msgs/Path), `~/map_to_odom` (geometry_msgs/PoseStamped, what that transform would be) and
+/diagnostics.
 """
 
 from dataclasses import asdict
@@ -18,6 +21,7 @@ from typing import Any
 
 try:
     from graph import Closure, Noise, Odometry, optimise, Pose, Solution
+    from incremental import Incremental
 except ModuleNotFoundError as error:
     sys.exit(f'pose_graph_node: {error}; pip install gtsam')
 try:
@@ -32,13 +36,21 @@ try:
     from rclpy.qos import QoSProfile
     from rclpy.qos_overriding_options import QoSOverridingOptions
     from rclpy.utilities import ok, try_shutdown
+    from sensor_msgs.msg import PointCloud2
     from std_msgs.msg import Float64MultiArray
 except ModuleNotFoundError as error:
     sys.exit(f'pose_graph_node: {error}; source /opt/ros/jazzy/setup.bash')
+import numpy as np
 from record import write_record
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
+from read_closure import read_closure
+from read_closure import stamp_ns as stamp_of
 
 # No message is lost while the graph is optimised.
 _DEPTH = 1000
+_TURN = ('qx', 'qy', 'qz', 'qw')
+_PLANAR = (0, 1, 5)  # x, y and yaw among the six of a covariance
 
 
 class PoseGraphNode(Node):
@@ -64,6 +76,8 @@ class PoseGraphNode(Node):
         )
         self._pairs: list[tuple[int, int]] = []
         self._headings: dict[int, float] = {}
+        self._measured: dict[tuple[int, int], tuple[Pose, tuple[float, ...]]] = {}
+        self._incremental = Incremental(self._noise)
         self._closures: list[Closure] = []
         self._solved = self._shown = 0
         self._solution: Solution | None = None
@@ -71,6 +85,7 @@ class PoseGraphNode(Node):
         overrides = QoSOverridingOptions.with_default_policies()
         self._before = self.create_publisher(PathMessage, '~/path_before', 1)
         self._after = self.create_publisher(PathMessage, '~/path_after', 1)
+        self._correction = self.create_publisher(PoseStamped, '~/map_to_odom', 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(
             OdometryMessage,
@@ -89,6 +104,10 @@ class PoseGraphNode(Node):
         if self._declared('use_pose', False):
             self.create_subscription(
                 PoseWithCovarianceStamped, 'pose', self._on_pose, QoSProfile(depth=_DEPTH)
+            )
+        if self._declared('use_closure', False):
+            self.create_subscription(
+                PointCloud2, 'closure', self._on_measured, QoSProfile(depth=_DEPTH)
             )
         self.create_timer(self._declared('period_s', 1.0), self._work)
         self.get_logger().info('listening to odometry and closures')
@@ -113,6 +132,22 @@ class PoseGraphNode(Node):
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         self._headings[_micro(_stamp_ns(message))] = _pose(message.pose.pose).yaw
 
+    def _on_measured(self, message: PointCloud2) -> None:
+        try:
+            closure = read_closure(message)
+        except ValueError as error:
+            self.get_logger().warning(str(error), once=True)
+            return
+        position, turn = [closure[name] for name in 'xy'], [closure[name] for name in _TURN]
+        if not np.isfinite([*position, *turn]).all():
+            return
+        x, y, z, w = turn
+        yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        whole = closure['covariance'].reshape(6, 6)
+        planar = whole[np.ix_(_PLANAR, _PLANAR)].ravel()
+        pair = _micro(stamp_of(closure, 'query')), _micro(stamp_of(closure, 'reference'))
+        self._measured[pair] = Pose(*map(float, position), yaw), tuple(planar.tolist())
+
     def _on_closure(self, message: Float64MultiArray) -> None:
         if len(message.data) != 2 or not all(map(math.isfinite, message.data)):
             self.get_logger().warning(
@@ -128,11 +163,16 @@ class PoseGraphNode(Node):
             self._solve()
             self._tell()
         if len(self._odometry) > self._shown:
+            believed = [one for one, kept in zip(self._closures, self._kept, strict=True) if kept]
+            self._incremental.update(self._odometry, believed)
             self._show()
 
     def _solve(self) -> None:
         begun_s = time.monotonic()
-        self._closures = [Closure(*pair, self._turn(*pair)) for pair in self._pairs]
+        self._closures = [
+            Closure(*pair, self._turn(*pair), *self._measured.get((*map(_micro, pair),), ()))
+            for pair in self._pairs
+        ]
         self._solution = optimise(self._odometry, self._closures, self._noise)
         self._duration_s = time.monotonic() - begun_s
         self._solved = len(self._closures)
@@ -158,28 +198,31 @@ class PoseGraphNode(Node):
             after = corrected + [_carried(end, moved, pose) for pose in before[known:]]
         for publisher, poses in ((self._before, before), (self._after, after)):
             publisher.publish(self._path(stamps_ns, poses))
+        self._correction.publish(self._stamped(stamps_ns[-1], self._incremental.correction))
 
     def _path(self, stamps_ns: list[int], poses: list[Pose]) -> PathMessage:
         path = PathMessage()
         path.header.frame_id = self._map_frame
-        for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
-            stamped = PoseStamped()
-            stamped.header.frame_id = self._map_frame
-            stamped.header.stamp.sec, stamped.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-            stamped.pose.position.x, stamped.pose.position.y = pose.x, pose.y
-            stamped.pose.orientation.z = math.sin(pose.yaw / 2)
-            stamped.pose.orientation.w = math.cos(pose.yaw / 2)
-            path.poses.append(stamped)
+        path.poses = [self._stamped(*one) for one in zip(stamps_ns, poses, strict=True)]
         if path.poses:
             path.header.stamp = path.poses[-1].header.stamp
         return path
+
+    def _stamped(self, stamp_ns: int, pose: Pose) -> PoseStamped:
+        stamped = PoseStamped()
+        stamped.header.frame_id = self._map_frame
+        stamped.header.stamp.sec, stamped.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+        stamped.pose.position.x, stamped.pose.position.y = pose.x, pose.y
+        stamped.pose.orientation.z = math.sin(pose.yaw / 2)
+        stamped.pose.orientation.w = math.cos(pose.yaw / 2)
+        return stamped
 
     def _tell(self) -> None:
         text = self._summary()
         self.get_logger().info(text)
         values = {
-            'kept': self._kept,
-            'rejected': len(self._closures) - self._kept,
+            'kept': sum(self._kept),
+            'rejected': len(self._closures) - sum(self._kept),
             'keyframes': len(self._odometry),
         }
         status = DiagnosticStatus(level=DiagnosticStatus.OK, name=self.get_name(), message=text)
@@ -189,12 +232,12 @@ class PoseGraphNode(Node):
         self._diagnostics.publish(message)
 
     @property
-    def _kept(self) -> int:
-        return sum(self._solution.kept) if self._solution else 0
+    def _kept(self) -> tuple[bool, ...]:
+        return self._solution.kept if self._solution else ()
 
     def _summary(self) -> str:
         return (
-            f'closures: {self._kept} kept, {len(self._closures) - self._kept} rejected; '
+            f'closures: {sum(self._kept)} kept, {len(self._closures) - sum(self._kept)} rejected; '
             f'{len(self._odometry)} keyframes, optimised in {self._duration_s * 1000:.0f} ms'
         )
 

@@ -31,4 +31,15 @@ def read_record(path: Path) -> tuple[list[tuple[int, Pose]], list[Closure], list
     """Return stamped odometry, closures, and whether each closure was kept."""
     told = json.loads(path.read_text())
     odometry = [(stamp_ns, Pose(*pose)) for stamp_ns, *pose in told['odometry']]
-    return odometry, [Closure(*closure) for closure in told['closures']], told['kept']
+    return odometry, [_closure(*closure) for closure in told['closures']], told['kept']
+
+
+def _closure(
+    query_ns: int,
+    reference_ns: int,
+    turn_rad: float | None = None,
+    measured: Sequence[float] | None = None,
+    covariance: Sequence[float] | None = None,
+) -> Closure:
+    pose = Pose(*measured) if measured else None
+    return Closure(query_ns, reference_ns, turn_rad, pose, covariance and tuple(covariance))

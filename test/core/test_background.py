@@ -6,7 +6,7 @@ from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
-from convseq_ros.core.similarity.kernels.numpy_coherent import shown_regions, subtracted
+from convseq_ros.core.similarity.kernels.numpy_coherent import subtracted
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 import numpy as np
 import pytest
@@ -44,14 +44,14 @@ def test_regions_that_equal_the_background_say_nothing():
 
 
 def test_the_background_of_a_map_is_the_mean_of_its_references():
-    background = Background(drawn_map(20, blank=(3,)), same, shown_regions)
+    background = Background(drawn_map(20, blank=(3,)), same, projected_regions)
     assert background.update_map()
     expected = np.mean([stored(index) for index in range(20) if index != 3], axis=0)
     assert background.of_map == pytest.approx(expected, abs=1e-6)
 
 
 def test_references_are_normalised_before_they_are_averaged():
-    background = Background(drawn_map(20), normalized, shown_regions)
+    background = Background(drawn_map(20), normalized, projected_regions)
     background.update_map()
     read = [unpack_cells(pack_cells(cells(index))) for index in range(20)]
     expected = np.mean([projected_regions(normalized(one)) for one in read], axis=0)
@@ -65,16 +65,16 @@ def test_of_a_large_map_256_references_are_read():
         reference_map.add(Place(index), packed)
     read = []
     reference_map.cells_of = lambda indices: read.extend(indices) or [cells(0)]
-    Background(reference_map, same, shown_regions).update_map()
+    Background(reference_map, same, projected_regions).update_map()
     assert len(read) == 256 and read[0] == 0 and read[-1] == 999
     assert 3 <= np.diff(read).min() and np.diff(read).max() <= 4
 
 
 def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_doubled():
     reference_map = drawn_map(19)
-    background, updated = Background(reference_map, same, shown_regions), []
+    background, updated = Background(reference_map, same, projected_regions), []
     assert not background.update_map() and background.of_map is None
-    assert background.update(cells(0)) is None
+    assert background.update(projected_regions(cells(0))) is None
     for index in range(19, 90):
         reference_map.add(Place(index), pack_cells(cells(index)))
         if background.update_map():
@@ -83,14 +83,17 @@ def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_dou
 
 
 def test_a_map_of_blank_references_has_no_background():
-    background = Background(drawn_map(20, blank=range(20)), same, shown_regions)
+    background = Background(drawn_map(20, blank=range(20)), same, projected_regions)
     assert background.update_map() and background.of_map is None
 
 
 def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
-    background = Background(drawn_map(25), same, shown_regions)
+    background = Background(drawn_map(25), same, projected_regions)
     background.update_map()
-    first, second = background.update(cells(100)), background.update(cells(101))
+    first, second = (
+        background.update(projected_regions(cells(100))),
+        background.update(projected_regions(cells(101))),
+    )
     one, two = projected_regions(cells(100)), projected_regions(cells(101))
     assert first == pytest.approx((one + 5 * background.of_map) / 6, abs=1e-6)
     assert second == pytest.approx((one + two + 5 * background.of_map) / 7, abs=1e-6)
@@ -98,20 +101,20 @@ def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
 
 def test_frames_before_the_background_of_the_map_is_known_count_too():
     reference_map = drawn_map(19)
-    background = Background(reference_map, same, shown_regions)
-    assert background.update(cells(100)) is None
+    background = Background(reference_map, same, projected_regions)
+    assert background.update(projected_regions(cells(100))) is None
     reference_map.add(Place(19), pack_cells(cells(19)))
     background.update_map()
     both = projected_regions(cells(100)) + projected_regions(cells(101))
     expected = (both + 5 * background.of_map) / 7
-    assert background.update(cells(101)) == pytest.approx(expected, abs=1e-6)
+    assert background.update(projected_regions(cells(101))) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_robot_that_hardly_moves_does_not_make_its_place_the_background():
-    background = Background(drawn_map(25), same, shown_regions)
+    background = Background(drawn_map(25), same, projected_regions)
     background.update_map()
-    once = background.update(cells(100))
+    once = background.update(projected_regions(cells(100)))
     for seed in range(50):
         again = cells(100) + np.float32(0.02) * cells(seed)
-        assert np.array_equal(background.update(again), once)
-    assert not np.array_equal(background.update(cells(101)), once)
+        assert np.array_equal(background.update(projected_regions(again)), once)
+    assert not np.array_equal(background.update(projected_regions(cells(101))), once)

@@ -17,7 +17,6 @@ from convseq_ros.core.similarity.global_similarity import (
 from convseq_ros.core.similarity.kernels.numpy_coherent import (
     COHERENT_PAIR,
     coherent_score,
-    shown_regions,
     subtracted,
 )
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
@@ -65,10 +64,10 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     references = [drawn(seed, 0.5) for seed in range(24)]
     query, one = described(drawn(3, 0.6)), matcher(map_of(*references))
     found = one.scores(one.extract(query), np.arange(24))
-    background = Background(map_of(*references), normalized, shown_regions)
+    background = Background(map_of(*references), normalized, projected_regions)
     background.update_map()
     cells = normalized(query.cells)
-    own = subtracted(projected_regions(cells), background.update(cells))
+    own = subtracted(projected_regions(cells), background.update(projected_regions(cells)))
     for score, reference in zip(found, references, strict=True):
         other = subtracted(projected_regions(normalized(reference)), background.of_map)
         share, _ = coherent_score(extract(query, 4.0, own), other)

@@ -12,13 +12,18 @@ from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
-from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.coherent import CoherentQuery
+from convseq_ros.core.similarity.global_similarity import (
+    global_similarity,
+    lateral_shifts,
+    rounded,
+)
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, shown_regions
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -151,13 +156,56 @@ def test_compiled_regions_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
     needs_library()
-    from convseq_ros.core.similarity.kernels.regions import shown_regions as compiled
+    from convseq_ros.core.similarity.kernels.regions import less_background as compiled
 
-    cells, background = drawn(1, side).cells, projected_regions(drawn(2, side).cells)
-    found, expected = (show(cells, background) for show in (compiled, shown_regions))
+    regions, background = (projected_regions(drawn(seed, side).cells) for seed in (1, 2))
+    found, expected = (show(regions, background) for show in (compiled, less_background))
     assert np.abs(found[0] - expected[0]).max() < 2e-6
     assert np.abs(found[1] - expected[1]).max() < 2e-6 * 2**24
-    assert compiled(cells, None)[1] is shown_regions(cells, None)[1] is None
+    assert compiled(regions, None)[1] is less_background(regions, None)[1] is None
+
+
+@pytest.mark.parametrize('side', [3, 7, 32])
+@pytest.mark.parametrize('kernel', ['int8', 'float32'])
+@pytest.mark.parametrize('normalizes', [False, True])
+@pytest.mark.parametrize('subtracts', [False, True])
+def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtracts):
+    needs_library()
+
+    pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
+    background = projected_regions(drawn(0, side).cells) if subtracts else None
+    packed = [pack_cells(drawn(seed, side).cells * (seed != 2)) for seed in range(1, 5)]
+    found = pair.prepare_packed(packed, normalizes, background)
+    normalize = pair.normalize if normalizes else (lambda cells: cells)
+    assert found[1] is None
+    for one, made in zip(packed, found, strict=True):
+        if made is not None:
+            expected = pair.prepare(normalize(unpack_cells(one)), background)
+            assert made.blocks == expected.blocks and (made.blocks > 0) == subtracts
+            panels = [one.panel.view(np.float32) for one in (made, expected)]
+            end = made.blocks or len(panels[0])
+            assert np.array_equal(*(one[:end].view(np.int32) for one in panels))
+            assert np.abs(panels[0][end:] - panels[1][end:]).max(initial=0) <= 1
+
+
+def test_compiled_global_similarities_are_those_of_the_definition():
+    needs_library()
+    from convseq_ros.core.similarity.kernels import references
+
+    rng = np.random.default_rng(3)
+    for side in (1, 5, 30):
+        count = -(-side // 3)
+        drawn_blocks = rng.normal(0, 1, (4, count, count, 32)).astype(np.float32)
+        blocks = [rounded(one) for one in drawn_blocks]
+        regions = np.zeros((side**2, 32), np.float32)
+        packed = [references.pack(regions, one, 0.0) for one in blocks]
+        where = np.array([one.address for one in packed], np.uint64)
+        found = references.alike(blocks[0], side, packed, where)
+        shifted = lateral_shifts(blocks[0], side)
+        assert np.array_equal(found, global_similarity(shifted, np.array(blocks, np.float64)))
+        assert found[0] == pytest.approx(1)
+        bare = references.pack(regions, None, 0.0)
+        assert references.alike(blocks[0], side, [packed[1], bare], where) is None
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])
@@ -177,7 +225,7 @@ def test_8_bit_scores_are_those_of_whole_numbers(side):
 def test_of_equal_counterparts_the_first_is_taken():
     needs_library()
     from convseq_ros.core.similarity.kernels.coherent import _compared, _float_query
-    from convseq_ros.core.similarity.kernels.panel import reference_floats
+    from convseq_ros.core.similarity.kernels.references import pack
 
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -186,7 +234,7 @@ def test_of_equal_counterparts_the_first_is_taken():
         own[:, 4:] = 0
         index = np.sort(rng.permutation(900)[:100])
         query = CoherentQuery(own[index], index, 30)
-        scores, shifts = _compared(_float_query(query), [reference_floats(other)])
+        (scores, shifts), _ = _compared(_float_query(query), None, [pack(other, None, 0.0)])
         expected, shift = coherent_score(query, other)
         assert scores[0] == pytest.approx(expected, abs=1e-6)
         assert tuple(shifts[0]) == shift
@@ -221,7 +269,7 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         scores = fast.scores(features, everywhere)
         assert np.abs(scores - expected).max() < TOLERANCE[way, 'int8']
         best = np.argsort(-scores)[:RESCORED]
-        exact = fast.exact_scores(features, best)
+        exact = fast.exact_scores_of([(features, best)])[0]
         assert np.abs(exact - expected[best]).max() < 1e-6
         assert best[exact.argmax()] == expected.argmax()
 
@@ -256,6 +304,7 @@ import cv2
 import numpy as np
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.place import pack_cells
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_halves import products
 
@@ -269,11 +318,16 @@ told(*(one.cells for one in shown))
 for way in ('coherent', 'regional'):
     for name in ('int8', 'float32'):
         kernel = chosen_kernels(MatchingConfig(matching=way, kernel=name))[0]
-        background = kernel.regions(shown[5].cells, None)[0] if kernel.regions else None
-        query = kernel.extract(shown[0], 4.0, background)
+        background = own = None
+        if kernel.project:
+            background = kernel.project(shown[5].cells)
+            own = kernel.subtract(kernel.project(shown[0].cells), background)
+            told(kernel.normalize(shown[0].cells), own[0])
+            packed = [pack_cells(one.cells) for one in shown[:5]]
+            many = kernel.prepare_packed(packed, True, background)
+            told(*kernel.compare(kernel.extract(shown[0], 4.0, own), many))
+        query = kernel.extract(shown[0], 4.0, own)
         prepared = [kernel.prepare(one.cells, background) for one in shown[:5]]
-        if kernel.normalize:
-            told(kernel.normalize(shown[0].cells), kernel.regions(shown[0].cells, background)[0])
         scores, shifts = kernel.compare(query, prepared)
         told(scores, np.zeros(0) if shifts is None else shifts)
 rows = np.random.default_rng(2).normal(0, 1, (100, 252)).astype(np.float16)
@@ -319,7 +373,7 @@ def test_all_kinds_of_kernels_find_the_same_to_the_last_bit(variant):
     found, expected = (
         in_process(ENCODE_AND_SCORE, CONVSEQ_KERNELS=each) for each in (variant, best)
     )
-    assert len(expected) == 8
+    assert len(expected) == 10
     assert found == expected
 
 

@@ -22,9 +22,11 @@ class Robot:
     def __init__(self, places=STREET, known=300):
         self.localizer, self.known, self.frame = Localizer(places, Config()), known, 0
 
-    def sees(self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9):
+    def sees(
+        self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9, inliers=None
+    ):
         indices = () if best is None else (best, *others)
-        candidates = tuple(Candidate(index, index, 0.5) for index in indices)
+        candidates = tuple(Candidate(index, index, 0.5, inliers=inliers) for index in indices)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         self.frame += 1
         match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
@@ -121,6 +123,22 @@ def test_one_slip_does_not_make_it_lost(found):
     for _ in range(5):
         assert found.sees(250, Reason.WEAK, at_m=2.0).state is LOCALISED
         assert found.sees(101, at_m=2.0).state is LOCALISED
+
+
+@pytest.mark.parametrize('reason', [Reason.ACCEPTED, Reason.AMBIGUOUS])
+def test_few_inliers_speak_against_the_place_that_sequences_still_see(reason):
+    robot = Robot()
+    for place in range(98, 104):
+        robot.sees(place, inliers=400 - place)
+    states = [robot.sees(place, reason, inliers=100).state for place in range(104, 108)]
+    assert states == [LOCALISED] * 3 + [LOST]
+
+
+def test_inliers_that_fade_slowly_speak_against_nothing():
+    robot = Robot()
+    robot.sees(49, inliers=500)
+    for step in range(30):
+        assert robot.sees(50 + step, inliers=round(500 * 0.9**step)).state is LOCALISED
 
 
 def test_the_same_place_under_another_number_is_no_contradiction():

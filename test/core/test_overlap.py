@@ -5,10 +5,10 @@
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.regions import projected_regions
-from convseq_ros.core.frame_gate import Overlap
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
+from convseq_ros.core.similarity.overlap import Overlap
 import cv2
 import numpy as np
 import pytest
@@ -54,3 +54,14 @@ def test_it_hardly_depends_on_the_light():
 def test_nothing_remembered_or_nothing_shown_is_no_overlap():
     assert Overlap(0.5).since(None, view()) == 0.0
     assert since(view(), blank_descriptor(EncodingConfig())) == [0.0]
+
+
+def test_above_a_share_is_what_its_exact_score_is():
+    overlap = Overlap(0.5)
+    first, others = view(noise=1), [view(scale, noise=1) for scale in (1.0, 1.1, 1.2)]
+    prepared = overlap.prepare(first)
+    for other in others:
+        exact = overlap.since(prepared, other)
+        for share in (exact - 0.1, exact - 1e-5, exact + 1e-5, exact + 0.1):
+            assert overlap.is_above(prepared, other, share) == (exact > share)
+    assert not overlap.is_above(None, first, 0.0)

@@ -34,9 +34,9 @@ class Approximate:
     def scores_of(self, asked):
         return [self._approximate[query, indices] for query, indices in asked]
 
-    def exact_scores(self, query, indices):
-        self.rescored += [(query, index) for index in indices.tolist()]
-        return self._exact[query, indices]
+    def exact_scores_of(self, asked):
+        self.rescored += [(query, index) for query, some in asked for index in some.tolist()]
+        return [self._exact[query, indices] for query, indices in asked]
 
 
 def append(buffer, descriptor=SHOWN):

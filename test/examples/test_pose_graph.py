@@ -11,10 +11,13 @@ pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
 from comparison import compare, draw_false, error_m
 from graph import Closure, Noise, Odometry, optimise, Pose
+import gtsam
+from incremental import Incremental
 from record import read_record, write_record
 from trajectory_error import absolute_error_m, aligned, rmse_m
 
 SECOND = 1_000_000_000
+COUNTS = (0, 1, 3, 6, 12)
 
 
 def square(side=10, laps=1, turn=math.pi / 2, length=1.0):
@@ -72,6 +75,53 @@ def test_closures_bring_a_drifting_square_back():
     assert all(solution.kept)
     assert error_m(solution, truth, before=True) > 2.0
     assert error_m(solution, truth) < 0.4 * error_m(solution, truth, before=True)
+
+
+def test_isam2_is_where_the_batch_is_and_tells_the_correction():
+    odometry, _ = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    batch, graph, growing = optimise(odometry, closures), Incremental(), Odometry(0.5)
+    for stamp_ns, pose in odometry.measured:
+        growing.add(stamp_ns, pose)
+        graph.update(growing, [one for one in closures if one.query_ns <= stamp_ns])
+    assert np.abs(graph.path - batch.after).max() < 5e-3
+    # What map -> odom would be brings the odometry's end where the path ends.
+    end = gtsam.Pose2(*graph.correction).compose(gtsam.Pose2(*odometry.keyframes[-1]))
+    assert (end.x(), end.y(), end.theta()) == pytest.approx(tuple(batch.after[-1]), abs=5e-3)
+    # A closure that is no longer believed is taken back.
+    graph.update(odometry, closures[:4])
+    few = optimise(odometry, closures[:4], robust=False)
+    assert np.abs(graph.path - few.after).max() < 0.05
+    graph.update(odometry, [])
+    assert np.abs(graph.path[:, :2] - few.before[:, :2]).max() < 1e-6
+
+
+def test_a_measured_closure_says_more_than_the_same_place():
+    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    covariance = tuple(np.diag([0.01, 0.01, 1e-4]).ravel())
+    # Every second time it passes 2 m to the left of where it was.
+    aside = [Pose(0.0, 2.0 * (at % 2), 0.0) for at in range(16)]
+    pairs = [((80 + 5 * at) * SECOND, 5 * at * SECOND) for at in range(16)]
+    measured = [
+        Closure(*pair, None, pose, covariance) for pair, pose in zip(pairs, aside, strict=True)
+    ]
+    told = optimise(odometry, measured, robust=False).after
+    apart = []
+    for query_ns, reference_ns in pairs:
+        ends = [gtsam.Pose2(*told[odometry.place(at)[0]]) for at in (reference_ns, query_ns)]
+        apart.append(ends[0].between(ends[1]).y())
+    assert np.mean(apart[1::2]) - np.mean(apart[::2]) > 0.5
+    assert error_m(optimise(odometry, [Closure(*pair) for pair in pairs]), truth) < 0.5
+
+
+def test_kiss_slam_finds_the_same_path():
+    pytest.importorskip('kiss_slam', reason='needs kiss-slam: pip install kiss-slam')
+    from kiss import optimise_with_kiss
+
+    odometry, _ = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    ours = optimise(odometry, closures, robust=False).after
+    assert np.abs(optimise_with_kiss(odometry, closures) - ours).max() < 0.01
 
 
 def test_a_false_closure_is_rejected_and_would_have_cost_a_lot():
@@ -170,3 +220,17 @@ def test_the_comparison_counts_what_each_way_keeps():
     assert trials[3, True].right_kept == (len(right), len(right))
     assert len(trials[0, True].errors_m) == 1 and len(trials[3, True].errors_m) == 2
     assert trials[3, True].median_m < trials[3, False].median_m
+
+
+def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
+    pytest.importorskip('rclpy', reason='the demo needs ROS')
+    from demo import _errors, _table
+
+    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    errors = _errors(odometry, closures, optimise(odometry, closures), truth)
+    before = errors['odometry alone']
+    after = errors['those that GNC kept, iSAM2']
+    assert before[0] > 2.0 and after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
+    assert after == pytest.approx(errors['closures of vpr_node, GNC'], abs=0.01)
+    assert 'passed twice' in _table(errors, compare(odometry, closures, truth, COUNTS, 1), 16)

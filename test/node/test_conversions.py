@@ -62,7 +62,9 @@ def test_candidates_come_back_through_the_wire():
     assert rows['index'].tolist() == [7, 2]
     assert rows['score'].tolist() == [0.875, 0.5]
     assert rows['length'].tolist() == [4, 4]
-    assert [rows[axis].tolist() for axis in 'xyz'] == [[1.0, 0.0], [-2.0, 0.0], [0.5, 0.0]]
+    assert [rows[axis][0] for axis in 'xyz'] == [1.0, -2.0, 0.5]
+    # A place without a pose is nowhere, not at the origin.
+    assert all(np.isnan(rows[axis][1]) for axis in 'xyz') and not message.is_dense
     stamps = rows['stamp_sec'].astype(np.int64) * 10**9 + rows['stamp_nanosec']
     assert stamps.tolist() == [candidate.reference_stamp_ns for candidate in CANDIDATES]
     assert stamp_to_ns(message.header.stamp) == STAMP_NS

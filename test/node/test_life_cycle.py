@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from sensor_msgs.msg import Image
@@ -52,8 +53,9 @@ def test_images_are_heard_while_active_and_the_past_is_kept(
     assert state() == UNCONFIGURED
     assert '/vpr_node/localize' not in services_of(client)
     assert change(CONFIGURE) and state() == INACTIVE
-    # The map is open and all is compiled, but nobody listens.
-    assert node._ready and not client.node.get_subscriptions_info_by_topic('/image')
+    # The map is open, but nobody listens.
+    client.wait_for(lambda: node._ready)
+    assert not client.node.get_subscriptions_info_by_topic('/image')
     assert change(ACTIVATE) and state() == ACTIVE
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(Image)
@@ -124,3 +126,15 @@ def test_it_ends_from_every_state(client, managed, map_path):
     assert change(CONFIGURE) and change(ACTIVATE)
     service = client.service(Trigger, '/vpr_node/localize')
     service.call_async(Trigger.Request())
+
+
+def test_what_nobody_foresaw_leaves_no_map_behind_that_is_owned(managed, tmp_path, monkeypatch):
+    _, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
+
+    def fail(*_):
+        raise RuntimeError('nobody foresaw this')
+
+    with monkeypatch.context() as patched:
+        patched.setattr(vpr_node, 'Statistics', fail)
+        assert not change(CONFIGURE) and state() == UNCONFIGURED
+    assert change(CONFIGURE) and state() == INACTIVE

@@ -32,6 +32,15 @@ def pose(x, y=0.0):
     return Pose((float(x), float(y), 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
+def test_the_path_is_that_of_the_newest_drive_that_has_poses():
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
+    for number, (session, x) in enumerate([(0, 0), (0, 1), (1, 50), (1, 51), (1, 52), (2, None)]):
+        where = None if x is None else pose(x)
+        reference_map.add(Place(number, pose=where, session=session), BLANK)
+    found = [each.pose.position.x for each in path_message(reference_map, 'map').poses]
+    assert found == [50, 51, 52]
+
+
 def map_of(*poses):
     reference_map = ReferenceMap(keyframes=EVERY_FRAME)
     for stamp, each in enumerate(poses):

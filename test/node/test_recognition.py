@@ -50,11 +50,11 @@ class Setup:
             self.ros_is_up,
         )
 
-    def publish(self, frame, match, recognizer):
+    def publish(self, frame, match, recognizer, _):
         self.published.append((frame, match, len(recognizer.reference_map)))
 
     def handle(self, message, number):
-        self.recognition.handle(Arrival(message, (number + 1) * STEP_NS, 0, '/image'))
+        self.recognition.handle(Arrival(message, (number + 1) * STEP_NS, 0, '/image', number))
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
     setup.handle(image(gray, 1), 1)
     assert setup.statistics.failed == 1
     assert told in setup.logger.error.call_args.args[0]
-    assert [match.query_index for _, match, _ in setup.published] == [0]
+    assert [match.query_index for _, match, _ in setup.published] == [1]
     setup.results.close()
 
 

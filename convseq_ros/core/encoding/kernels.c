@@ -144,17 +144,17 @@ KERNEL(histograms)(const uint8_t *framed, intptr_t side, const double *gamma, fl
 static inline void place_region(const float *numbers, float factor, const float *origin,
                                 float *region)
 {
-    float moved[NUMBERS], squares[NUMBERS];
-    for (int number = 0; number < NUMBERS; number++) {
-        moved[number] = numbers[number] * factor - origin[number];
-        squares[number] = moved[number] * moved[number];
+    Floats moved[NUMBERS / LANES], squares[NUMBERS / LANES];
+#pragma GCC unroll 8
+    for (int part = 0; part < NUMBERS / LANES; part++) {
+        moved[part] = floats(numbers + part * LANES) * factor - floats(origin + part * LANES);
+        squares[part] = moved[part] * moved[part];
     }
-    for (int half = NUMBERS / 2; half; half /= 2)
-        for (int number = 0; number < half; number++)
-            squares[number] += squares[number + half];
-    float inverse = squares[0] > 0 ? 1 / sqrtf(squares[0]) : 1;
-    for (int number = 0; number < NUMBERS; number++)
-        region[number] = moved[number] * inverse;
+    float total = added_up(squares, NUMBERS / LANES);
+    float inverse = total > 0 ? 1 / sqrtf(total) : 1;
+#pragma GCC unroll 8
+    for (int part = 0; part < NUMBERS / LANES; part++)
+        store(region + part * LANES, moved[part] * inverse);
 }
 
 // Write the products of neighbouring 3 x 3-cell regions with two vectors of axes. Every number of

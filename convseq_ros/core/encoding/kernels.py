@@ -35,15 +35,15 @@ def histograms(
 
 def project(cells: Cells) -> Regions:
     """Return what `projected_regions` does, to 1e-6."""
-    cells, (axes, origin) = np.ascontiguousarray(cells), _axes()
+    cells, (projected, origin) = np.ascontiguousarray(cells), axes()
     regions = np.empty(((len(cells) - REGION.span + 1) ** 2, len(origin)), np.float32)
-    _project(cells, len(cells), axes, origin, regions)
+    _project(cells, len(cells), projected, origin, regions)
     return regions
 
 
 @cache
-def _axes() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def axes() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Return the axes and where they map the mean, added up so that all processors agree."""
-    mean, axes = projection()
-    origin = mean.astype(np.float64) @ axes.astype(np.float64)
-    return np.ascontiguousarray(axes), origin.astype(np.float32)
+    mean, projected = projection()
+    origin = mean.astype(np.float64) @ projected.astype(np.float64)
+    return np.ascontiguousarray(projected), origin.astype(np.float32)

@@ -25,7 +25,8 @@ class REGION:
     """Sizes; ours were chosen on real image pairs, by pair and by recall (docs/MATCHING.md)."""
 
     paper_span: int = 2  # cells in a row of a region of the paper (III-C)
-    span: int = 3  # cells in a row of a projected region; of 32 numbers (projection.md)
+    span: int = 3  # cells in a row of a projected region
+    numbers: int = 32  # of a region, either kind (projection.md)
     frequencies: int = 6  # of a global descriptor, down and across together; 21 pairs of them
     axes: int = 12  # of a global descriptor; channels, of 32
 

@@ -59,6 +59,8 @@ class OnlineMap(PreloadedMap):
     def add(self, frame: Frame, descriptor: Descriptor) -> None:
         """Add a frame to the map unless it could not be read."""
         if frame.gray is not None:
+            if len(self._map) == self.session_start:
+                self._map.begin_session(frame.stamp_ns, frame.camera)
             self._map.add_frame(frame, descriptor, self._width_px)
             self._passed_m.append(self._travelled_m)
 

@@ -16,11 +16,14 @@ import numpy.typing as npt
 
 Packed = npt.NDArray[np.float16]
 
-_SCALE = np.float32(64.0)  # of stored cells; sums of strengths would overflow float16 otherwise
+PACKED_UNIT = np.float32(
+    64.0
+)  # of stored cells; sums of strengths would overflow float16 otherwise
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
 _TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
 _FEWEST_ROWS = 64  # room of a new array
+_NOT_FINITE = np.uint16(0x7C00)  # exponent of float16; NumPy's own test takes five times as long
 _ROW = np.dtype(
     [('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7), ('session', np.int32)]
 )
@@ -101,10 +104,13 @@ class Places(Sequence[Place]):
         _, stamps_ns, sources, *poses, sessions, blobs, _ = zip(*rows, strict=True)
         block = np.empty(len(rows), _ROW)
         block['stamp_ns'], block['source'] = stamps_ns, [*map(sys.intern, sources)]
-        block['pose'], block['session'] = np.array(poses, np.float64).T, sessions
+        for numbers, column in zip(poses, block['pose'].T, strict=True):
+            # All unknown is told in a tenth of the time.
+            column[:] = math.nan if numbers.count(None) == len(numbers) else numbers
+        block['session'] = sessions
         descriptors = np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1)
-        known = np.isfinite(block['pose'])
-        sound = np.isfinite(descriptors).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))
+        known, exponents = np.isfinite(block['pose']), descriptors.view('<u2') & _NOT_FINITE
+        sound = (exponents != _NOT_FINITE).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))
         if not sound.all():
             raise ValueError(f'reference {len(self) + sound.argmin()} has numbers without a value')
         self.descriptors.extend(descriptors)
@@ -124,12 +130,12 @@ class Places(Sequence[Place]):
 
 def pack_cells(cells: Cells) -> Packed:
     """Return cells in half precision, divided by 64 so that none overflows."""
-    return (cells / _SCALE).astype(np.float16)
+    return (cells / PACKED_UNIT).astype(np.float16)
 
 
 def unpack_cells(packed: Packed) -> Cells:
     """Return the float32 cells of packed ones."""
-    return np.multiply(packed, _SCALE, dtype=np.float32)
+    return np.multiply(packed, PACKED_UNIT, dtype=np.float32)
 
 
 def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:

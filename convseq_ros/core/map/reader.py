@@ -15,13 +15,14 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained, open_to_read, Rows
-from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, TABLES
+from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
 _ROWS_AT_ONCE = 1024  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
+_PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
 def open_map(
@@ -98,11 +99,12 @@ class MapReader:
             condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while (start := len(places)) < end:
                 rows = self._sound('places', condition, (start, _ROWS_AT_ONCE))
-                for index, row in enumerate(rows, start):
-                    if row[0] != index:
-                        raise ValueError(f'reference {index} is missing')
-                    if not 0 <= row[-3] < len(sessions):
-                        raise ValueError(f'reference {index} is of no session')
+                expected = range(start, start + len(rows))
+                if missing := [*{*expected}.difference(row[0] for row in rows)]:
+                    raise ValueError(f'reference {min(missing)} is missing')
+                foreign = [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]
+                if foreign:
+                    raise ValueError(f'reference {foreign[0]} is of no session')
                 places.extend(rows)
         settings = self.encoding, places, self.pictures, self.keyframes
         return ReferenceMap(*settings, self.settings.map_id, sessions)
@@ -110,28 +112,33 @@ class MapReader:
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""
         # One transaction for many: what a read costs is mostly the lock on the file.
+        wanted, found = [*dict.fromkeys(indices)], dict[int, Picture]()
         with self._at_one_moment():
-            found = {index: self._picture(index, with_images) for index in dict.fromkeys(indices)}
+            for start in range(0, len(wanted), _PICTURES_AT_ONCE):
+                some = wanted[start : start + _PICTURES_AT_ONCE]
+                stored = self._of_places('pictures', some)
+                images = self._of_places('images', some) if with_images else {}
+                for index in some:
+                    cells, thumbnail = stored[index]
+                    (jpeg,) = images.get(index, (None,))
+                    packed = decode_cells(cells, self._cell_shape)
+                    found[index] = Picture(packed, thumbnail, jpeg)
         return [found[index] for index in indices]
 
-    def _picture(self, index: int, with_image: bool) -> Picture:
-        cells, thumbnail = self._of_place('pictures', index)
-        (jpeg,) = self._of_place('images', index) if with_image else (None,)
-        return Picture(decode_cells(cells, self._cell_shape), thumbnail, jpeg)
-
-    def _of_place(self, table: str, index: int) -> tuple[Any, ...]:
-        rows = self._sound(table, 'WHERE reference_index = ?', (index,))
-        if not rows or rows[0][0] != index:
-            raise ValueError(f'reference {index} is missing')
-        return rows[0][1:-1]
+    def _of_places(self, table: str, indices: list[int]) -> dict[int, tuple[Any, ...]]:
+        condition = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
+        rows = self._sound(table, condition, tuple(indices))
+        found = {row[0]: row[1:-1] for row in rows}
+        if missing := [index for index in indices if index not in found]:
+            raise ValueError(f'reference {missing[0]} is missing')
+        return found
 
     def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
-        for row in rows:
-            if row[-1] != row_crc(row[:-1]):
-                one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
-                raise ValueError(f'{one} fails its checksum')
+        if row := first_damaged(rows):
+            one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+            raise ValueError(f'{one} fails its checksum')
         return rows
 
     def _end(self) -> int:

@@ -11,7 +11,15 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import pack_cells, Picture, Place, Places, thumbnail, unpack_cells
+from convseq_ros.core.map.place import (
+    pack_cells,
+    Packed,
+    Picture,
+    Place,
+    Places,
+    thumbnail,
+    unpack_cells,
+)
 from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
@@ -59,9 +67,10 @@ class ReferenceMap:
 
     def add_frame(self, frame: Frame, descriptor: Descriptor, thumbnail_width_px: int = 0) -> None:
         """Append the place that a frame shows: the one way from a frame to a place."""
-        gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose)
         if not self.sessions:
-            self._begin_session(frame.stamp_ns, frame.camera)
+            self.begin_session(frame.stamp_ns, frame.camera)
+        session = len(self.sessions) - 1
+        gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose, session)
         small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
         self.add(place, pack_cells(descriptor.cells), small)
 
@@ -79,11 +88,12 @@ class ReferenceMap:
         if known_descriptor is None:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
-            self._begin_session(place.stamp_ns)
+            self.begin_session(place.stamp_ns)
         self._in_memory.append(Picture(packed, thumbnail))
         self._places.append(place, known_descriptor)
 
-    def _begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+    def begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+        """Have what is added from now on belong to another drive, which begins at a stamp."""
         self.sessions.append(MapSession(str(uuid4()), '', start_ns, camera))
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
@@ -96,7 +106,11 @@ class ReferenceMap:
 
     def cells_of(self, indices: Sequence[int]) -> list[Cells]:
         """Return what `cells` does for several places, which are read in one go."""
-        return [unpack_cells(one.packed) for one in self.pictures(indices)]
+        return [unpack_cells(packed) for packed in self.packed_of(indices)]
+
+    def packed_of(self, indices: Sequence[int]) -> list[Packed]:
+        """Return the packed cells of several places, which are read in one go."""
+        return [one.packed for one in self.pictures(indices)]
 
     def thumbnail(self, index: int) -> bytes:
         """Return the JPEG of a place, empty if it has none."""
@@ -104,9 +118,10 @@ class ReferenceMap:
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; those that are stored are read in one go."""
+        count = len(self)
         for index in indices:
-            if not 0 <= index < len(self):
-                raise IndexError(f'reference {index} of {len(self)}')
+            if not 0 <= index < count:
+                raise IndexError(f'reference {index} of {count}')
         with self._moving:
             stored, read = self._stored, self._read_pictures
             found = {one: self._in_memory[one - stored] for one in indices if one >= stored}

@@ -4,6 +4,7 @@
 #define JOIN(name, variant) convseq_##name##_##variant
 #define NAMED(name, variant) JOIN(name, variant)
 #define KERNEL(name) __attribute__((visibility("default"))) int NAMED(name, VARIANT)
+#define CALL(name) NAMED(name, VARIANT) // from another kernel
 #ifndef OFFSET
 #define OFFSET 0
 #endif
@@ -17,4 +18,6 @@
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
 #include "../similarity/kernels/regions.c"
+#include "../similarity/kernels/references.c"
+#include "../similarity/kernels/coarse.c"
 #include "../geometry/kernels.c"

@@ -43,6 +43,20 @@ static inline Words larger(Words one, Words other)
     return one;
 }
 
+// Where a number is larger than the best so far, keep it, and its label.
+static inline void keep_larger(Floats number, Words label, Floats *best, Words *labels)
+{
+#if defined(__AVX512F__)
+    __mmask16 better = _mm512_cmp_ps_mask((__m512)number, (__m512)*best, _CMP_GT_OQ);
+    *labels = (Words)_mm512_mask_mov_epi32((__m512i)*labels, better, (__m512i)label);
+    *best = (Floats)_mm512_mask_mov_ps((__m512)*best, better, (__m512)number);
+#else
+    Words better = number > *best;
+    *labels = chosen(better, label, *labels);
+    *best = (Floats)chosen(better, (Words)number, (Words)*best);
+#endif
+}
+
 // Add a product to a sum, rounded once.
 static inline Floats fused(Floats one, Floats other, Floats sum)
 {
@@ -53,6 +67,22 @@ static inline Floats fused(Floats one, Floats other, Floats sum)
 #else
     return (Floats)vfmaq_f32((float32x4_t)sum, (float32x4_t)one, (float32x4_t)other);
 #endif
+}
+
+// Lanes, from which on any number of them turns a vector; a shuffle takes them modulo LANES.
+static const int32_t TURNED[32] = {0,  1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11, 12, 13, 14, 15,
+                                   16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31};
+
+// Add up numbers: the upper half to the lower one, and so on, in vectors of any width.
+static inline float added_up(Floats *sums, int vectors)
+{
+    for (int half = vectors / 2; half; half /= 2)
+        for (int part = 0; part < half; part++)
+            sums[part] += sums[part + half];
+#pragma GCC unroll 4
+    for (int half = LANES / 2; half; half /= 2)
+        sums[0] += __builtin_shuffle(sums[0], *(const WordsAnywhere *)(TURNED + half));
+    return sums[0][0];
 }
 
 // Return numbers in half precision as floats.

@@ -119,10 +119,16 @@ class QueryBuffer:
             return scores
         best = np.argsort(-scores, kind='stable')[: BUFFER.most_rescored]
         best = best[scores[best] >= scores.max(initial=-np.inf) - BUFFER.error]
-        for one, features, row, met in self._diagonals(length, ends[best], velocity):
-            rough = np.array([index for index in met if index not in one.rescored], np.int64)
-            row[rough] = self._matcher.exact_scores(features, rough)
-            one.rescored.update(rough.tolist())
+        shown = list(self._diagonals(length, ends[best], velocity))
+        rough = [
+            np.array([each for each in met.tolist() if each not in one.rescored], np.int64)
+            for one, _, _, met in shown
+        ]
+        asked = [(features, some) for (_, features, *_), some in zip(shown, rough, strict=True)]
+        found = self._matcher.exact_scores_of(asked)
+        for (one, _, row, _), some, exact in zip(shown, rough, found, strict=True):
+            row[some] = exact
+            one.rescored.update(some.tolist())
         return self.approximate_scores(length, ends, velocity)
 
     def inliers(self, candidate: Candidate | None) -> Values:

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.pair_score import ShowRegions
 import numpy as np
 
 
@@ -31,6 +30,7 @@ class NoBackground:
     """Stands in where no background is subtracted, and cells are compared as they are."""
 
     of_map: Regions | None = None
+    normalizes = False
     normalize: Callable[[Cells], Cells] = staticmethod(lambda cells: cells)
 
     def reset(self) -> None: ...
@@ -39,7 +39,7 @@ class NoBackground:
         """Return False: nothing has changed."""
         return False
 
-    def update(self, _cells: Cells) -> Regions | None:
+    def update(self, _regions: Regions) -> Regions | None:
         """Return None: there is none."""
         return None
 
@@ -49,16 +49,18 @@ class Background(NoBackground):
     The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
     At most 256 places of the map are read, evenly spread, and others whenever it has doubled; none
-    of a map of less than 20. `normalize` and `regions` are those of a `PairScore`.
+    of a map of less than 20. `normalize` and `project` are those of a `PairScore`.
     """
+
+    normalizes = True
 
     def __init__(
         self,
         reference_map: ReferenceMap,
         normalize: Callable[[Cells], Cells],
-        regions: ShowRegions,
+        project: Callable[[Cells], Regions],
     ) -> None:
-        self._map, self.normalize, self._regions = reference_map, normalize, regions
+        self._map, self.normalize, self._project = reference_map, normalize, project
         self._averaged = 0
         self.reset()
 
@@ -75,19 +77,18 @@ class Background(NoBackground):
             return False
         sample = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
         read = self._map.cells_of(np.unique(sample).tolist())
-        shown = [self._regions(self.normalize(one), None)[0] for one in read if one.any()]
+        shown = [self._project(self.normalize(one)) for one in read if one.any()]
         self.of_map = np.mean(shown, axis=0) if shown else None
         self._averaged = count
         return True
 
-    def update(self, cells: Cells) -> Regions | None:
+    def update(self, regions: Regions) -> Regions | None:
         """
-        Take in a query's normalised cells, once, and return the drive's background, (N, 32).
+        Take in a query's projected regions, once, and return the drive's background, (N, 32).
 
         A frame still much like the last that counted does not count; the map's background counts
         as 5 frames. None as long as the map has none.
         """
-        regions, _ = self._regions(cells, None)
         alike = BACKGROUND.still_alike * len(regions)
         if self._last is None or np.vdot(regions.astype(np.float64), self._last) < alike:
             self._last, self._sum = regions, self._sum + regions

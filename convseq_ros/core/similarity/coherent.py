@@ -14,8 +14,9 @@ from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions
-from convseq_ros.core.similarity.global_similarity import Blocks, global_similarity, lateral_shifts
-from convseq_ros.core.similarity.pair_score import PairScore, Scores, ShowRegions
+from convseq_ros.core.map.place import Packed
+from convseq_ros.core.similarity.global_similarity import Blocks
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
 from convseq_ros.core.types import Descriptor, Shift
 import cv2
 import numpy as np
@@ -43,7 +44,7 @@ class CoherentQuery:
 class _Query:
     regions: CoherentQuery
     packed: Any  # what the kernel compares
-    shifted: npt.NDArray[np.float64] | None  # lateral shifts, if a background is known
+    shifted: Any  # what its blocks are when moved to the side; None without a background
 
 
 def extract(
@@ -83,41 +84,41 @@ def inlier_regions(
 def coherent_pair(
     name: str,
     exact: bool,
-    normalize: Callable[[Cells], Cells],
-    regions: ShowRegions,
+    regions: tuple[
+        Callable[[Cells], Cells],
+        Callable[[Cells], Regions],
+        Callable[[Regions, Regions | None], Shown],
+    ],
     pack_query: Callable[[CoherentQuery], Any],
-    pack_reference: Callable[[Regions], Any],
-    compare: Callable[[Any, Sequence[Any]], Scores],
+    shift: Callable[[Blocks, int], Any],
+    pack_reference: Callable[[Regions, Blocks | None], Any],
+    compare: Callable[[Any, Any, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]],
+    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
 ) -> PairScore:
     """
     Return the pair score of a kernel: `coherent_score`, less where whole images differ.
 
     If there is a background, up to half of the score is lost as the global similarity falls.
-    `normalize`, `regions` and `compare` compute `normalized`, `shown_regions` and `coherent_score`
-    of a query and some references, as `pack_query` and `pack_reference` lay them out.
+    `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
+    computes `coherent_score` of a query and some references, and their `global_similarity`, as
+    `pack_query`, `shift` and `pack_reference` lay them out.
     """
+    _, project, subtract = regions
 
-    def extracted(
-        query: Descriptor, least_bits: float, background: Regions | None
-    ) -> _Query | None:
-        shown, blocks = regions(query.cells, background)
-        found = extract(query, least_bits, shown)
+    def extracted(query: Descriptor, least_bits: float, shown: Shown | None) -> _Query | None:
+        own, blocks = shown or (project(query.cells), None)
+        found = extract(query, least_bits, own)
         if found is None:
             return None
-        shifted = None if blocks is None else lateral_shifts(blocks, found.side)
+        shifted = None if blocks is None else shift(blocks, found.side)
         return _Query(found, pack_query(found), shifted)
 
-    def prepare(cells: Cells, background: Regions | None) -> tuple[Any, Blocks | None]:
-        shown, blocks = regions(cells, background)
-        return pack_reference(shown), blocks
+    def prepare(cells: Cells, background: Regions | None) -> Any:
+        return pack_reference(*subtract(project(cells), background))
 
-    def score(query: _Query, references: Sequence[tuple[Any, Blocks | None]]) -> Scores:
-        packed, blocks = zip(*references, strict=True)
-        shares, shifts = compare(query.packed, packed)
-        if query.shifted is None or any(one is None for one in blocks):
-            return shares, shifts
-        alike = global_similarity(query.shifted, np.array(blocks, np.float64))
-        return shares * (0.5 + 0.5 * alike), shifts
+    def score(query: _Query, references: Sequence[Any]) -> Scores:
+        (shares, shifts), alike = compare(query.packed, query.shifted, references)
+        return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
     there = lambda query, *where: inlier_regions(query.regions, *where)  # noqa: E731
-    return PairScore(name, exact, extracted, prepare, score, regions, normalize, there)
+    return PairScore(name, exact, extracted, prepare, score, *regions, there, prepare_packed)

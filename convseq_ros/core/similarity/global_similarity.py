@@ -49,5 +49,9 @@ def global_similarity(
     query: npt.NDArray[np.float64], references: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float32]:
     """Return the cosines (n,) in [0, 1] of the best of 9 shifts of a query, of shape (9, L)."""
-    best = (query @ references.T).max(axis=0)
+    return from_products((query @ references.T).max(axis=0))
+
+
+def from_products(best: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Return cosines in [0, 1] from the products of vectors as `rounded` makes them."""
     return np.clip(best / GLOBAL_SIMILARITY.length**2, 0, 1).astype(np.float32)

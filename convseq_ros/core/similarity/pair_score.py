@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
+from convseq_ros.core.map.place import Packed
 from convseq_ros.core.types import Descriptor, Shift
 import numpy as np
 import numpy.typing as npt
 
 # In [0, 1], (n,), and shifts in cells, rows and columns, (n, 2), if the kernel tells.
 Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
-# (N, 32), and their blocks, None without a background.
-ShowRegions = Callable[[Cells, Regions | None], tuple[Regions, Any]]
+# Regions as they are compared, (N, 32), and their blocks, None without a background.
+Shown = tuple[Regions, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +24,21 @@ class PairScore:
 
     name: str  # of the kernel
     exact: bool  # whether scores are those of the definition, to 1e-6
-    # From a query, the bits of entropy that make a region salient and the drive's background to
-    # what is compared of it; None if it shows nothing.
-    extract: Callable[[Descriptor, float, Regions | None], Any]
+    # From a query, the bits of entropy that make a region salient and its regions, if they are
+    # known, to what is compared of it; None if it shows nothing.
+    extract: Callable[[Descriptor, float, Shown | None], Any]
     # From a reference's cells and the map's background to what is compared of it.
     prepare: Callable[[Cells, Regions | None], Any]
     # From a query and n references to their scores and shifts.
     compare: Callable[[Any, Sequence[Any]], Scores]
-    # From cells and a background to the regions that are compared, and their blocks; from cells to
-    # normalised ones. Only where a background can be subtracted.
-    regions: ShowRegions | None = None
+    # From cells to normalised ones, from these to regions, and from regions and a background to
+    # those that are compared. Only where a background can be subtracted.
     normalize: Callable[[Cells], Cells] | None = None
+    project: Callable[[Cells], Regions] | None = None
+    subtract: Callable[[Regions, Regions | None], Shown] | None = None
     # From a query, a reference's regions and a shift to those that moved by it, (n, 4): row and
     # column in the query and in the reference, as shares of the image.
     inliers: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None
+    # From the packed cells of n references, whether to normalise them and the background to what
+    # `prepare` gives of each, None of one that shows nothing; only where one call makes them all.
+    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None

@@ -139,7 +139,7 @@ INLINE void keep_words(const QueryNumber *query, const int8_t *block, const int3
 // Raise the best counterparts of a tile's rows and columns by floats; of equal ones the first stays.
 INLINE void keep_counterparts(const float *query, const float *block, int32_t vector,
                               int32_t first, Floats best[ROWS], Words there[ROWS],
-                              Words columns[2], Words places[2])
+                              Floats columns[2], Words places[2])
 {
     Floats dots[ROWS][2];
     float_dots(query, block, NUMBERS, dots);
@@ -147,12 +147,8 @@ INLINE void keep_counterparts(const float *query, const float *block, int32_t ve
     for (int row = 0; row < ROWS; row++)
 #pragma GCC unroll 2
         for (int half = 0; half < 2; half++) {
-            Words dot = (Words)dots[row][half], better = dots[row][half] > best[row];
-            there[row] = chosen(better, splat(vector + half), there[row]);
-            best[row] = (Floats)chosen(better, dot, (Words)best[row]);
-            better = dots[row][half] > (Floats)columns[half];
-            places[half] = chosen(better, splat(first + row), places[half]);
-            columns[half] = chosen(better, dot, columns[half]);
+            keep_larger(dots[row][half], splat(vector + half), best + row, there + row);
+            keep_larger(dots[row][half], splat(first + row), columns + half, places + half);
         }
 }
 
@@ -187,7 +183,7 @@ static void match_floats(Pair *pair, const void *query, const void *reference, i
     for (intptr_t vector = 0; vector < pair->vectors; vector += 2)
         keep_counterparts((const float *)query + first * NUMBERS,
                           (const float *)reference + vector * LANES * NUMBERS, (int32_t)vector,
-                          (int32_t)first, best, there, pair->columns + vector,
+                          (int32_t)first, best, there, (Floats *)pair->columns + vector,
                           pair->places + vector);
     for (int row = 0; row < ROWS; row++) {
         float highest = -INFINITY;

@@ -2,23 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coherent pair scores, compiled: coherent.c."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from convseq_ros.core.compiled import array, kernel, library, SIZE
-from convseq_ros.core.encoding.regions import Regions
+from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
+from convseq_ros.core.similarity.global_similarity import Blocks
 from convseq_ros.core.similarity.kernels.numpy_coherent import window
-from convseq_ros.core.similarity.kernels.panel import (
-    addresses,
-    Bytes,
-    Panel,
-    query_bytes,
-    query_floats,
-    reference_bytes,
-    reference_floats,
-)
-from convseq_ros.core.similarity.kernels.regions import normalized, shown_regions
+from convseq_ros.core.similarity.kernels.panel import Bytes, Panel, query_bytes, query_floats
+from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
+from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
 import numpy as np
 import numpy.typing as npt
@@ -48,37 +43,36 @@ def _byte_query(query: CoherentQuery) -> _Query:
     return _Query(query.index, query.side, query_bytes(query.regions, _SCALE))
 
 
-def _byte_reference(regions: Regions) -> Panel:
-    return reference_bytes(regions, _SCALE)
-
-
-def _compared(query: _Query, references: Sequence[Panel]) -> Scores:
+def _compared(
+    query: _Query, blocks: Blocks | None, others: Sequence[Reference]
+) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if len(query.packed) == 1 else _compare_bytes
-    found = np.empty((len(references), 3))
-    compare(
-        *query.packed,
-        query.index,
-        len(query.index),
-        query.side,
-        _WINDOW,
-        addresses(references),
-        len(references),
-        found,
+    found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
+    own = *query.packed, query.index, len(query.index), query.side
+    compare(*own, _WINDOW, where, len(others), found)
+    scores = found[:, 0].astype(np.float32), found[:, 1:]
+    return scores, None if blocks is None else alike(blocks, query.side, others, where)
+
+
+def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]) -> PairScore:
+    """Return the pair score by bytes, if there is a scale, or by floats."""
+    return coherent_pair(
+        f'{name} {library().variant}',
+        not scale,
+        (normalized, project, less_background),
+        pack_query,
+        lambda blocks, _side: blocks,
+        partial(pack, scale=scale),
+        _compared,
+        partial(pack_all, scale=scale),
     )
-    return found[:, 0].astype(np.float32), found[:, 1:]
 
 
 def float32() -> PairScore:
     """Return the pair score by float32 products; scores are those of the definition."""
-    name = f'float32 {library().variant}'
-    return coherent_pair(
-        name, True, normalized, shown_regions, _float_query, reference_floats, _compared
-    )
+    return _pair('float32', 0.0, _float_query)
 
 
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
-    name = f'int8 {library().variant}'
-    return coherent_pair(
-        name, False, normalized, shown_regions, _byte_query, _byte_reference, _compared
-    )
+    return _pair('int8', _SCALE, _byte_query)

@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from threading import local
 from typing import Any
 
-from convseq_ros.core.encoding.regions import Cells, projected_regions, Regions, unit
+from convseq_ros.core.encoding.regions import projected_regions, Regions, unit
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
-from convseq_ros.core.similarity.global_similarity import Blocks, region_blocks
+from convseq_ros.core.similarity.global_similarity import (
+    Blocks,
+    global_similarity,
+    lateral_shifts,
+    region_blocks,
+)
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
-from convseq_ros.core.similarity.pair_score import Scores
+from convseq_ros.core.similarity.pair_score import Scores, Shown
 from convseq_ros.core.types import Shift
 import cv2
 import numpy as np
@@ -61,10 +66,10 @@ def subtracted(regions: Regions, background: Regions | None) -> Regions:
     return regions if background is None else unit(regions - background)
 
 
-def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:
-    """Return the regions of an image that are compared, and its blocks if there is background."""
-    regions = subtracted(projected_regions(cells), background)
-    return regions, None if background is None else region_blocks(regions)
+def less_background(regions: Regions, background: Regions | None) -> Shown:
+    """Return regions that are compared, and their blocks if there is a background."""
+    shown = subtracted(regions, background)
+    return shown, None if background is None else region_blocks(shown)
 
 
 _memory = local()
@@ -103,9 +108,29 @@ def _same(what: Any) -> Any:
     return what
 
 
-def _compare(query: CoherentQuery, references: Sequence[Regions]) -> Scores:
-    scores, shifts = zip(*(coherent_score(query, one) for one in references), strict=True)
-    return np.array(scores, np.float32), np.array(shifts)
+def _both(regions: Regions, blocks: Blocks | None) -> Shown:
+    return regions, blocks
 
 
-COHERENT_PAIR = coherent_pair('numpy', True, normalized, shown_regions, _same, _same, _compare)
+def _compare(
+    query: CoherentQuery, shifted: npt.NDArray[np.float64] | None, references: Sequence[Shown]
+) -> tuple[Scores, npt.NDArray[np.float32] | None]:
+    scores, shifts = zip(*(coherent_score(query, one) for one, _ in references), strict=True)
+    found, blocks = (
+        (np.array(scores, np.float32), np.array(shifts)),
+        [one for _, one in references],
+    )
+    if shifted is None or any(one is None for one in blocks):
+        return found, None
+    return found, global_similarity(shifted, np.array(blocks, np.float64))
+
+
+COHERENT_PAIR = coherent_pair(
+    'numpy',
+    True,
+    (normalized, projected_regions, less_background),
+    _same,
+    lateral_shifts,
+    _both,
+    _compare,
+)

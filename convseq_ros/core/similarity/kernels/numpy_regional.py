@@ -29,7 +29,7 @@ def pair_scores(query: Descriptor, references: Iterable[Regions]) -> npt.NDArray
     return _compare(paper_regions(query.cells)[query.salient], list(references))[0]
 
 
-def _extract(query: Descriptor, _least_bits: float, _background: object) -> Regions | None:
+def _extract(query: Descriptor, _least_bits: float, _shown: object) -> Regions | None:
     return paper_regions(query.cells)[query.salient] if query.informative else None
 
 

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from convseq_ros.core.compiled import array, FLOAT, INT, kernel, SIZE
+from convseq_ros.core.compiled import address, array, FLOAT, INT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
 import numpy as np
 import numpy.typing as npt
@@ -29,13 +29,13 @@ def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
     """Return room for so many numbers."""
     needed = size * np.dtype(dtype).itemsize
     room = np.empty(needed + _CACHE_LINE, np.uint8)
-    start = -room.ctypes.data % _CACHE_LINE
+    start = -address(room) % _CACHE_LINE
     return room[start : start + needed].view(dtype)
 
 
-def addresses(panels: Sequence[Panel]) -> npt.NDArray[np.uint64]:
-    """Return the addresses of panels, which the caller keeps."""
-    return np.array([one.__array_interface__['data'][0] for one in panels], np.uint64)
+def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
+    """Return the addresses of arrays, which the caller keeps."""
+    return np.array([*map(address, arrays)], np.uint64)
 
 
 def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Bytes:

@@ -50,7 +50,7 @@ def _inverse_lengths(cells: Cells) -> npt.NDArray[np.float32]:
     return inverse
 
 
-def _extract_cells(query: Descriptor, _least_bits: float, _background: object) -> _Cells | None:
+def _extract_cells(query: Descriptor, _least_bits: float, _shown: object) -> _Cells | None:
     if not query.informative:
         return None
     side = len(query.cells)
@@ -81,7 +81,7 @@ def _compare_cells(query: _Cells, references: Sequence[Panel]) -> Scores:
 
 
 def _extract_bytes(
-    query: Descriptor, _least_bits: float, _background: object
+    query: Descriptor, _least_bits: float, _shown: object
 ) -> tuple[Bytes, int] | None:
     if not query.informative:
         return None

@@ -5,10 +5,10 @@
 from math import isqrt
 
 from convseq_ros.core.compiled import array, DOUBLE, FLOAT, kernel, SIZE
-from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.similarity.global_similarity import Blocks, GLOBAL_SIMILARITY, rounded
+from convseq_ros.core.similarity.global_similarity import GLOBAL_SIMILARITY, rounded
 from convseq_ros.core.similarity.kernels.numpy_normalization import NORMALIZATION
+from convseq_ros.core.similarity.pair_score import Shown
 import numpy as np
 import numpy.typing as npt
 
@@ -27,15 +27,14 @@ def normalized(cells: Cells) -> Cells:
     return found
 
 
-def shown_regions(cells: Cells, background: Regions | None) -> tuple[Regions, Blocks | None]:
-    """Return what the definition's `shown_regions` does, to 1e-6."""
-    regions = project(cells)
+def less_background(regions: Regions, background: Regions | None) -> Shown:
+    """Return what the definition's `less_background` does, to 1e-6."""
     if background is None:
         return regions, None
-    side, block = isqrt(len(regions)), GLOBAL_SIMILARITY.block
+    shown, side, block = regions.copy(), isqrt(len(regions)), GLOBAL_SIMILARITY.block
     sums = np.zeros((-(-side // block),) * 2 + regions.shape[1:], np.float32)
-    _subtract(regions, np.ascontiguousarray(background, np.float32), side, block, sums)
-    return regions, rounded(sums)
+    _subtract(shown, np.ascontiguousarray(background, np.float32), side, block, sums)
+    return shown, rounded(sums)
 
 
 def products(

@@ -10,6 +10,7 @@
 // Add dot products of bytes. A product is exact, so all processors find the same.
 INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words sums[ROWS][2])
 {
+#pragma GCC unroll 8
     for (int step = 0; step < STEPS; step++) {
         Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
 #pragma GCC unroll 16
@@ -86,10 +87,11 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
         int half = place % COLUMNS / LANES, lane = place % LANES;
         int8_t bytes[NUMBERS];
         for (int number = 0; number < NUMBERS; number++)
-            bytes[number] = quantised(own[number], scale, origin);
-        for (int number = 0; number < NUMBERS; number++)
-            vectors[(number / 4 * 2 + half) * 4 * LANES + byte_place(lane, number % 4)] =
-                (int8_t)(bytes[number] + OFFSET);
+            bytes[number] = (int8_t)(quantised(own[number], scale, origin) + OFFSET);
+        for (int four = 0; four < NUMBERS / 4; four++)
+            for (int two = 0; two < 4; two += 2) // which lie beside each other in all layouts
+                memcpy(vectors + (four * 2 + half) * 4 * LANES + byte_place(lane, two),
+                       bytes + 4 * four + two, 2);
     }
     return 0;
 }

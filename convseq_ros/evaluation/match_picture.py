@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The picture on `~/debug_image`: the query beside its best reference."""
+"""The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
 from convseq_ros.core.types import Frame, Match
 import cv2
@@ -14,7 +14,7 @@ _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
 _GREEN, _GREY = (80, 220, 80), (200, 200, 200)
 
 
-def debug_image(
+def match_picture(
     frame: Frame, match: Match, thumbnail: bytes, inliers: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.uint8]:
     """

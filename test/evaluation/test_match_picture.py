@@ -2,14 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The debug image shows the query beside its reference."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.map.place import thumbnail
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
-from convseq_ros.node.debug_image import debug_image
+from convseq_ros.evaluation.match_picture import match_picture
 import numpy as np
+import pytest
 
 ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
 SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
@@ -21,7 +18,7 @@ def flat(value):
 
 
 def test_query_is_left_and_reference_right():
-    picture = debug_image(Frame(9, flat(50)), ACCEPTED, thumbnail(flat(200), 64), NONE)
+    picture = match_picture(Frame(9, flat(50)), ACCEPTED, thumbnail(flat(200), 64), NONE)
     assert picture.shape == (264, 640, 3)
     assert picture.dtype == np.uint8
     assert (picture[24:, :320] == 50).all()
@@ -29,8 +26,8 @@ def test_query_is_left_and_reference_right():
 
 
 def test_the_caption_is_green_only_if_accepted():
-    green = debug_image(Frame(9, flat(50)), ACCEPTED, b'', NONE)[:24].reshape(-1, 3)
-    grey = debug_image(Frame(9, flat(50)), SKIPPED, b'', NONE)[:24].reshape(-1, 3)
+    green = match_picture(Frame(9, flat(50)), ACCEPTED, b'', NONE)[:24].reshape(-1, 3)
+    grey = match_picture(Frame(9, flat(50)), SKIPPED, b'', NONE)[:24].reshape(-1, 3)
     assert green[:, 1].max() > green[:, 2].max()
     assert (grey == grey[:, :1]).all()
     assert grey.any()
@@ -38,7 +35,7 @@ def test_the_caption_is_green_only_if_accepted():
 
 @pytest.mark.parametrize('small', [b'', b'not a jpeg'])
 def test_what_cannot_be_shown_is_a_grey_field(small):
-    picture = debug_image(Frame(9, None, problem='cut short'), SKIPPED, small, NONE)
+    picture = match_picture(Frame(9, None, problem='cut short'), SKIPPED, small, NONE)
     assert picture.shape == (264, 480, 3)
     assert (picture[24:] == 64).all()
 
@@ -46,7 +43,7 @@ def test_what_cannot_be_shown_is_a_grey_field(small):
 def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
     agreement = np.array([[0.5, 0.25, 0.75, 0.5]])
     black = flat(0)
-    picture = debug_image(Frame(9, black), ACCEPTED, thumbnail(black, 64), agreement)[24:]
+    picture = match_picture(Frame(9, black), ACCEPTED, thumbnail(black, 64), agreement)[24:]
     one, other = picture[120, 80], picture[180, 480]
     assert (one == other).all() and np.ptp(one.astype(int)) > 100
     coloured = np.ptp(picture.astype(int), axis=2) > 100
@@ -55,5 +52,5 @@ def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
 
 @pytest.mark.parametrize('shape', [(1, 5000), (5000, 1)])
 def test_a_picture_of_one_row_or_column_stays_small(shape):
-    picture = debug_image(Frame(9, np.zeros(shape, np.uint8)), SKIPPED, b'', NONE)
+    picture = match_picture(Frame(9, np.zeros(shape, np.uint8)), SKIPPED, b'', NONE)
     assert picture.shape[1] <= 960 + 240

@@ -1,0 +1,138 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Say where in a map images were taken: `convseq locate IMAGE... --map MAP`."""
+
+import argparse
+from collections.abc import Sequence
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.core.pose import estimate_pose, PoseEstimate
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame, Localization, Match
+from convseq_ros.errors import ConfigError, ConvseqError, SourceError
+from convseq_ros.evaluation.match_picture import match_picture
+from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.folder import FRAME_INTERVAL_NS
+from convseq_ros.sources.images import read_picture
+import cv2
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'images', type=Path, nargs='+', help='one image, or the last few of a drive in order'
+    )
+    parser.add_argument('--map', type=Path, required=True, help='reference map')
+    parser.add_argument(
+        '--camera-info',
+        type=Path,
+        metavar='FILE',
+        help='file that describes the camera (YAML of ROS, calib.txt of KITTI)',
+    )
+    parser.add_argument('--picture', type=Path, help='PNG to draw: the last image and its place')
+    parser.add_argument('--json', action='store_true', help='print the answer as JSON')
+    add_config(parser)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Look at the images in turn, and say what is known after the last."""
+    config = chosen_config(chosen)
+    if config.online.mode != 'preloaded':
+        raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
+    session = Session(chosen.map, config)
+    try:
+        recognizer = session.recognizer
+        frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
+        matches = [recognizer.process(frame) for frame in frames]
+        answer = _answer(matches, recognizer)
+        if chosen.picture:
+            _draw(chosen.picture, frames[-1], matches[-1], recognizer)
+    finally:
+        session.close()
+    print(json.dumps(answer) if chosen.json else _told(answer))
+    return 0
+
+
+def _frames(
+    images: Sequence[Path], recognizer: PlaceRecognizer, camera_info: Path | None
+) -> list[Frame]:
+    """Return the images as a camera would have sent them."""
+    reading = recognizer.config.reading
+    frames = []
+    for number, path in enumerate(images, 1):
+        try:
+            gray = read_picture(path, reading)
+        except ConvseqError as error:
+            raise SourceError(f'{path}: {error}') from None
+        camera = read_camera_file(camera_info, *gray.shape) if camera_info else None
+        frames.append(Frame(number * FRAME_INTERVAL_NS, gray, str(path), camera=camera))
+    return frames
+
+
+def _answer(matches: Sequence[Match], recognizer: PlaceRecognizer) -> dict[str, Any]:
+    known = matches[-1].localization or Localization()
+    index = known.reference_index
+    answer: dict[str, Any] = {
+        'state': known.state.value,
+        'quality': known.quality,
+        'place': index,
+        'problem': known.problem,
+        'reason': matches[-1].reason.value,
+        'images': len(matches),
+        'pose': None,
+    }
+    if index is not None:
+        place = recognizer.reference_map.places[index]
+        answer |= {'stamp_ns': place.stamp_ns, 'source': place.source}
+        sure = next(one for one in reversed(matches) if one.accepted)
+        newest = recognizer.buffer.row if sure is matches[-1] else None
+        found = estimate_pose(
+            recognizer.reference_map.places, index, yaw_rad=sure.relative_yaw_rad, row=newest
+        )
+        answer['pose'] = found and _numbers(found)
+    return answer
+
+
+def _numbers(found: PoseEstimate) -> dict[str, Any]:
+    return {
+        'position_m': list(found.pose.position),
+        'orientation': list(found.pose.orientation),
+        'covariance': found.covariance.ravel().tolist(),
+    }
+
+
+def _told(answer: dict[str, Any]) -> str:
+    if answer['place'] is None:
+        return f'{answer["state"]}: {answer["problem"]}'
+    quality = 'not known' if answer['quality'] is None else f'{answer["quality"]:.2f}'
+    lines = [f'{answer["state"]}: place {answer["place"]}, quality {quality}']
+    if answer['problem']:
+        lines[0] += f' ({answer["problem"]})'
+    lines.append(f'taken at {answer["stamp_ns"]} ns, from {answer["source"]}')
+    if answer['pose'] is None:
+        lines.append('no pose: the map has none; build it with --odom or --poses')
+    else:
+        x, y, z = answer['pose']['position_m']
+        qx, qy, qz, qw = answer['pose']['orientation']
+        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+        variances = answer['pose']['covariance'][::7]
+        lines.append(
+            f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {math.sqrt(sum(variances[:2]) / 2):.2f}), '
+            f'yaw {yaw:.3f} rad (sigma {math.sqrt(variances[5]):.3f}), as the map gives poses'
+        )
+    return '\n'.join(lines)
+
+
+def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
+    best = match.best
+    thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
+    picture = match_picture(frame, match, thumbnail, recognizer.buffer.inliers(best))
+    done, png = cv2.imencode('.png', picture)
+    if not done:
+        raise ConvseqError(f'{path}: the picture cannot be encoded')
+    path.write_bytes(png.tobytes())

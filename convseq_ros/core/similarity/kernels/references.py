@@ -1,0 +1,86 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""References as coherent pairs are compared, many at a time: references.c."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
+from convseq_ros.core.encoding.kernels import axes
+from convseq_ros.core.encoding.regions import REGION, Regions
+from convseq_ros.core.map.place import Packed, PACKED_UNIT
+from convseq_ros.core.similarity.global_similarity import Blocks, from_products, GLOBAL_SIMILARITY
+from convseq_ros.core.similarity.kernels.numpy_normalization import NORMALIZATION
+from convseq_ros.core.similarity.kernels.panel import (
+    addresses,
+    COLUMNS,
+    empty_panel,
+    Panel,
+    reference_bytes,
+    reference_floats,
+    rounded_up,
+)
+import numpy as np
+import numpy.typing as npt
+
+_FLOATS, _ADDRESSES = array('f4'), array('u8')
+_prepare = kernel(
+    'prepare', _ADDRESSES, SIZE, SIZE, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS, _FLOATS,
+    SIZE, FLOAT, _ADDRESSES, array('i1'),
+)  # fmt: skip
+_lateral_products = kernel(
+    'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, array('f8')
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """The regions of a reference, as bytes or floats, and behind them its blocks."""
+
+    panel: Panel
+    address: int  # of the panel
+    blocks: int  # where they begin, in numbers of 4 bytes; 0 if there are none
+
+
+def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
+    """Return a reference from its regions, as bytes if there is a scale, and its blocks."""
+    shown = reference_bytes(regions, scale) if scale else reference_floats(regions)
+    behind = np.zeros(0, np.float32) if blocks is None else blocks
+    panel = empty_panel(shown.nbytes + behind.nbytes, np.uint8)
+    panel[: shown.nbytes], panel[shown.nbytes :] = shown.view(np.uint8), behind.view(np.uint8)
+    return Reference(panel, address(panel), 0 if blocks is None else shown.nbytes // 4)
+
+
+def pack_all(
+    packed: Sequence[Packed], normalizes: bool, background: Regions | None, scale: float
+) -> list[Reference | None]:
+    """Return what `pack` does of each reference, from its packed cells; None without gradient."""
+    size, shown = len(packed[0]), np.empty(len(packed), np.int8)
+    side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
+    room = rounded_up(side**2, COLUMNS) * REGION.numbers * (1 if scale else 4)
+    behind = 0
+    if background is not None:
+        background = np.ascontiguousarray(background, np.float32)
+        behind = (-(-side // block)) ** 2 * REGION.numbers * 4
+    packed = [np.ascontiguousarray(one) for one in packed]
+    panels = [empty_panel(room + behind, np.uint8) for _ in packed]
+    where = addresses(panels)
+    _prepare(
+        addresses(packed), len(packed), size, PACKED_UNIT, own.middle, own.side,
+        own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
+    )  # fmt: skip
+    made = zip(panels, where.tolist(), shown.tolist(), strict=True)
+    blocks = room // 4 if behind else 0
+    return [Reference(panel, at, blocks) if any_ else None for panel, at, any_ in made]
+
+
+def alike(
+    blocks: Blocks, side: int, references: Sequence[Reference], where: npt.NDArray[np.uint64]
+) -> npt.NDArray[np.float32] | None:
+    """Return global similarities, as the definition does; None if a reference has no blocks."""
+    if not all(one.blocks for one in references):
+        return None
+    count, begin = -(-side // GLOBAL_SIMILARITY.block), references[0].blocks
+    best, most = np.empty(len(references)), min(GLOBAL_SIMILARITY.most_shift, count - 1)
+    _lateral_products(blocks, count, most, where, begin, len(references), best)
+    return from_products(best)

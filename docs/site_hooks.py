@@ -1,0 +1,54 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What mkdocs does not know: links to files of the repository, and the commands' help."""
+
+from contextlib import redirect_stdout, suppress
+import io
+import os
+from pathlib import Path
+import re
+from typing import Any
+
+from convseq_ros.cli import COMMANDS, main
+from mkdocs.exceptions import PluginError
+
+_REPOSITORY = Path(__file__).resolve().parents[1]
+_LINK = re.compile(r'(?<!!)\[([^\]]+)\]\(([^)#:\s]+)(#[^)\s]*)?\)')
+_COMMANDS = '<!-- the help of every command -->'
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Return a page's text without links out of the documentation, and with what it includes."""
+    if _COMMANDS in markdown:
+        markdown = markdown.replace(_COMMANDS, commands())
+    folder = (_REPOSITORY / 'docs' / page.file.src_uri).parent
+
+    def plain(link: re.Match[str]) -> str:
+        target = Path(os.path.normpath(folder / link[2]))
+        if target.is_relative_to(_REPOSITORY / 'docs') and target.suffix != '.py':
+            return link[0]
+        if not target.exists():
+            raise PluginError(f'{page.file.src_uri}: {link[2]} does not exist')
+        return f'{link[1]} (`{target.relative_to(_REPOSITORY)}` of the repository)'
+
+    return _LINK.sub(plain, markdown)
+
+
+def commands() -> str:
+    """Return what every sub-command says of itself."""
+    os.environ['COLUMNS'] = '96'
+    parts = []
+    for name, text in COMMANDS.items():
+        told = io.StringIO()
+        with redirect_stdout(told), suppress(SystemExit):
+            if name == 'play':
+                # Its own parser needs ROS.
+                told.write(
+                    'convseq play RECORDING [--rate FACTOR] [--odom TOPIC] [--loop]; see --help'
+                )
+            else:
+                main([name, '--help'])
+        parts.append(
+            f'## convseq {name}\n\n{text.capitalize()}.\n\n```text\n{told.getvalue()}```\n'
+        )
+    return '\n'.join(parts)

@@ -1,0 +1,192 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A bridge from `~/closure` to a back end.
+
+Usage: python bridge_node.py rtabmap|swarm_slam|kimera|voxgraph. Not run here: it needs the back
+end's message package, sourced. `descriptor` instead of a back end publishes `GlobalDescriptor` of
+every image for RTAB-Map.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+import sys
+from typing import Any
+
+from keyframes import closure_from, Keyframes, stamp_to_ns, stamps_from, Waiting
+import messages
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+
+_DEPTH = 1000
+
+
+class Kinds(dict[str, Callable[..., Any]]):
+    """Message types by name, imported when they are asked for."""
+
+    def __missing__(self, name: str) -> Callable[..., Any]:
+        package, folder, kind = name.split('/')
+        try:
+            self[name] = getattr(import_module(f'{package}.{folder}'), kind)
+        except ModuleNotFoundError:
+            sys.exit(f'bridge: {package} is not there; source the workspace of the back end')
+        return self[name]
+
+
+class Bridge(Node):
+    """
+    Sends closures on as soon as the back end's keyframes of both stamps are known.
+
+    Parameters
+    ----------
+    name : str
+        Of the back end.
+
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f'{name}_bridge')
+        self._kinds = Kinds()
+        within_s = self.declare_parameter('within_s', 0.15).value
+        self._waiting = Waiting(Keyframes(within_s))
+        self._robot = self.declare_parameter('robot_id', 0).value
+        self._send: Callable[[int, int, Any], bool] | None = None
+        self._send_by_stamp: Callable[[Any], None] | None = None
+        self._needs_pose = name != 'swarm_slam'
+        getattr(self, f'_begin_{name}')()
+        self.create_subscription(PointCloud2, 'closure', self._on_closure, _DEPTH)
+
+    def _begin_rtabmap(self) -> None:
+        service = self._kinds['rtabmap_msgs/srv/AddLink']
+        links = self.create_client(service, 'add_link')
+
+        def send(query: int, reference: int, closure: Any) -> bool:
+            if not links.service_is_ready():
+                return False
+            link = messages.rtabmap_link(self._kinds, query, reference, closure)
+            links.call_async(service.Request(link=link))
+            return True
+
+        def learn(message: Any) -> None:
+            for node in message.nodes:
+                self._waiting.keyframes.add(round(node.stamp * 1e9), node.id)
+            self._flush()
+
+        self._send = send
+        self._learn('rtabmap_msgs/msg/MapData', 'mapData', learn)
+
+    def _begin_swarm_slam(self) -> None:
+        matches = self.create_publisher(
+            self._kinds['cslam_common_interfaces/msg/LocalKeyframeMatch'],
+            'cslam/local_keyframe_match',
+            _DEPTH,
+        )
+
+        def send(query: int, reference: int, _: Any) -> bool:
+            matches.publish(messages.swarm_local_match(self._kinds, query, reference))
+            return True
+
+        def learn(message: Any) -> None:
+            self._waiting.keyframes.add(stamp_to_ns(message.odom.header.stamp), message.id)
+            self._flush()
+
+        self._send = send
+        self._learn('cslam_common_interfaces/msg/KeyframeOdom', 'cslam/keyframe_odom', learn)
+
+    def _begin_kimera(self) -> None:
+        edges = self.create_publisher(
+            self._kinds['pose_graph_tools_msgs/msg/PoseGraph'], 'external_closures', _DEPTH
+        )
+
+        def send(query: int, reference: int, closure: Any) -> bool:
+            header = Header(stamp=self.get_clock().now().to_msg())
+            edge = messages.kimera_edge(
+                self._kinds, header, query, reference, closure, self._robot
+            )
+            kind = self._kinds['pose_graph_tools_msgs/msg/PoseGraph']
+            edges.publish(kind(header=header, edges=[edge]))
+            return True
+
+        def learn(message: Any) -> None:
+            for node in message.nodes:
+                self._waiting.keyframes.add(stamp_to_ns(node.header.stamp), node.key)
+            self._flush()
+
+        self._send = send
+        self._learn('pose_graph_tools_msgs/msg/PoseGraph', 'pose_graph', learn)
+
+    def _begin_voxgraph(self) -> None:
+        kind = self._kinds['voxgraph_msgs/msg/LoopClosureEdgeList']
+        edges = self.create_publisher(kind, 'loop_closure_edges', _DEPTH)
+
+        def send(closure: Any) -> None:
+            header = Header(stamp=self.get_clock().now().to_msg())
+            edges.publish(messages.voxgraph_edges(self._kinds, header, [closure]))
+
+        # It finds its own submaps by stamp.
+        self._send_by_stamp = send
+
+    def _begin_descriptor(self) -> None:
+        from convseq_ros.core.encoding.descriptor import describe
+        from convseq_ros.core.encoding.regions import global_descriptor
+        from convseq_ros.sources.images import decode_image
+
+        kind = self._kinds['rtabmap_msgs/msg/GlobalDescriptor']
+        descriptors = self.create_publisher(kind, 'global_descriptor', 10)
+
+        def on_image(message: Image) -> None:
+            vector = np.asarray(global_descriptor(describe(decode_image(message)).cells))
+            descriptors.publish(
+                messages.rtabmap_descriptor(self._kinds, message.header, vector, 1)
+            )
+
+        best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.create_subscription(Image, 'image', on_image, best_effort)
+
+    def _learn(self, kind: str, topic: str, learn: Callable[[Any], None]) -> None:
+        self.create_subscription(self._kinds[kind], topic, learn, _DEPTH)
+
+    def _on_closure(self, message: PointCloud2) -> None:
+        closure = closure_from(message)
+        if closure is None and self._needs_pose:
+            self.get_logger().warning(
+                'a closure without a pose in metres is left out; vpr_node needs camera_info and '
+                'odometry',
+                throttle_duration_sec=10.0,
+            )
+        elif closure and self._send_by_stamp:
+            self._send_by_stamp(closure)
+        else:
+            self._waiting.add(*stamps_from(message), closure)
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._send:
+            self._waiting.send(self._send)
+
+
+def main() -> int:
+    """Run until SIGINT."""
+    names = ('rtabmap', 'swarm_slam', 'kimera', 'voxgraph', 'descriptor')
+    if len(sys.argv) < 2 or sys.argv[1] not in names:
+        print(f'usage: bridge_node.py {"|".join(names)} [--ros-args ...]', file=sys.stderr)
+        return 1
+    rclpy.init()
+    node = Bridge(sys.argv[1])
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,156 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every bridge needs: a back end's keyframes by time, closures that wait, and their poses."""
+
+from bisect import bisect_left, insort
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
+from read_closure import read_closure, stamp_ns
+
+_MOST_WAITING = 1000
+
+
+class Keyframes:
+    """
+    Keyframes of a back end, found by time.
+
+    Parameters
+    ----------
+    within_s : float
+        How far the stamp of a keyframe may be from that of an image.
+
+    """
+
+    def __init__(self, within_s: float = 0.15) -> None:
+        self._within_ns = round(within_s * 1e9)
+        self._known: list[tuple[int, int]] = []
+        self._ids: set[int] = set()
+
+    def add(self, at_ns: int, ident: int) -> None:
+        """Take in a keyframe; one that is known already is left out."""
+        if ident not in self._ids:
+            self._ids.add(ident)
+            insort(self._known, (at_ns, ident))
+
+    def find(self, at_ns: int) -> int | None:
+        """Return the id of the nearest keyframe; None if none is near."""
+        index = bisect_left(self._known, (at_ns, -1))
+        near = self._known[max(0, index - 1) : index + 1]
+        best = min(near, key=lambda one: abs(one[0] - at_ns), default=None)
+        return best[1] if best and abs(best[0] - at_ns) <= self._within_ns else None
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """A closure whose pose was measured: of the query's base in the reference's."""
+
+    query_ns: int
+    reference_ns: int
+    position: np.ndarray  # (3,), metres
+    orientation: np.ndarray  # (4,), x, y, z, w
+    covariance: np.ndarray  # (6, 6), of x, y, z and turns about them
+    confidence: float
+
+    @property
+    def inverse(self) -> 'Closure':
+        """The same, of the reference's base in the query's; the stamps stay."""
+        turn = _matrix(self.orientation).T
+        x, y, z = self.position
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        change = np.zeros((6, 6))
+        change[:3, :3], change[:3, 3:], change[3:, 3:] = -turn, -turn @ cross, -turn
+        return Closure(
+            self.query_ns,
+            self.reference_ns,
+            -turn @ self.position,
+            self.orientation * (-1, -1, -1, 1),
+            change @ self.covariance @ change.T,
+            self.confidence,
+        )
+
+    @property
+    def information(self) -> np.ndarray:
+        """The inverse of the covariance, (6, 6)."""
+        return np.linalg.inv(self.covariance)
+
+
+def closure_from(message: Any) -> Closure | None:
+    """Return a closure of `~/closure`; None if its pose in metres was not measured."""
+    read = read_closure(message)
+    pose = np.array([float(read[name]) for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')])
+    confidence = float(read['confidence'])
+    if not np.isfinite(pose).all():
+        return None
+    return Closure(
+        stamp_ns(read, 'query'),
+        stamp_ns(read, 'reference'),
+        pose[:3],
+        pose[3:],
+        np.array(read['covariance'], float).reshape(6, 6),
+        0.0 if math.isnan(confidence) else confidence,
+    )
+
+
+def stamps_from(message: Any) -> tuple[int, int]:
+    """Return the stamps of query and reference of `~/closure`, measured or not."""
+    read = read_closure(message)
+    return stamp_ns(read, 'query'), stamp_ns(read, 'reference')
+
+
+class Waiting:
+    """
+    Closures whose keyframes the back end has not told yet; the oldest give way after 1000.
+
+    A back end may come later than the closures, tell its keyframes late, or go away.
+    """
+
+    def __init__(self, keyframes: Keyframes) -> None:
+        self.keyframes = keyframes
+        self._closures: deque[tuple[int, int, Any]] = deque(maxlen=_MOST_WAITING)
+
+    def __len__(self) -> int:
+        return len(self._closures)
+
+    def add(self, query_ns: int, reference_ns: int, closure: Any) -> None:
+        """Take in a closure."""
+        self._closures.append((query_ns, reference_ns, closure))
+
+    def send(self, send: Callable[[int, int, Any], bool]) -> None:
+        """
+        Send every closure whose keyframes are known, with these: query, reference.
+
+        `send` returns False if the back end is not there; such a closure waits on.
+        """
+        left = []
+        for one in self._closures:
+            query, reference = (self.keyframes.find(at_ns) for at_ns in one[:2])
+            if query is None or reference is None:
+                left.append(one)
+            elif query != reference and not send(query, reference, one[2]):
+                left.append(one)
+        self._closures = deque(left, _MOST_WAITING)
+
+
+def stamp_to_ns(stamp: Any) -> int:
+    """Return a stamp in nanoseconds."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _matrix(orientation: np.ndarray) -> np.ndarray:
+    x, y, z, w = orientation
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,117 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The messages of the back ends, filled; given their types, whoever made them.
+
+`kinds` maps names such as 'rtabmap_msgs/msg/Link' to types that take all fields as keywords.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+import zlib
+
+from keyframes import Closure
+import numpy as np
+
+Kinds = Mapping[str, Callable[..., Any]]
+_USER_CLOSURE = 4  # rtabmap/core/Link.h: kUserClosure
+_LOOP_CLOSURE = 1  # pose_graph_tools_msgs/PoseGraphEdge: LOOPCLOSE
+_CV_32FC1 = 5  # OpenCV's number of a matrix of floats
+
+
+def rtabmap_link(kinds: Kinds, query: int, reference: int, closure: Closure) -> Any:
+    """Return rtabmap_msgs/Link from the newer to the older node."""
+    back = closure.inverse
+    x, y, z = back.position.tolist()
+    transform = kinds['geometry_msgs/msg/Transform'](
+        translation=kinds['geometry_msgs/msg/Vector3'](x=x, y=y, z=z),
+        rotation=_quaternion(kinds, back),
+    )
+    return kinds['rtabmap_msgs/msg/Link'](
+        from_id=query,
+        to_id=reference,
+        type=_USER_CLOSURE,
+        transform=transform,
+        information=back.information.ravel(),
+    )
+
+
+def rtabmap_descriptor(kinds: Kinds, header: Any, descriptor: np.ndarray, number: int) -> Any:
+    """Return rtabmap_msgs/GlobalDescriptor of a vector; `number` tells kinds of them apart."""
+    floats = np.asarray(descriptor, '<f4').ravel()
+    shape = np.array([1, len(floats), _CV_32FC1], '<i4')
+    # rtabmap/core/Compression.h: zlib, then rows, columns and type of the matrix.
+    data = np.frombuffer(zlib.compress(floats.tobytes()) + shape.tobytes(), np.uint8)
+    nothing = np.zeros(0, np.uint8)
+    return kinds['rtabmap_msgs/msg/GlobalDescriptor'](
+        header=header, type=number, info=nothing, data=data
+    )
+
+
+def swarm_local_match(kinds: Kinds, query: int, reference: int) -> Any:
+    """Return Swarm-SLAM's match of two keyframes of one robot; it registers them itself."""
+    kind = kinds['cslam_common_interfaces/msg/LocalKeyframeMatch']
+    return kind(keyframe0_id=query, keyframe1_id=reference)
+
+
+def swarm_robot_match(
+    kinds: Kinds, query: tuple[int, int], reference: tuple[int, int], weight: float
+) -> Any:
+    """Return Swarm-SLAM's match of keyframes, each a robot and a number, of two robots."""
+    return kinds['cslam_common_interfaces/msg/InterRobotMatch'](
+        robot0_id=query[0],
+        robot0_keyframe_id=query[1],
+        robot1_id=reference[0],
+        robot1_keyframe_id=reference[1],
+        weight=weight,
+    )
+
+
+def voxgraph_edges(kinds: Kinds, header: Any, closures: list[Closure]) -> Any:
+    """Return voxgraph_msgs/LoopClosureEdgeList: T_A_B is of the query in the reference."""
+    edges = [
+        kinds['voxgraph_msgs/msg/LoopClosureEdge'](
+            timestamp_a=_time(kinds, one.reference_ns),
+            timestamp_b=_time(kinds, one.query_ns),
+            t_a_b=kinds['geometry_msgs/msg/PoseWithCovariance'](
+                pose=_pose(kinds, one), covariance=one.covariance.ravel()
+            ),
+        )
+        for one in closures
+    ]
+    kind = kinds['voxgraph_msgs/msg/LoopClosureEdgeList']
+    return kind(header=header, loop_closure_edges=edges)
+
+
+def kimera_edge(
+    kinds: Kinds, header: Any, query: int, reference: int, closure: Closure, robot: int = 0
+) -> Any:
+    """Return pose_graph_tools_msgs/PoseGraphEdge from the older to the newer node."""
+    return kinds['pose_graph_tools_msgs/msg/PoseGraphEdge'](
+        header=header,
+        key_from=reference,
+        key_to=query,
+        robot_from=robot,
+        robot_to=robot,
+        type=_LOOP_CLOSURE,
+        pose=_pose(kinds, closure),
+        covariance=closure.covariance.ravel(),
+    )
+
+
+def _pose(kinds: Kinds, closure: Closure) -> Any:
+    x, y, z = closure.position.tolist()
+    position = kinds['geometry_msgs/msg/Point'](x=x, y=y, z=z)
+    return kinds['geometry_msgs/msg/Pose'](
+        position=position, orientation=_quaternion(kinds, closure)
+    )
+
+
+def _quaternion(kinds: Kinds, closure: Closure) -> Any:
+    x, y, z, w = closure.orientation.tolist()
+    return kinds['geometry_msgs/msg/Quaternion'](x=x, y=y, z=z, w=w)
+
+
+def _time(kinds: Kinds, at_ns: int) -> Any:
+    sec, nanosec = divmod(at_ns, 10**9)
+    return kinds['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)

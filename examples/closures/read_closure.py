@@ -1,0 +1,23 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading `~/closure` in Python; needs NumPy and the message only. Copy it."""
+
+import numpy as np
+
+TYPES = {2: 'u1', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}  # of sensor_msgs/PointField
+
+
+def read_closure(message):
+    """Return the fields of a closure by name, such as ['x'] and ['covariance']."""
+    kinds = [(TYPES[f.datatype], (f.count,) if f.count > 1 else ()) for f in message.fields]
+    names, offsets = [f.name for f in message.fields], [f.offset for f in message.fields]
+    layout = {'names': names, 'formats': kinds, 'offsets': offsets}
+    closure = np.frombuffer(message.data, layout, 1)[0]
+    if closure['layout'] != 1:
+        raise ValueError(f'closure of layout {closure["layout"]}, this reads 1')
+    return closure
+
+
+def stamp_ns(closure, name):
+    """Return the stamp of the 'query' or of the 'reference', exact to the nanosecond."""
+    return int(closure[f'{name}_sec']) * 10**9 + int(closure[f'{name}_nanosec'])

@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Switched on at night in a mapped town, and carried away twice: `make demo-relocalise`."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+import json
+import math
+from pathlib import Path
+import shutil
+import sys
+
+from convseq_ros.cli.build_map import build
+from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.output_folder import make_empty
+from convseq_ros.config import Config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.errors import ConvseqError
+from convseq_ros.simulation.drive import Shot
+from scenes import draw_animation, draw_picture, Step
+from town import record_day, record_night, STAYS
+
+_MARKER = '.convseq-demo-relocalise'
+_WRONG_M = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What became of one stay."""
+
+    lost_after: int | None  # frames after which it was no longer localised where it had been
+    frames: int | None  # until it was localised here
+    metres: float | None  # driven until then
+    error_m: float | None  # from the recognised place to where the camera was, in the middle
+    wrong: int  # frames localised further than 5 m from there, once lost or from the start on
+
+
+def main() -> int:
+    """Draw, map, run the node, tell and draw; return the exit code."""
+    parser = argparse.ArgumentParser(prog='demo', description=__doc__)
+    parser.add_argument('--output', type=Path, default=Path('demo-relocalise'))
+    parser.add_argument('--images', type=Path, help='folder for copies of picture and animation')
+    parser.add_argument('--rate', type=float, default=0.5, help='speed of playing (0.5)')
+    parser.add_argument('--step', type=float, default=1.0, metavar='M', help='of the map (1)')
+    parser.add_argument('--frames', type=int, help='of each stay')
+    chosen = parser.parse_args()
+    try:
+        _run(chosen)
+    except (ConvseqError, OSError) as error:
+        print(f'demo: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(chosen: argparse.Namespace) -> None:
+    folder: Path = chosen.output.absolute()
+    make_empty(folder, _MARKER)
+    _say('drawing the town by day, and mapping it')
+    record_day(folder / 'day', chosen.step)
+    build(folder / 'day', folder / 'map.db', odom='/odom')
+    _say('drawing the night')
+    stays = STAYS
+    if chosen.frames:
+        stays = tuple(type(one)(**asdict(one) | {'frames': chosen.frames}) for one in STAYS)
+    shots = record_night(folder / 'night', stays)
+    _say(f'playing it to vpr_node, at {chosen.rate:g} times its speed')
+    rows = recognise_live(
+        folder / 'night',
+        len(shots),
+        folder / 'map.db',
+        folder,
+        chosen.rate,
+        Config(),
+        odom='/odom',
+        camera_info='/camera/camera_info',
+    )
+    reference_map = open_map(folder / 'map.db')
+    steps = _steps(rows, shots, reference_map)
+    told = [_told([one for one in steps if one.stay == number]) for number in range(len(stays))]
+    print(f'\n{_heading(reference_map, steps)}\n\n{_table(told)}')
+    picture, animation = folder / 'relocalise.png', folder / 'relocalise.gif'
+    draw_picture(picture, reference_map, steps)
+    draw_animation(animation, reference_map, steps)
+    (folder / 'results.json').write_text(json.dumps([asdict(one) for one in told], indent=2))
+    if chosen.images:
+        for path in (picture, animation):
+            shutil.copyfile(path, chosen.images / path.name)
+    print(f'\nresults    {folder / "results.json"}\npicture    {picture}\nanimation  {animation}')
+
+
+def _steps(
+    rows: Sequence[dict[str, str]], shots: Sequence[tuple[int, Shot]], reference_map: ReferenceMap
+) -> list[Step]:
+    """Return what the node said of every frame beside the truth."""
+    by_stamp = {row['query_stamp_ns']: row for row in rows}
+    steps, place = [], None
+    for stay, shot in shots:
+        row = by_stamp[str(shot.stamp_ns)]
+        if row['reference_index']:
+            place = int(row['reference_index'])
+        state = row['localization']
+        quality = float(row['localization_quality'] or 0.0)
+        known = None if state == 'lost' else place
+        pose = None if known is None else reference_map.places[known].pose
+        steps.append(Step(stay, shot, state, known, pose, quality))
+    return steps
+
+
+def _told(steps: Sequence[Step]) -> Told:
+    """Return what became of a stay, from what was said of its frames."""
+    left = [number for number, one in enumerate(steps) if one.state != 'localised']
+    noticed = left[0] + 1 if steps[0].stay and left else None
+    found = [n for n, one in enumerate(steps) if left and n > left[0] and one.state == 'localised']
+    if not found:
+        return Told(noticed, None, None, None, 0)
+    first = steps[0].shot.pose.position
+    errors = sorted(steps[number].error_m for number in found)
+    return Told(
+        noticed,
+        found[0] + 1,
+        math.dist(steps[found[0]].shot.pose.position, first),
+        errors[len(errors) // 2],
+        sum(error > _WRONG_M for error in errors),
+    )
+
+
+def _heading(reference_map: ReferenceMap, steps: Sequence[Step]) -> str:
+    return (
+        f'A drawn town, mapped by day: {len(reference_map)} places. At night, to the side and '
+        f'turned, the robot is switched on\nand carried away twice, {len(steps)} frames in all.'
+    )
+
+
+def _table(told: Sequence[Told]) -> str:
+    head = ('', 'lost noticed', 'localised', 'driven', 'off, median', 'wrong')
+    lines = [''.join(f'{name:>14}' for name in head)]
+    for number, one in enumerate(told):
+        name = 'carried away' if number else 'switched on'
+        cells = (
+            name,
+            f'{one.lost_after} frames' if one.lost_after else 'never' if number else '',
+            'never' if one.frames is None else f'{one.frames} frames',
+            '' if one.metres is None else f'{one.metres:.1f} m',
+            '' if one.error_m is None else f'{one.error_m:.2f} m',
+            str(one.wrong),
+        )
+        lines.append(''.join(f'{cell:>14}' for cell in cells))
+    return '\n'.join(lines)
+
+
+def _say(what: str) -> None:
+    print(f'{what} ...', file=sys.stderr)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,81 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`convseq info` tells what a recording holds, and `build-map` why places have no pose."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+
+import pytest
+
+pytest.importorskip('rosbags')
+
+from convseq_ros.cli import main
+from convseq_ros.cli.recording_info import describe_recording
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.recording import write_recording
+from convseq_ros.simulation.street import Street
+import cv2
+import numpy as np
+
+
+@pytest.fixture(scope='module')
+def drive(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp('drive') / 'first drive'
+    shots = draw(Street(60.0, seed=3), Drive(num_frames=12, width_px=160, height_px=120))
+    write_recording(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
+    return path
+
+
+def test_topics_are_told_with_their_types_and_rates(drive):
+    facts = describe_recording(drive)
+    assert (facts['images'], facts['seconds']) == (12, pytest.approx(1.1))
+    assert facts['topics'][1] == {
+        'topic': '/camera/image_raw',
+        'type': 'sensor_msgs/msg/Image',
+        'messages': 12,
+        'rate_hz': 10.0,
+    }
+    assert facts['use']['--odom'] == ['/wheels/odom']
+
+
+def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['info', str(drive)]) == 0
+    (line,) = re.findall(r'^  convseq (build-map .*)$', capsys.readouterr().out, re.MULTILINE)
+    assert main(shlex.split(line)) == 0
+    assert '12 references, 12 with a pose' in capsys.readouterr().out
+    assert main(['info', 'map.db', '--json']) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts['sessions'], facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
+
+
+def test_a_map_without_poses_says_which_topic_has_them(drive, capsys, tmp_path):
+    assert main(['build-map', str(drive), str(tmp_path / 'map.db')]) == 0
+    assert 'no poses: none were asked for; add --odom /wheels/odom' in capsys.readouterr().out
+
+
+def test_poses_of_another_time_are_said_not_to_fit(drive, capsys, tmp_path):
+    poses = tmp_path / 'poses.txt'
+    poses.write_text('1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n')
+    assert main(['build-map', str(drive), str(tmp_path / 'm.db'), '--poses', str(poses)]) == 0
+    assert 'poses.txt tells none at the time of an image' in capsys.readouterr().out
+
+
+def test_two_drives_are_not_joined_by_a_line(drive, capsys, tmp_path):
+    path = str(tmp_path / 'map.db')
+    build = ['build-map', str(drive), path, '--odom', '/wheels/odom']
+    assert main(build) == 0 and main([*build, '--append']) == 0
+    capsys.readouterr()
+    assert main(['info', path, '--json']) == 0
+    facts = json.loads(capsys.readouterr().out)
+    # The way back from the end of the first to the start of the second is 11 m, too.
+    assert (facts['sessions'], facts['with_pose']) == (2, 24)
+    assert facts['path_m'] == pytest.approx(22.0, abs=0.2)
+
+
+def test_a_folder_of_pictures_is_told_of_too(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / '1.png'), np.zeros((8, 8), np.uint8))
+    assert main(['info', str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith(f'{tmp_path}: 1 images\n')

@@ -1,0 +1,95 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where images were taken, asked by `convseq locate`."""
+
+import json
+
+from convseq_ros.cli import main
+from convseq_ros.config import EVERY_FRAME
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.place import pack_cells, Place, thumbnail
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.types import Pose
+import cv2
+import numpy as np
+import pytest
+
+# Sure of single frames that have nothing in common.
+SETTINGS = ('--matching', 'regional', '--search', 'exhaustive', '--fixed-length', '1')
+
+
+@pytest.fixture(scope='module')
+def walls():
+    noise = np.random.default_rng(7).integers(0, 256, (25, 120, 160), np.uint8)
+    return [cv2.GaussianBlur(picture, (5, 5), 1.0) for picture in noise]
+
+
+@pytest.fixture(scope='module', params=[True, False], ids=['poses', 'no_poses'])
+def place_map(request, walls, tmp_path_factory):
+    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
+    for index, gray in enumerate(walls):
+        pose = Pose((float(index), 2.0, 0.5), (0.0, 0.0, 0.6, 0.8)) if request.param else None
+        place = Place(index + 1, f'wall {index}', pose)
+        reference_map.add(place, pack_cells(describe(gray).cells), thumbnail(gray, 64))
+    path = tmp_path_factory.mktemp('map') / 'walls.db'
+    save_map(reference_map, path)
+    return path, request.param
+
+
+@pytest.fixture
+def images(walls, tmp_path):
+    for index, gray in enumerate(walls):
+        cv2.imwrite(str(tmp_path / f'{index}.png'), gray)
+    return lambda *indices: [str(tmp_path / f'{index}.png') for index in indices]
+
+
+def test_the_last_few_images_tell_place_pose_and_quality(place_map, images, tmp_path, capsys):
+    path, has_poses = place_map
+    picture = tmp_path / 'match.png'
+    asked = [*images(3, 4), '--map', str(path), '--picture', str(picture)]
+    assert main(['locate', *asked, *SETTINGS]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[:2] == ['localised: place 4, quality not known', 'taken at 5 ns, from wall 4']
+    assert told[2].startswith('x 4.00 y 2.00 z 0.50 m' if has_poses else 'no pose: the map has')
+    assert cv2.imread(str(picture)).shape == (264, 640, 3)
+
+
+def test_one_image_is_a_candidate(place_map, images, capsys):
+    path, has_poses = place_map
+    assert main(['locate', *images(7), '--map', str(path), '--json', *SETTINGS]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer['state'], answer['place'], answer['images']) == ('candidate', 7, 1)
+    assert answer['problem'] == 'too few frames: 1 of 2 matches agree on place 7'
+    if has_poses:
+        assert answer['pose']['position_m'] == [7.0, 2.0, 0.5]
+        assert len(answer['pose']['covariance']) == 36
+    else:
+        assert answer['pose'] is None
+
+
+def test_what_is_not_recognised_is_an_answer(place_map, tmp_path, capsys):
+    path, _ = place_map
+    cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((120, 160), np.uint8))
+    assert main(['locate', str(tmp_path / 'black.png'), '--map', str(path), *SETTINGS]) == 0
+    assert capsys.readouterr().out == (
+        'lost: too few frames: none that shows anything new was seen\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('image', 'map_name', 'said'),
+    [
+        ('missing.png', 'walls.db', 'missing.png: No such file'),
+        ('text.png', 'walls.db', 'text.png: '),
+        ('0.png', 'missing.db', 'missing.db'),
+    ],
+)
+def test_what_cannot_be_read_is_named(place_map, images, tmp_path, capsys, image, map_name, said):
+    images(0)
+    (tmp_path / 'text.png').write_text('no picture')
+    path = place_map[0].with_name(map_name)
+    assert main(['locate', str(tmp_path / image), '--map', str(path)]) == 1
+    assert said in capsys.readouterr().err
+    assert main(['locate', *images(0), '--map', str(place_map[0]), '--mode', 'online']) == 1
+    assert 'locate adds nothing' in capsys.readouterr().err

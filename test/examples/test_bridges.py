@@ -1,0 +1,183 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Bridges to back ends that cannot run here: their messages, serialised and read back as CDR.
+
+The node of examples/bridges needs the back ends' packages: it is *not run here*, but compiled.
+"""
+
+import math
+from pathlib import Path
+import py_compile
+import zlib
+
+import pytest
+
+pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
+
+from interfaces import blank, type_store
+from keyframes import Closure, Keyframes, stamp_to_ns, Waiting
+import messages
+import numpy as np
+
+QUERY_NS, REFERENCE_NS = 1_795_355_676_679_518_551, 1_700_000_000_999_999_999
+HALF = math.sin(0.25), math.cos(0.25)
+CLOSURE = Closure(
+    QUERY_NS,
+    REFERENCE_NS,
+    np.array([2.0, -0.5, 0.25]),
+    np.array([0.0, 0.0, *HALF]),
+    np.diag([0.04, 0.09, 0.16, 1e-4, 4e-4, 9e-4]),
+    0.9,
+)
+# Quick and exact: a body that is turned by half a radian to the left of the reference.
+TURN = np.array([[math.cos(0.5), -math.sin(0.5), 0], [math.sin(0.5), math.cos(0.5), 0], [0, 0, 1]])
+
+
+@pytest.fixture(scope='module')
+def store():
+    return type_store()
+
+
+def round_trip(store, message):
+    name = message.__msgtype__
+    return store.deserialize_cdr(bytes(store.serialize_cdr(message, name)), name)
+
+
+def header(store):
+    return blank(store, 'std_msgs/msg/Header', frame_id='map')
+
+
+def test_rtabmap_finds_its_nodes_by_stamp_in_map_data(store):
+    nodes = [
+        blank(store, 'rtabmap_msgs/msg/Node', id=ident, stamp=stamp_ns / 1e9)
+        for ident, stamp_ns in ((7, REFERENCE_NS - 40_000_000), (8, REFERENCE_NS + 400_000_000))
+    ]
+    data = round_trip(store, blank(store, 'rtabmap_msgs/msg/MapData', nodes=nodes))
+    keyframes = Keyframes()
+    for _ in range(2):  # rtabmap sends the same nodes again and again
+        for node in data.nodes:
+            keyframes.add(round(node.stamp * 1e9), node.id)
+    assert keyframes.find(REFERENCE_NS) == 7
+    assert keyframes.find(REFERENCE_NS + 390_000_000) == 8
+    assert keyframes.find(QUERY_NS) is None
+
+
+def test_rtabmap_link_goes_from_the_newer_to_the_older_node(store):
+    link = round_trip(store, messages.rtabmap_link(store.types, 40, 7, CLOSURE))
+    assert (link.from_id, link.to_id, link.type) == (40, 7, 4)
+    at, turn = link.transform.translation, link.transform.rotation
+    # The reference as the query sees it.
+    assert (at.x, at.y, at.z) == pytest.approx(tuple(-TURN.T @ CLOSURE.position))
+    assert (turn.z, turn.w) == pytest.approx((-HALF[0], HALF[1]))
+    information = np.reshape(link.information, (6, 6))
+    assert np.allclose(information, information.T)
+    # Seen from the query, the error of its own turn moves the reference about.
+    drawn = np.random.default_rng(0).multivariate_normal(np.zeros(6), CLOSURE.covariance, 20000)
+    seen = [seen_from_query(error) for error in drawn]
+    found = np.cov(np.array(seen).T)
+    expected = np.linalg.inv(information)
+    assert np.abs(found - expected).max() < 0.05 * np.abs(expected).max()
+
+
+def seen_from_query(error):
+    """Return how far off the inverse is, if the closure is off by so much."""
+    turned = rotation(error[3:]) @ TURN
+    position = -turned.T @ (CLOSURE.position + error[:3])
+    change = turned.T @ TURN
+    angles = (change - change.T)[(2, 0, 1), (1, 2, 0)] / 2
+    return [*(position + TURN.T @ CLOSURE.position), *angles]
+
+
+def rotation(vector):
+    x, y, z = vector
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + cross + cross @ cross / 2
+
+
+def test_the_inverse_of_the_inverse_is_the_closure():
+    again = CLOSURE.inverse.inverse
+    assert again.position == pytest.approx(CLOSURE.position)
+    assert again.orientation == pytest.approx(CLOSURE.orientation)
+    assert np.allclose(again.covariance, CLOSURE.covariance)
+
+
+def test_our_descriptor_is_what_rtabmap_uncompresses(store):
+    vector = np.linspace(-1, 1, 288, dtype=np.float32)
+    made = messages.rtabmap_descriptor(store.types, header(store), vector, 1)
+    data = round_trip(store, made).data.tobytes()
+    rows, columns, kind = np.frombuffer(data[-12:], '<i4')
+    assert (rows, columns, kind) == (1, 288, 5)
+    assert (np.frombuffer(zlib.decompress(data[:-12]), '<f4') == vector).all()
+
+
+def test_swarm_slam_gets_keyframes_and_no_pose(store):
+    stamp = blank(store, 'builtin_interfaces/msg/Time', sec=5, nanosec=7)
+    odom = blank(
+        store, 'nav_msgs/msg/Odometry', header=blank(store, 'std_msgs/msg/Header', stamp=stamp)
+    )
+    told = round_trip(
+        store, blank(store, 'cslam_common_interfaces/msg/KeyframeOdom', id=12, odom=odom)
+    )
+    assert (stamp_to_ns(told.odom.header.stamp), told.id) == (5_000_000_007, 12)
+    match = round_trip(store, messages.swarm_local_match(store.types, 40, 12))
+    assert (match.keyframe0_id, match.keyframe1_id) == (40, 12)
+    other = round_trip(store, messages.swarm_robot_match(store.types, (1, 40), (0, 12), 0.75))
+    assert (other.robot0_id, other.robot0_keyframe_id) == (1, 40)
+    assert (other.robot1_id, other.robot1_keyframe_id, other.weight) == (0, 12, 0.75)
+
+
+def test_voxgraph_gets_both_stamps_and_the_query_in_the_reference(store):
+    made = messages.voxgraph_edges(store.types, header(store), [CLOSURE])
+    (edge,) = round_trip(store, made).loop_closure_edges
+    assert stamp_to_ns(edge.timestamp_a) == REFERENCE_NS
+    assert stamp_to_ns(edge.timestamp_b) == QUERY_NS
+    assert edge.t_a_b.pose.position.x == 2.0 and edge.t_a_b.pose.orientation.w == HALF[1]
+    assert (np.reshape(edge.t_a_b.covariance, (6, 6)) == CLOSURE.covariance).all()
+
+
+def test_kimera_gets_an_edge_of_its_own_keys(store):
+    edge = messages.kimera_edge(store.types, header(store), 40, 12, CLOSURE, robot=3)
+    graph = blank(store, 'pose_graph_tools_msgs/msg/PoseGraph', edges=[edge])
+    (read,) = round_trip(store, graph).edges
+    assert (read.key_from, read.key_to, read.type) == (12, 40, read.LOOPCLOSE)
+    assert (read.robot_from, read.robot_to) == (3, 3)
+    assert read.pose.position.y == -0.5 and read.covariance[7] == 0.09
+
+
+def test_closures_wait_for_a_back_end_that_comes_late_or_goes_away():
+    waiting, sent = Waiting(Keyframes()), []
+
+    def send(*closure):
+        if not is_there:
+            return False
+        sent.append(closure)
+        return True
+
+    is_there = True
+    waiting.add(QUERY_NS, REFERENCE_NS, 'first')
+    waiting.send(send)
+    assert not sent and len(waiting) == 1
+    waiting.keyframes.add(REFERENCE_NS, 7)
+    waiting.send(send)
+    assert not sent
+    waiting.keyframes.add(QUERY_NS + 10_000_000, 40)
+    is_there = False
+    waiting.send(send)
+    assert not sent and len(waiting) == 1
+    is_there = True
+    waiting.send(send)
+    waiting.send(send)
+    assert sent == [(40, 7, 'first')] and not len(waiting)
+    # Within one keyframe there is nothing to close.
+    waiting.add(QUERY_NS, QUERY_NS + 1, 'second')
+    waiting.send(send)
+    assert len(sent) == 1 and not len(waiting)
+    for number in range(2000):
+        waiting.add(number * 10**9, number, 'never')
+    assert len(waiting) == 1000
+
+
+def test_the_node_compiles(tmp_path):
+    node = Path(messages.__file__).with_name('bridge_node.py')
+    py_compile.compile(str(node), str(tmp_path / 'node.pyc'), doraise=True)
