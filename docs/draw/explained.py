@@ -60,11 +60,7 @@ def _draw_image(path: Path, frame: Frame) -> None:
     cells, count = described.cells, described.cells.shape[0]
     figure = new_figure(12, 4.3)
     axes = figure.subplots(1, 3)
-    titles = (
-        'the image',
-        'cells: how strong, and in which direction',
-        'regions that say something',
-    )
+    titles = ('the image', 'cells: how much edge, and its direction', 'salient regions')
     for each, title in zip(axes, titles, strict=True):
         each.set_title(title, color=INK, size=12)
         each.set_axis_off()
