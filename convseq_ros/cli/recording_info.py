@@ -9,9 +9,15 @@ from typing import Any
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.storage import is_storage_file, open_storage
 from convseq_ros.sources.topics import CAMERA_TYPES, IMAGE_TYPES, merge_topics, POSE_TYPES, Topic
+from convseq_ros.sources.video import VIDEO_SUFFIXES
 
 _OPTIONS = {'--topic': IMAGE_TYPES, '--odom': POSE_TYPES, '--camera-info': CAMERA_TYPES}
 _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a name is that of a recording's file, or a video's."""
+    return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def describe_recording(path: Path) -> dict[str, Any]:
