@@ -67,7 +67,8 @@ class Viewer:
             rerun.log('match', rerun.Image(picture, 'L'))
         if gray is not None and best:
             height, width = gray.shape
-            field = recognizer.buffer.inliers(best) * (height, width, height, width)
+            found = recognizer.buffer.field(best)
+            field = found[found[:, 4] > 0, :4] * (height, width, height, width)
             moved = field[:, 2:] - field[:, :2]
             rerun.log(
                 'query/displacement',
