@@ -142,7 +142,8 @@ class Localizer:
             or self._keyframes - home.keyframe >= LOCALIZER.silent_keyframes
         ):
             self._home, self._against, self._lost_at = None, 0, self._keyframes
-            self._usual = None
+            # What agreed with the old place so far counts no longer.
+            self._usual, self._seen = None, seen
             self._reasons.clear()
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:

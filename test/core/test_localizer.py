@@ -134,6 +134,18 @@ def test_few_inliers_speak_against_the_place_that_sequences_still_see(reason):
     assert states == [LOCALISED] * 3 + [LOST]
 
 
+def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one():
+    robot = Robot()
+    for place in range(98, 104):
+        robot.sees(place, inliers=400)
+    for place in range(104, 108):
+        told = robot.sees(place, inliers=100)
+    assert told.state is LOST
+    assert robot.sees(108, inliers=100).state is CANDIDATE
+    assert robot.sees(250, inliers=400).state is CANDIDATE
+    assert robot.sees(251, inliers=400).reference_index == 251
+
+
 def test_inliers_that_fade_slowly_speak_against_nothing():
     robot = Robot()
     robot.sees(49, inliers=500)
