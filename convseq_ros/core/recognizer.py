@@ -70,8 +70,7 @@ class PlaceRecognizer:
         dropped frames hold their places; (5) another velocity than the map's is followed.
         """
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
-        known, near = self.mapping.session_start, self.config.acceptance.rival_distance
-        return self.localizer.update(match, frame.pose, known, near)
+        return self.localizer.update(match, frame.pose, self.mapping.session_start, self.config)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
