@@ -220,6 +220,7 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'setting': _changed(_set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS))),
     'encoding': _changed(_encoding),
     'camera': _changed(_set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS))),
+    'id': _changed(_set('sessions', 'id', lambda draw: draw.choice(('x' * 10**6, b'x', '')))),
     'session': _changed(_set('places', 'session', lambda draw: draw.choice(_NUMBERS))),
     'stamp': _changed(_set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS))),
     'position': _changed(
