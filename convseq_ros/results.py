@@ -18,7 +18,7 @@ import tempfile
 from threading import Event, Thread
 from typing import IO, Self
 
-from convseq_ros.core.types import Match
+from convseq_ros.core.types import Match, RelativePose
 from convseq_ros.errors import SourceError
 from convseq_ros.regular_file import refuse_irregular, replace_safely
 
@@ -26,7 +26,9 @@ COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
     'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
-    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality',
+    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality', 'relative_x_m',
+    'relative_y_m', 'relative_z_m', 'relative_qx', 'relative_qy', 'relative_qz', 'relative_qw',
+    'position_sigma_m', 'heading_sigma_rad', 'implausible_m',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
 _SYNC_EVERY_S = 1.0  # what a cut of the power may cost
@@ -59,6 +61,27 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'inliers': best.inliers if best else None,
         'localization': known.state.value if known else None,
         'localization_quality': _decimals(known.quality, 4) if known else None,
+        **_relative(match.relative_pose),
+        'implausible_m': _decimals(match.implausible_m, 2),
+    }
+
+
+def _relative(pose: RelativePose | None) -> dict[str, str | None]:
+    """Return what is measured of the query's base in the reference's."""
+    position: tuple[float | None, ...] = (None,) * 3
+    turn: tuple[float | None, ...] = (None,) * 4
+    sigma_m = sigma_rad = None
+    if pose:
+        position, turn = pose.position_m or position, pose.orientation
+        sigma_m, sigma_rad = pose.position_sigma_m, pose.heading_sigma_rad
+    return {
+        **{
+            f'relative_{axis}_m': _decimals(one, 4)
+            for axis, one in zip('xyz', position, strict=True)
+        },
+        **{f'relative_q{axis}': _decimals(one, 6) for axis, one in zip('xyzw', turn, strict=True)},
+        'position_sigma_m': _decimals(sigma_m, 4),
+        'heading_sigma_rad': _decimals(sigma_rad, 5),
     }
 
 

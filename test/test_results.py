@@ -10,16 +10,21 @@ from convseq_ros.core.types import (
     LocalizationState,
     Match,
     Reason,
+    RelativePose,
     Status,
 )
 from convseq_ros.errors import SourceError
 from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
+import numpy as np
 import pytest
 
+SURE = RelativePose(
+    (0.0, 0.0, 0.0, 1.0), (1.0, -0.25, 0.0), None, np.diag([0.04, 0.01, 0.01, 1, 1, 0.0004]), 300
+)
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
     3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
-    localization=Localization(LocalizationState.LOCALISED, 0.8, 4),
+    SURE, localization=Localization(LocalizationState.LOCALISED, 0.8, 4),
 )  # fmt: skip
 REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
@@ -30,7 +35,8 @@ def test_columns_are_those_that_other_programs_read():
         'query_index,query_stamp_ns,status,reason,reference_index,reference_stamp_ns,score,'
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
         'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
-        'localization,localization_quality'
+        'localization,localization_quality,relative_x_m,relative_y_m,relative_z_m,relative_qx,'
+        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m'
     )
 
 
@@ -65,6 +71,8 @@ def test_rows_round_trip(tmp_path):
                 '231',
                 'localised',
                 '0.8000',
+                *('1.0000', '-0.2500', '0.0000', '0.000000', '0.000000', '0.000000', '1.000000'),
+                *('0.2000', '0.02000', ''),
             ),
             strict=True,
         )

@@ -93,7 +93,11 @@ def _answer(matches: Sequence[Match], recognizer: PlaceRecognizer) -> dict[str, 
         sure = next(one for one in reversed(matches) if one.accepted)
         newest = recognizer.buffer.row if sure is matches[-1] else None
         found = estimate_pose(
-            recognizer.reference_map.places, index, yaw_rad=sure.relative_yaw_rad, row=newest
+            recognizer.reference_map.places,
+            index,
+            yaw_rad=sure.relative_yaw_rad,
+            row=newest,
+            relative=sure.relative_pose,
         )
         answer['pose'] = found and _numbers(found)
     return answer
@@ -132,7 +136,7 @@ def _told(answer: dict[str, Any]) -> str:
 def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
     best = match.best
     thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
-    picture = match_picture(frame, match, thumbnail, recognizer.buffer.inliers(best))
+    picture = match_picture(frame, match, thumbnail, recognizer.buffer.field(best))
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')

@@ -65,7 +65,7 @@ class Localizer:
 
     def __init__(self, places: Sequence[Place], config: Config) -> None:
         self._places, self._config = places, config.localization
-        self._near_places = config.acceptance.rival_distance
+        self._near_places = 0
         self.reset()
 
     def reset(self) -> None:
@@ -78,13 +78,14 @@ class Localizer:
         self._reasons: Counter[Reason] = Counter()  # since then
         self._last: Match | None = None
 
-    def update(self, match: Match, odometry: Pose | None, known: int) -> Match:
+    def update(self, match: Match, odometry: Pose | None, known: int, near_places: int) -> Match:
         """
         Return a match with what is known after it.
 
         `odometry` tells where the frame was taken; the first `known` places are of earlier
-        sessions.
+        sessions. By their numbers, places are near within `near_places`.
         """
+        self._near_places = near_places
         if match.reason not in _SILENT:
             self._keyframes, self._last = self._keyframes + 1, match
             self._reasons[match.reason] += 1

@@ -31,7 +31,7 @@ class Robot:
         self.frame += 1
         match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
         odometry = None if at_m is None else Pose((at_m, 0.0, 0.0), AHEAD)
-        return self.localizer.update(match, odometry, self.known).localization
+        return self.localizer.update(match, odometry, self.known, 10).localization
 
 
 @pytest.fixture(params=[STREET, WITHOUT_POSES], ids=['poses', 'no_poses'])
