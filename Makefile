@@ -4,8 +4,10 @@
 # make demo-relocalise    switched on at night in a mapped town, and carried away twice
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
+# make pictures          draw the pictures of docs/explanation
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
@@ -35,8 +37,8 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-relocalise demo-slam results bench docs docs-test gif board torture test lint types contract \
-	test-aarch64 test-newest test-noble clean
+.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test pictures gif board torture test \
+	lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -54,11 +56,17 @@ results: .venv/bench.stamp
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
 
+coverage: .venv/test.stamp
+	.venv/$(PYTEST) --cov=convseq_ros --cov-report=html --cov-report=term:skip-covered
+
 docs: .venv-docs/docs.stamp
 	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
 
 docs-test: .venv/test.stamp
 	.venv/bin/pytest --quiet docs/test_pages.py
+
+pictures: .venv/demo.stamp
+	.venv/bin/python docs/draw/explained.py docs/images
 
 gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif
@@ -74,6 +82,9 @@ test: lint types contract test-newest test-noble
 	@echo 'passed: $^'
 
 lint: .venv/test.stamp
+	.venv/bin/yamllint --strict .github .pre-commit-config.yaml mkdocs.yml
+	.venv/bin/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	.venv/bin/check-jsonschema --builtin-schema vendor.dependabot .github/dependabot.yml
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/bandit --quiet --configfile pyproject.toml --recursive convseq_ros
@@ -135,4 +146,4 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 clean:
-	rm -rf .venv .venv-noble .venv-docs site .hypothesis .*_cache build install log *.egg-info
+	rm -rf .venv .venv-noble .venv-docs site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info

@@ -68,10 +68,9 @@ class PlaceRecognizer:
         Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
         frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
         dropped frames hold their places; (5) another velocity than the map's is followed.
-
         """
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
-        return self.localizer.update(match, frame.pose, self.mapping.session_start)
+        return self.localizer.update(match, frame.pose, self.mapping.session_start, self.config)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
@@ -116,7 +115,7 @@ class PlaceRecognizer:
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals, own = config.acceptance.rival_distance, self.mapping.session_start
         ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
-        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer)
+        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer, own)
         if count is None:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
@@ -126,7 +125,7 @@ class PlaceRecognizer:
         # Ours: is the best one a match? The paper always says yes.
         reason, sure = why_none(usable, count, velocity), None
         if found:
-            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
+            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)

@@ -135,12 +135,13 @@ def test_a_motion_is_found_among_wrong_displacements():
 def test_a_way_across_is_made_longer_and_the_turn_follows_and_one_along_is_not():
     root = np.eye(6) * 0.01
     root[1, 3] = -0.005  # a turn about y and a way to the right look alike
-    found = Alignment(MOVED, root @ root.T, 400, 1.0)
+    found = Alignment(MOVED, root @ root.T, 400, 1.0, 1.0)
     ahead = MOVED[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+    longer_by = 1 + 0.08 * math.hypot(0.4, 0.1)
     longer = unshrunk(found, ahead).moved
-    assert longer[:3, 3] == pytest.approx((0.4 * 1.15, -0.115, -1.0))
-    assert longer[:3, :3] != pytest.approx(MOVED[:3, :3], abs=1e-3)
-    straight = Alignment(np.eye(4), root @ root.T, 400, 1.0)
+    assert longer[:3, 3] == pytest.approx((0.4 * longer_by, -0.1 * longer_by, -1.0))
+    assert abs(longer[:3, :3] - MOVED[:3, :3]).max() > 1e-3
+    straight = Alignment(np.eye(4), root @ root.T, 400, 1.0, 1.0)
     straight.moved[2, 3] = -2.0
     assert unshrunk(straight, np.array([0.0, 0.0, 1.0])).moved.tolist() == straight.moved.tolist()
 
@@ -178,7 +179,7 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     mount = matrix(of_roll_pitch_yaw((1.0, 0.2, 0.5), 0.1, -0.2, 0.7)) @ ROBOT_LENS
     rng = np.random.default_rng(3)
     root = rng.normal(0, 1, (6, 6)) * 0.002
-    first = told(Alignment(MOVED, root @ root.T, 400, 1.0), mount, mount)
+    first = told(Alignment(MOVED, root @ root.T, 400, 1.0, 1.0), mount, mount)
     place = matrix(replace(pose_of(np.eye(4)), position=first.position_m))
     place[:3, :3] = matrix(replace(pose_of(np.eye(4)), orientation=first.orientation))[:3, :3]
     assert place == pytest.approx(mount @ inverse(MOVED) @ inverse(mount), abs=1e-6)
@@ -196,6 +197,6 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
 
 
 def test_a_position_that_is_not_sure_is_not_told():
-    found = told(Alignment(MOVED, np.eye(6), 400, 1.0), ROBOT_LENS, ROBOT_LENS)
+    found = told(Alignment(MOVED, np.eye(6), 400, 1.0, 1.0), ROBOT_LENS, ROBOT_LENS)
     assert found.position_m is None and found.position_sigma_m is None
     assert found.direction is not None and found.covariance[0, 0] >= 1e6
