@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
+import time
+
 from convseq_ros.core.types import (
     Candidate,
     Localization,
@@ -133,6 +135,21 @@ def test_two_programs_do_not_write_the_same_table(tmp_path):
         with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
             ResultWriter(path)
     assert len(read_results(path)) == 1
+
+
+def test_a_row_waits_for_the_disk_though_nothing_comes_after_it(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr('convseq_ros.results.os.fsync', lambda handle: synced.append(handle))
+    monkeypatch.setattr('convseq_ros.results._SYNC_EVERY_S', 0.001)
+    table = ResultWriter(tmp_path / 'result.csv')
+    for count in (1, 2):
+        table.write(ACCEPTED, 1.0)
+        until_s = time.monotonic() + 60
+        while len(synced) < count:
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
+    table.close()
+    assert len(synced) == 4  # and the table before it has its name, and its folder then
 
 
 def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):

@@ -68,7 +68,6 @@ class PlaceRecognizer:
         Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
         frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
         dropped frames hold their places; (5) another velocity than the map's is followed.
-
         """
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
         return self.localizer.update(match, frame.pose, self.mapping.session_start, self.config)
