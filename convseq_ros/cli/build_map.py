@@ -11,7 +11,7 @@ import time
 
 from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
-from convseq_ros.cli.recording_info import describe_recording
+from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -143,7 +143,8 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
             'covers the drive, and that both clocks agree'
         )
     found = describe_recording(chosen.recording).get('use', {}).get('--odom', [])
-    remedy = ' or '.join(f'--odom {topic}' for topic in found) or '--odom TOPIC or --poses FILE'
+    remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in found)
+    remedy = remedy or '--odom TOPIC or --poses FILE'
     return f'none were asked for; add {remedy}'
 
 

@@ -16,6 +16,7 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
+from convseq_ros.results import complete_or_absent
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS
 from convseq_ros.sources.images import read_picture
@@ -139,4 +140,5 @@ def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')
-    path.write_bytes(png.tobytes())
+    with complete_or_absent(path) as part:
+        part.write_bytes(png.tobytes())

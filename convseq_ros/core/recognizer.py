@@ -115,7 +115,7 @@ class PlaceRecognizer:
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals, own = config.acceptance.rival_distance, self.mapping.session_start
         ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
-        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer)
+        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer, own)
         if count is None:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
@@ -125,7 +125,7 @@ class PlaceRecognizer:
         # Ours: is the best one a match? The paper always says yes.
         reason, sure = why_none(usable, count, velocity), None
         if found:
-            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
+            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)

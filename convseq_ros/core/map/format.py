@@ -49,6 +49,8 @@ _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
 
+_MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
+
 Row = tuple[object, ...]
 
 
@@ -81,7 +83,7 @@ class MapSession:
         """Return what was stored; ValueError or TypeError if it is no session."""
         ident, name, start_ns, camera, frame = row
         described = None if frame is None else str(frame)
-        return cls(str(ident), str(name), int(str(start_ns)), _camera(camera), described)
+        return cls(_ident(ident), str(name), int(str(start_ns)), _camera(camera), described)
 
 
 def _described(camera: Camera) -> dict[str, object]:
@@ -133,7 +135,7 @@ class Settings:
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-            return cls(said['map_id'], encoding, keyframes)
+            return cls(_ident(said['map_id']), encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 
@@ -154,6 +156,12 @@ class Settings:
                     'build the map again'
                 )
         return None
+
+
+def _ident(stored: object) -> str:
+    if not isinstance(stored, str) or len(stored) > _MOST_CHARACTERS:
+        raise ValueError('an id that is none')
+    return stored
 
 
 def row_crc(values: Row) -> int:
