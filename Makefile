@@ -4,6 +4,7 @@
 # make demo-relocalise    switched on at night in a mapped town, and carried away twice
 # make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md
+# make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
@@ -35,8 +36,8 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-relocalise demo-slam results bench docs docs-test gif board torture test lint types contract \
-	test-aarch64 test-newest test-noble clean
+.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test gif board torture test \
+	lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -45,7 +46,7 @@ demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
 
 demo-relocalise: .venv/demo.stamp
-	.venv/bin/python examples/relocalise/demo.py $(if $(IMAGES),--images '$(IMAGES)')
+	.venv/bin/python examples/relocalise/relocalise.py $(if $(IMAGES),--images '$(IMAGES)')
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \
@@ -53,6 +54,9 @@ results: .venv/bench.stamp
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
+
+coverage: .venv/test.stamp
+	.venv/$(PYTEST) --cov=convseq_ros --cov-report=html --cov-report=term:skip-covered
 
 docs: .venv-docs/docs.stamp
 	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
@@ -74,6 +78,9 @@ test: lint types contract test-newest test-noble
 	@echo 'passed: $^'
 
 lint: .venv/test.stamp
+	.venv/bin/yamllint --strict .github .pre-commit-config.yaml mkdocs.yml
+	.venv/bin/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	.venv/bin/check-jsonschema --builtin-schema vendor.dependabot .github/dependabot.yml
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/bandit --quiet --configfile pyproject.toml --recursive convseq_ros
@@ -135,4 +142,4 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 clean:
-	rm -rf .venv .venv-noble .venv-docs site .hypothesis .*_cache build install log *.egg-info
+	rm -rf .venv .venv-noble .venv-docs site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info

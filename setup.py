@@ -82,12 +82,16 @@ setup(
         'plot': ['matplotlib>=3.6'],  # charts of `convseq report`, picture of `convseq demo`
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
+        'watch': ['rich>=13'],  # convseq watch
+        'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
+        'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
             'hypothesis>=6.98',
             'onnx',
             'onnxruntime',
             'pytest>=7.4',
+            'rich>=13',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
             'scikit-image>=0.22',
@@ -97,11 +101,14 @@ setup(
         'dev': [
             'bandit>=1.7',
             'catkin_pkg',
+            'check-jsonschema',
             'colcon-common-extensions',
             'import-linter>=2.1',
             'mypy>=1.11',
+            'pytest-cov',
             'ruff>=0.6',
             'types-PyYAML',
+            'yamllint',
         ],
     },
     entry_points={

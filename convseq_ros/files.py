@@ -5,44 +5,17 @@
 from collections.abc import Mapping
 import math
 from pathlib import Path
-import stat
 from typing import Any
 import zipfile
 
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.installing import pip_install
+from convseq_ros.regular_file import read_bytes, refuse_irregular
 import numpy as np
 import numpy.typing as npt
 
-_KINDS = {
-    stat.S_IFIFO: 'a pipe',
-    stat.S_IFCHR: 'a device',
-    stat.S_IFBLK: 'a device',
-    stat.S_IFSOCK: 'a socket',
-}
 _MOST_YAML_BYTES = 262_144  # PyYAML reads some 100 kB a second; `convseq config` prints 8 kB
 _MOST_ARRAY_BYTES = 1 << 29  # a truth of 23,000 by 23,000 frames
-
-
-def refuse_irregular(path: Path) -> None:
-    """
-    Let files, folders and what is not there pass: opening a pipe may wait for ever.
-
-    Raises
-    ------
-    SourceError
-        If it is a pipe, a device or a socket, or its name is none.
-
-    """
-    try:
-        kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode))
-    except (FileNotFoundError, NotADirectoryError):
-        return
-    except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise SourceError(f'{path}: {reason}; check the path') from None
-    if kind:
-        raise SourceError(f'{path}: is {kind}, not a file; give a file or a folder')
 
 
 def read_yaml(path: Path) -> Mapping[str, Any]:
@@ -147,32 +120,8 @@ def _array(file: Any, path: Path) -> npt.NDArray[Any]:
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """
-    Return what is in a text file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    most_bytes : int
-        That it may have.
-    what : str
-        It holds, such as `a calibration`.
-
-    Raises
-    ------
-    SourceError
-        If it is missing, no file, larger, not to be read, or no text.
-
-    """
-    refuse_irregular(path)
+    """Return what is in a text file; SourceError as `read_bytes`, or if it is no text."""
     try:
-        if not path.is_file():
-            raise SourceError(f'{path}: no such file; give {what}')
-        if path.stat().st_size > most_bytes:
-            raise SourceError(f'{path}: more than {most_bytes} bytes; give {what}')
-        return path.read_text('utf-8')
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+        return read_bytes(path, most_bytes, what).decode('utf-8')
     except UnicodeDecodeError:
         raise SourceError(f'{path}: not a text file; give {what}') from None

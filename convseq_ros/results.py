@@ -19,7 +19,7 @@ from typing import IO, Self
 
 from convseq_ros.core.types import Match
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',

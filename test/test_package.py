@@ -29,6 +29,7 @@ KNOWN_KEYS = {
     'geometry_msgs',
     'launch_ros',
     'launch_testing_ros',
+    'lifecycle_msgs',
     'nav_msgs',
     'rcl_interfaces',
     'rclpy',

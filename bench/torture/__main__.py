@@ -27,9 +27,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = _parser(list(known)).parse_args(arguments)
     until_s = time.monotonic() + chosen.hours * 3600
     outcomes = {
-        name: _begun(known[name], chosen.seed, chosen.docs if chosen.go_on else None)
+        name: _begun(
+            known[name], chosen.seed, chosen.docs if chosen.go_on or chosen.again else None
+        )
         for name in chosen.attacks or known
     }
+    if chosen.again:
+        for name, outcome in outcomes.items():
+            _repeat(known[name], outcome, chosen.docs)
+            _say(outcome)
+        return int(any(outcome.problems for outcome in outcomes.values()))
     for name, outcome in outcomes.items():
         count = chosen.count or known[name].count
         if chosen.seed is not None:
@@ -63,6 +70,20 @@ def _portion(attack: Attack, most: int, outcome: Outcome, docs: Path | None) -> 
         keep_outcome(docs, outcome)
 
 
+def _repeat(attack: Attack, outcome: Outcome, docs: Path) -> None:
+    """Make the portions again that something broke; what holds now is mended."""
+    seeds = {int(text.partition(',')[0].removeprefix('seed ')) for text in outcome.problems}
+    for seed in sorted(seeds):
+        again = replace(outcome, seed=seed, portions=0, problems=[])
+        with tempfile.TemporaryDirectory(prefix='convseq_torture_') as folder:
+            carry_out(attack, attack.portion, again, Path(folder))
+        if not again.problems:
+            own = [text for text in outcome.problems if text.startswith(f'seed {seed},')]
+            outcome.problems = [text for text in outcome.problems if text not in own]
+            outcome.mended += own
+            keep_outcome(docs, outcome)
+
+
 def _commit() -> str:
     command = ['git', 'describe', '--always', '--exclude=*']
     told = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -88,6 +109,7 @@ def _parser(names: list[str]) -> argparse.ArgumentParser:
     parser.add_argument('--hours', type=float, default=0.0, help='go on for so long')
     parser.add_argument('--docs', type=Path, help='write RELIABILITY.md and its JSON there')
     parser.add_argument('--go-on', action='store_true', help='add to what is in the JSON there')
+    parser.add_argument('--again', action='store_true', help='repeat portions that broke there')
     return parser
 
 

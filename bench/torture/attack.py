@@ -62,6 +62,7 @@ class Outcome:
     survived: int = 0
     seconds: float = 0.0
     problems: list[str] = field(default_factory=list)
+    mended: list[str] = field(default_factory=list)  # problems of portions that held when repeated
     code: list[str] = field(default_factory=list)  # commits that were attacked
 
 

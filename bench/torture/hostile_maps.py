@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from io import StringIO
+import json
 from pathlib import Path
 import random
 import sqlite3
@@ -33,6 +34,7 @@ _ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
 _TABLES = 'about', 'sessions', 'places', 'pictures', 'images'
 _OF_A_PLACE = _TABLES[2:]
 _NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63)
+_MASKS = '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero', '', 7
 _OF_SETTINGS = ('[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', '0', 'null', '')
 
 Change = Callable[[sqlite3.Connection, random.Random], None]
@@ -196,6 +198,19 @@ def _wal(path: Path, draw: random.Random) -> None:
     path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
 
 
+def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
+    said = json.dumps(
+        {
+            'image_size_px': draw.choice((0, 16, 64, 64, 2**31)),
+            'resize': 'exact',
+            'image_mask': draw.choice(_MASKS),
+            'image_rotation_deg': draw.choice((0, 0, 90, 45, 1e999)),
+        }
+    )
+    sound = said, row_crc(('encoding', said))
+    database.execute("UPDATE about SET value = ?, crc32 = ? WHERE name = 'encoding'", sound)
+
+
 _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'trigger': _changed(_trigger),
     'view': _changed(_view),
@@ -203,6 +218,7 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'last index': _changed(_index),
     'huge value': _changed(_huge),
     'setting': _changed(_set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS))),
+    'encoding': _changed(_encoding),
     'camera': _changed(_set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS))),
     'session': _changed(_set('places', 'session', lambda draw: draw.choice(_NUMBERS))),
     'stamp': _changed(_set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS))),

@@ -17,9 +17,9 @@ _HEAD = """# Reliability
 
 Attacks on convseq_ros, and what came of them; written by `make torture`. An attack is a file of
 [bench/torture](../bench/torture). It is made in portions, each by the next seed:
-`python -m bench.torture NAME --seed N` makes a portion again. `make torture HOURS=24` goes on for
-a night; this page is written after every portion, and what a night left is added to by
-`python -m bench.torture --docs docs --go-on`.
+`python -m bench.torture NAME --seed N` makes a portion again, `--again --docs docs` those that
+broke. `make torture HOURS=24` goes on for a night; this page is written after every portion, and
+`python -m bench.torture --docs docs --go-on` adds to what there is.
 
 | attack | what is done | what must hold | tries | survived | seeds | commits |
 |---|---|---|---|---|---|---|
@@ -101,9 +101,13 @@ def _page(kept: Mapping[str, Any]) -> str:
             f'{row} {one["tries"]:,} | {one["survived"]:,} | {seeds} | {", ".join(one["code"])} |'
         )
     for one in outcomes.values():
-        if one['problems']:
-            lines += ['', f'What `{one["attack"]}` broke:', '']
-            lines += [f'* {text}' for text in one['problems'][:_MOST_PROBLEMS]]
+        for what, texts in (
+            ('broke', one['problems']),
+            ('broke, and holds now', one.get('mended', [])),
+        ):
+            if texts:
+                lines += ['', f'What `{one["attack"]}` {what}:', '']
+                lines += [f'* {" ".join(text.split())}' for text in texts[:_MOST_PROBLEMS]]
     fuzz = f'{outcomes["fuzz"]["asked"]:,} of each' if 'fuzz' in outcomes else '*not run*'
     lines += _TRIES.format(fuzz=fuzz).rstrip().splitlines()
     lines += _SOAK.rstrip().splitlines()

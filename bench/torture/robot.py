@@ -24,6 +24,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
 
 _START_S, _END_S = 90.0, 20.0
+_SETTLE_S = 1.0  # until the node knows the camera as well as the camera knows the node
 _NAME = '/vpr_node'
 
 
@@ -127,6 +128,7 @@ def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
             ready = ready and one.wait_for(one.camera.get_subscription_count, _START_S)
             if not ready:
                 raise RuntimeError(f'the node did not come up; see {folder}')
+            one.spin(_SETTLE_S)
             yield one
         finally:
             end(process, _END_S)

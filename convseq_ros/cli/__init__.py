@@ -22,6 +22,7 @@ COMMANDS = {
     'replay': 'recognise the frames of a recording in a map, without ROS',
     'locate': 'say where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
+    'watch': 'see in a terminal what a running node recognises',
     'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
     'evaluate': 'measure methods on data sets with known truth',

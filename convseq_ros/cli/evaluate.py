@@ -21,6 +21,8 @@ from convseq_ros.evaluation.scorecard import CRITERIA
 from convseq_ros.evaluation.study import read_study, run_study
 from convseq_ros.evaluation.table import format_table, summary_rows
 
+MOST_DISTRACTORS = 100_000
+
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -69,6 +71,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'the first, the last and the middle half in turn',
     )
     parser.add_argument(
+        '--distractors',
+        type=int,
+        default=0,
+        metavar='N',
+        help='add so many drawn places that no query shows to every map (0)',
+    )
+    parser.add_argument(
         '--study',
         type=Path,
         action='append',
@@ -107,6 +116,10 @@ def run(chosen: argparse.Namespace) -> int:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
     if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
         raise ConfigError(f'--exclude-recent: {chosen.exclude_recent} is below 0')
+    if not 0 <= chosen.distractors <= MOST_DISTRACTORS:
+        raise ConfigError(
+            f'--distractors: {chosen.distractors} is outside 0 .. {MOST_DISTRACTORS}'
+        )
     asked = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
     if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in asked):
         raise ConfigError(
@@ -119,6 +132,7 @@ def run(chosen: argparse.Namespace) -> int:
         transfer=chosen.threshold_from_others,
         exclude_recent=chosen.exclude_recent,
         keep=chosen.keep,
+        distractors=chosen.distractors,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root) for text in chosen.sets]

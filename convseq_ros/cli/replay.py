@@ -4,7 +4,10 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from importlib import import_module
+from importlib.util import find_spec
 import json
 from pathlib import Path
 import statistics
@@ -14,12 +17,16 @@ from typing import Any
 
 from convseq_ros.cli.options import add_annotations, add_config, chosen_config
 from convseq_ros.cli.progress import progress
+from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
-from convseq_ros.core.types import Match, Reason
-from convseq_ros.errors import MapError
+from convseq_ros.core.types import Frame, Match, Reason
+from convseq_ros.errors import ConvseqError, MapError
+from convseq_ros.installing import NEEDS_ROS
 from convseq_ros.results import ResultWriter
 from convseq_ros.sources import open_annotated, Source
+
+Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +39,18 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help='reference map; with --mode online it is made if there is none, and grows',
     )
     parser.add_argument(
-        '--output', type=Path, default=Path('result.csv'), help='table to write (result.csv)'
+        '--output',
+        type=Path,
+        default=Path('result.csv'),
+        help='table to write (result.csv); FILE.mcap gets what the node would publish (needs ROS)',
+    )
+    parser.add_argument(
+        '--view',
+        type=Path,
+        nargs='?',
+        const=Path(),
+        metavar='FILE.rrd',
+        help='open the viewer of rerun, or write a file for it',
     )
     parser.add_argument('--topic', default='', help='image topic, if there are several')
     add_annotations(parser)
@@ -62,11 +80,8 @@ def run(chosen: argparse.Namespace) -> int:
                 file=sys.stderr,
             )
         session.warm_up()
-        with ResultWriter(chosen.output) as table:
-            if table.kept:
-                print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
-            for match, duration_ms in replay(source, session.recognizer):
-                table.write(match, duration_ms)
+        with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
+            for match, duration_ms in replay(source, session.recognizer, [written, *shown]):
                 matches.append(match)
                 durations.append(duration_ms)
                 _keep(session)
@@ -91,6 +106,32 @@ def run(chosen: argparse.Namespace) -> int:
     return 0
 
 
+@contextmanager
+def _opened(path: Path) -> Iterator[Listener]:
+    """Open a table or, by its name, a recording; yield what writes to it."""
+    if path.suffix == '.mcap':
+        if find_spec('rclpy') is None:
+            raise ConvseqError(f'{path}: {NEEDS_ROS}')
+        # By its name, because commands run without ROS.
+        with import_module('convseq_ros.node.result_recording').ResultRecording(path) as recording:
+            yield recording.write
+        return
+    with ResultWriter(path) as table:
+        if table.kept:
+            print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
+        yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
+
+
+@contextmanager
+def _viewed(file: Path | None) -> Iterator[list[Listener]]:
+    """Open a viewer, or a file for one if it has a name; yield what shows a frame, if any."""
+    if file is None:
+        yield []
+        return
+    with closing(Viewer(file if file.name else None)) as viewer:
+        yield [viewer.write]
+
+
 def _keep(session: Session) -> None:
     """Write what the map gained; a full disk ends that, not the replay."""
     try:
@@ -99,14 +140,19 @@ def _keep(session: Session) -> None:
         print(f'warning: {error}', file=sys.stderr)
 
 
-def replay(source: Source, recognizer: PlaceRecognizer) -> Iterator[tuple[Match, float]]:
+def replay(
+    source: Source, recognizer: PlaceRecognizer, listeners: Sequence[Listener] = ()
+) -> Iterator[tuple[Match, float]]:
     """Yield the match of every frame with the time that it took, in milliseconds."""
     for frame in progress(source, len(source), source.name):
         started = time.perf_counter()
         match = recognizer.process(frame)
         if match.reason is Reason.UNREADABLE:
             print(f'warning: frame {match.query_index}: {frame.problem}', file=sys.stderr)
-        yield match, (time.perf_counter() - started) * 1e3
+        duration_ms = (time.perf_counter() - started) * 1e3
+        for tell in listeners:
+            tell(frame, match, recognizer, duration_ms)
+        yield match, duration_ms
 
 
 def summarize(matches: list[Match], durations_ms: list[float]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from convseq_ros.evaluation import protocols
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.comparison import calibrate, compare_times, Result, Summary, transfer
 from convseq_ros.evaluation.data_set import DataSet
-from convseq_ros.evaluation.material import Material, open_material
+from convseq_ros.evaluation.material import Material, open_material, with_distractors
 from convseq_ros.evaluation.method_name import MethodName, parse_method
 from convseq_ros.evaluation.methods import make_method, Method
 from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome
@@ -59,6 +59,8 @@ class Plan:
         Overrides what the sets say, for drives against their own past.
     keep : float or None
         Share of the map, from its start, that the open protocol keeps; otherwise halves of it.
+    distractors : int
+        Drawn places that no query shows, added to every map.
     argv : tuple of str
         The command, for the record.
 
@@ -70,6 +72,7 @@ class Plan:
     transfer: bool = False
     exclude_recent: int | None = None
     keep: float | None = None
+    distractors: int = 0
     argv: tuple[str, ...] = ()
 
 
@@ -173,6 +176,8 @@ def _on_set(
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, cache, config.encoding, config.reading)
+    if plan.distractors and not data_set.online:
+        material = with_distractors(material, plan.distractors)
     base = output / data_set.name
     write_truth(base, material.truth)
     write_thumbnails(base / 'thumbnails' / 'query', material.query)

@@ -131,6 +131,17 @@ class Drive:
         """Which frames show anything, shape (N,)."""
         return np.array([one.informative for one in self.descriptors], np.bool_)
 
+    def followed_by(self, other: 'Drive') -> 'Drive':
+        """Return these frames and those of another drive, a second after them."""
+        later = self.stamps_ns[-1] - other.stamps_ns[0] + 1_000_000_000
+        return replace(
+            self,
+            stamps_ns=[*self.stamps_ns, *(one + later for one in other.stamps_ns)],
+            names=[*self.names, *other.names],
+            readable=[*self.readable, *other.readable],
+            descriptors=[*self.descriptors, *other.descriptors],
+        )
+
     @property
     def flipped(self) -> 'Drive':
         """The same frames, the last one first, at the same distances in time."""

@@ -5,18 +5,26 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 from convseq_ros.config import EncodingConfig, ReadingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, Part
 from convseq_ros.evaluation.drive import describe_drive, Drive, Images
+from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.simulation.drive import Drive as DrawnDrive
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses
 import numpy as np
 import numpy.typing as npt
+
+# A street that no ready-made set has, a place every 2 m.
+DISTRACTORS_STREET = 7_000_000
+DISTRACTORS: dict[str, Any] = {'seed': 7, 'frame_rate_hz': 5.0, 'width_px': 320, 'height_px': 240}
 
 
 @dataclass(frozen=True)
@@ -36,6 +44,8 @@ class Material:
         Where encodings and results are kept.
     way_m : ndarray of float64, shape (Q,), or None
         How far along its way each query was taken, if that is known.
+    distractors : Images or None
+        Places that no query shows, added to the end of the map.
 
     """
 
@@ -45,6 +55,7 @@ class Material:
     truth: Truth
     cache: Cache
     way_m: npt.NDArray[np.float64] | None = None
+    distractors: Images | None = None
     _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -55,13 +66,17 @@ class Material:
             query = describe_drive(self.query, encoding, self.cache)
             own_past = self.reference == self.query
             reference = query if own_past else describe_drive(self.reference, encoding, self.cache)
+            if self.distractors:
+                others = describe_drive(self.distractors, encoding, self.cache)
+                reference = reference.followed_by(others)
             self._drives[encoding] = query, reference
         return self._drives[encoding]
 
     @cached_property
     def content(self) -> list[object]:
         """What determines the images, for a cache."""
-        return [self.query.content, self.reference.content]
+        others = [self.distractors.content] if self.distractors else []
+        return [self.query.content, self.reference.content, *others]
 
 
 def open_material(
@@ -102,6 +117,13 @@ def open_material(
         )
     way_m = _way_m(data_set, drives[0])
     return replace(material, truth=truth, way_m=way_m, _drives={encoding: drives})
+
+
+def with_distractors(material: Material, count: int) -> Material:
+    """Return a data set with so many drawn places in its map that no query shows, at its end."""
+    whole = Truth(np.pad(material.truth.right, ((0, 0), (0, count))), material.truth.tolerance)
+    drive = SimulatedDrive(DISTRACTORS_STREET, DrawnDrive(num_frames=count, **DISTRACTORS))
+    return replace(material, truth=whole, distractors=Images(Path(), '', drive), _drives={})
 
 
 def _images(

@@ -36,7 +36,8 @@ from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from convseq_ros.files import read_array, refuse_irregular
+from convseq_ros.files import read_array
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.results import COLUMNS, complete_or_absent, row
 import numpy as np
 import numpy.typing as npt

@@ -9,7 +9,8 @@ from typing import Any, BinaryIO
 
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.array_pickle import read_objects
-from convseq_ros.files import read_array, refuse_irregular
+from convseq_ros.files import read_array
+from convseq_ros.regular_file import refuse_irregular
 import numpy as np
 import numpy.typing as npt
 

@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process of `vpr_node`, also `python -m convseq_ros.node`."""
 
-from importlib.util import find_spec
 import sys
-import textwrap
 from typing import NoReturn
 
-from convseq_ros.process import run_node
+from convseq_ros.process import run_node, stand
 
 _USAGE = """\
 usage: vpr_node [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r image:=TOPIC]...]
@@ -23,11 +21,13 @@ Topics to remap: image, camera_info, odom. Parameters:
 
 def main() -> NoReturn:
     """Run the node; a signal ends it cleanly, also while it starts."""
+    stand(0)  # before anything else is imported
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(_help())
         sys.exit(0)
+    from importlib.util import find_spec
+
     if find_spec('rclpy') is None:
-        # Imported here, where there is no hurry.
         from convseq_ros.installing import NEEDS_ROS
 
         sys.exit(f'vpr_node: {NEEDS_ROS}')
@@ -35,6 +35,8 @@ def main() -> NoReturn:
 
 
 def _help() -> str:
+    import textwrap
+
     from convseq_ros.config import core_parameters
     from convseq_ros.node_config import NodeConfig
     from convseq_ros.parameter import parameters

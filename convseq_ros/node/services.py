@@ -5,6 +5,7 @@
 from collections.abc import Callable, Generator
 from concurrent.futures import Future
 import threading
+import time
 from typing import TypeVar
 
 from rclpy.qos import QoSProfile
@@ -22,9 +23,8 @@ class Background:
     """
     Does work in other threads, which do not outlive the process.
 
-    An executor of rclpy polls a waiting coroutine without a pause; this one sleeps a moment at
-    every poll, so that the thread gets the processor. The service needs a callback group of its
-    own: the default one is held until the coroutine ends.
+    The service needs a callback group of its own: the default one is held until the coroutine
+    ends.
     """
 
     def __init__(self) -> None:
@@ -37,8 +37,7 @@ class Background:
         self._threads.add(thread)
         thread.start()
         while thread.is_alive():
-            thread.join(_POLL_S)
-            await _Turn()
+            await Turn()
         self._threads.discard(thread)
         return future.result()
 
@@ -57,8 +56,19 @@ def settle(future: Future[Result], work: Callable[[], Result]) -> None:
         future.set_exception(error)
 
 
-class _Turn:
-    """Gives other callbacks a turn."""
+class Turn:
+    """
+    Gives other callbacks a turn, once it is awaited.
+
+    An executor of rclpy polls waiting coroutines without a pause; of all of them, one sleeps a
+    moment now and then, so that threads get the processor. Were it each of them at each poll, many
+    would hold up the images.
+    """
+
+    _slept_s = 0.0
 
     def __await__(self) -> Generator[None, None, None]:
+        if time.monotonic() - Turn._slept_s > _POLL_S:
+            time.sleep(_POLL_S)
+            Turn._slept_s = time.monotonic()
         yield

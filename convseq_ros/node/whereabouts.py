@@ -5,14 +5,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-import threading
 import time
 
 from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
-from convseq_ros.node.services import Background, SERVICE_QOS
+from convseq_ros.node.services import SERVICE_QOS, Turn
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -22,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_POLL_S = 0.2
+_MOST_CALLS = 100  # that wait at a time, each for some 20 us a turn
 _LOCALISED = LocalizationState.LOCALISED
 
 
@@ -62,10 +61,9 @@ class Whereabouts:
     ) -> None:
         self.config = config
         self._node, self._situation, self._advice = node, situation, advice
-        self._changed = threading.Condition()
         self._known = _Known(0, Localization(), None, '')
         self._given_up = False
-        self._background = Background()
+        self._waiting = 0  # calls
         self._state = node.create_publisher(DiagnosticStatus, '~/localization', _LATCHED)
         self._initial_pose = (
             node.create_publisher(PoseWithCovarianceStamped, 'initialpose', _LATCHED)
@@ -90,9 +88,7 @@ class Whereabouts:
             remark = _remark(match, estimate)
         else:
             estimate, remark = before.estimate, before.remark
-        with self._changed:
-            self._known = _Known(before.frame + 1, now, estimate, remark)
-            self._changed.notify_all()
+        self._known = _Known(before.frame + 1, now, estimate, remark)
         if now.state is not before.localization.state:
             self._publish(now)
             if is_found and self._initial_pose and match.accepted:
@@ -100,10 +96,7 @@ class Whereabouts:
 
     def give_up(self) -> None:
         """Answer whoever waits: the node is ending."""
-        with self._changed:
-            self._given_up = True
-            self._changed.notify_all()
-        self._background.finish(_POLL_S)
+        self._given_up = True
 
     def _publish(self, now: Localization) -> None:
         level = DiagnosticStatus.OK if now.state is _LOCALISED else DiagnosticStatus.WARN
@@ -124,27 +117,29 @@ class Whereabouts:
     async def _on_localize(
         self, _request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        begun = self._known.frame
-        response.success, response.message = await self._background.result_of(
-            lambda: self._localize(begun)
-        )
+        """Wait for a frame after which it is known where the robot is; or say why it is not."""
+        begun, until_s = self._known.frame, time.monotonic() + self.config.localize_timeout_s
+        self._waiting += 1
+        try:
+            while (answer := self._answer(begun, time.monotonic() >= until_s)) is None:
+                await Turn()
+        finally:
+            self._waiting -= 1
+        response.success, response.message = answer
         return response
 
-    def _localize(self, begun: int) -> tuple[bool, str]:
-        """Wait for a frame after which it is known where the robot is; or say why it is not."""
-        until_s = time.monotonic() + self.config.localize_timeout_s
-        while not (problem := self._hindrance()):
-            with self._changed:
-                known = self._known
-                if known.frame > begun and known.localization.state is _LOCALISED:
-                    return True, self._told(known)
-                left_s = until_s - time.monotonic()
-                if left_s <= 0:
-                    break
-                self._changed.wait(min(left_s, _POLL_S))
-        if not problem and known.frame == begun:
-            problem = f'no images: {self._advice()}'
-        return False, problem or known.localization.problem
+    def _answer(self, begun: int, is_late: bool) -> tuple[bool, str] | None:
+        """Return what is to be said to a call that came after a frame; None to wait on."""
+        known = self._known
+        if problem := self._hindrance():
+            return False, problem
+        if known.frame > begun and known.localization.state is _LOCALISED:
+            return True, self._told(known)
+        if self._waiting > _MOST_CALLS:
+            return False, f'more than {_MOST_CALLS} calls wait; {known.localization.problem}'
+        if is_late and known.frame == begun:
+            return False, f'no images: {self._advice()}'
+        return (False, known.localization.problem) if is_late else None
 
     def _hindrance(self) -> str:
         """Return why it is of no use to wait; empty if it is."""

@@ -15,7 +15,7 @@ import struct
 from typing import Any
 
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, LIMITS
 
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages

@@ -15,7 +15,7 @@ from typing import Any
 
 from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import ImageError
-from convseq_ros.sources.picture_header import declared
+from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -3,7 +3,7 @@
 """Poses of frames from a text file, as benchmarks give them: TUM's and KITTI's formats."""
 
 from collections.abc import Callable
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 import math
 from pathlib import Path
 
@@ -82,10 +82,10 @@ def _stamp_ns(path: Path, line: int, word: str) -> int:
         stamp = Decimal(word) * 1_000_000_000
         # Of a large exponent, `int` would write out every digit.
         stamp_ns = int(stamp) if 0 <= stamp < 2**63 else -1
-    except (InvalidOperation, ValueError, OverflowError):
+    except (ArithmeticError, ValueError):
         stamp_ns = -1
     if not 0 <= stamp_ns < 2**63:
-        raise SourceError(f'{path}, line {line}: {word} is no stamp in seconds')
+        raise SourceError(f'{path}, line {line}: {word[:80]} is no stamp in seconds')
     return stamp_ns
 
 
@@ -93,7 +93,7 @@ def _numbers(path: Path, line: int, words: list[str]) -> npt.NDArray[np.float64]
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError as error:
-        raise SourceError(f'{path}, line {line}: {error}') from None
+        raise SourceError(f'{path}, line {line}: {str(error)[:200]}') from None
     if not np.isfinite(numbers).all():
         raise SourceError(f'{path}, line {line}: a number is not finite; leave the line out')
     return numbers

@@ -9,7 +9,7 @@ import re
 from typing import Any, Protocol
 
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.bounded_readers import check_chunks, open_bounded
 from convseq_ros.sources.inflate import inflate, LIMITS
 from convseq_ros.sources.natural_order import natural_key

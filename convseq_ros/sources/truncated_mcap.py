@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
-from convseq_ros.files import refuse_irregular
 from convseq_ros.installing import pip_install
+from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic

@@ -14,6 +14,7 @@ from trajectory_error import absolute_error_m
 
 Truth = Mapping[int, tuple[float, float]]
 _APART_M, _APART_NS = 20.0, 30_000_000_000
+_SAME_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,13 @@ def error_m(solution: Solution, truth: Truth, before: bool = False) -> float:
     """Return the trajectory error of a solution, or of the odometry it began with."""
     path = solution.before if before else solution.after
     return absolute_error_m(path[:, :2], true_path(solution, truth))
+
+
+def twice(solution: Solution, truth: Truth) -> npt.NDArray[np.bool_]:
+    """Return which keyframes are where the robot also was 30 s before or later, shape (N,)."""
+    real, stamps_ns = true_path(solution, truth), solution.stamps_ns
+    near = np.linalg.norm(real[:, None] - real[None], axis=2) <= _SAME_M
+    return (near & (np.abs(stamps_ns[:, None] - stamps_ns[None]) >= _APART_NS)).any(axis=1)
 
 
 def true_path(solution: Solution, truth: Truth) -> npt.NDArray[np.float64]:

@@ -3,6 +3,7 @@
 """A map from a stranger, or a bad disk: refused in one line, and nothing in it is executed."""
 
 from contextlib import suppress
+import json
 import os
 import signal
 import sqlite3
@@ -203,6 +204,17 @@ def test_json_that_no_map_has_is_damage(path, table, column, key, text):
         database.execute(f'UPDATE {table} SET {column} = ? WHERE {key}', (text,))
         (row,) = database.execute(f'SELECT * FROM {table} WHERE {key}')
         database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key}', (row_crc(row[:-1]),))
+    database.close()
+    assert 'damaged map (' in refusal(open_map, path)
+
+
+@pytest.mark.parametrize('mask', ['#0000', '#ff', '#zz', '/etc/hostname', 7])
+def test_a_mask_that_hides_all_or_is_none_is_damage(path, mask):
+    with sqlite3.connect(path) as database:
+        (row,) = database.execute("SELECT * FROM about WHERE name = 'encoding'")
+        said = json.dumps(json.loads(row[1]) | {'image_mask': mask})
+        changed = said, row_crc((row[0], said))
+        database.execute("UPDATE about SET value = ?, crc32 = ? WHERE name = 'encoding'", changed)
     database.close()
     assert 'damaged map (' in refusal(open_map, path)
 

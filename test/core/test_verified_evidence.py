@@ -11,14 +11,17 @@ FAR = 40  # from all places of these tests
 
 def strengths(**of):
     """Return what geometry says of some places, by their numbers: _12=200."""
-    return {int(name[1:]): Verification(int(2 * one), one) for name, one in of.items()}
+    return {int(name[1:]): Verification(int(2 * one), one, one / 2) for name, one in of.items()}
 
 
 def driven(*frames, start=0):
     """Return the evidence of frames: a place, its lead in deviations, strengths here and there."""
     evidence = VerifiedEvidence()
     for number, (place, deviations, here, there) in enumerate(frames, start):
-        found = {place: Verification(0, here), place + FAR: Verification(0, there)}
+        found = {
+            place: Verification(0, here, here / 2),
+            place + FAR: Verification(0, there, there / 2),
+        }
         evidence.update(found, 10)
         evidence.see(number, place, deviations)
     return evidence
@@ -42,7 +45,7 @@ def test_without_a_rival_there_is_no_lead():
     evidence.update(strengths(_5=500.0, _9=400.0), 10)
     assert evidence.lead(5) is None and evidence.beside_scores(5) == 0
     evidence.see(0, 5, 3.0)
-    assert evidence.alone(0) == (5, pytest.approx(3.0 / VERIFIED.alone))
+    assert evidence.alone(0) == (5, 0.0)
 
 
 def test_nothing_verified_says_nothing():

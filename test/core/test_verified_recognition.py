@@ -128,10 +128,11 @@ class Given:
     """Stands in for what can be verified of a frame."""
 
     def __init__(self, strengths, step):
-        self.strengths, self.verified_step = strengths, Verification(0, step)
+        self.strengths, self.verified_step = strengths, Verification(0, step, step / 2)
 
     def verified(self, indices):
-        return {index: Verification(0, self.strengths.get(index, 20.0)) for index in indices}
+        strengths = {index: self.strengths.get(index, 20.0) for index in indices}
+        return {index: Verification(0, one, one / 2) for index, one in strengths.items()}
 
 
 @pytest.mark.parametrize(

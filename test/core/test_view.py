@@ -3,6 +3,7 @@
 """Masks and turned cameras: the robot itself is not the world, and up is up."""
 
 from dataclasses import replace
+import os
 
 from convseq_ros import build_map, Config, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
@@ -52,14 +53,20 @@ def test_a_mask_that_hides_nothing_is_none(tmp_path):
     assert with_mask_read(encoding) == EncodingConfig()
 
 
-@pytest.mark.parametrize('kind', ['black', 'absent', 'text'])
+@pytest.mark.parametrize('kind', ['black', 'absent', 'text', 'pipe', 'bomb', 'folder'])
 def test_a_mask_that_shows_nothing_is_refused_in_one_line(tmp_path, kind):
     path = tmp_path / 'mask.png'
     if kind == 'black':
         cv2.imwrite(str(path), np.zeros((48, 64), np.uint8))
     elif kind == 'text':
         path.write_text('no picture')
-    with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png [^\n]*$'):
+    elif kind == 'pipe':
+        os.mkfifo(path)
+    elif kind == 'bomb':
+        path.write_bytes(b'P5 30000 30000 255\n' + bytes(1000))
+    elif kind == 'folder':
+        path.mkdir()
+    with pytest.raises(ConfigError, match=r'image_mask: .*mask\.png[: ][^\n]*$'):
         build_map([], config=Config(encoding=EncodingConfig(image_mask=str(path))))
 
 

@@ -178,6 +178,16 @@ def test_with_half_of_the_map_removed_unknown_places_are_counted_as_such(street,
     assert found.truth() is not None
 
 
+def test_drawn_distractors_make_the_map_larger_and_are_never_right(street, quick, tmp_path):
+    (one,) = run(street, quick, tmp_path / 'out', 'cohog', distractors=6)
+    assert (one['queries'], one['known'], one['pairs_per_frame']) == (24, 24, 30)
+    assert one['accuracy_matched'] >= 0.9
+    scores = np.load(tmp_path / 'out' / 'street' / 'cohog' / 'scores.npy', allow_pickle=False)
+    assert scores.shape == (24, 30)
+    (found,) = read_run(tmp_path / 'out')
+    assert not found.truth()[:, 24:].any() and found.about_set()['references'] == 30
+
+
 def test_the_first_part_of_the_map_can_be_kept(street, quick, tmp_path):
     (one,) = run(street, quick, tmp_path / 'out', 'convseq', protocols=('open',), keep=0.7)
     assert (one['queries'], one['known']) == (24, 17 + 1)

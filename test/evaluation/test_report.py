@@ -660,6 +660,23 @@ def test_page_is_no_wider_than_a_phone(browser):
     assert wide <= 360
 
 
+def test_the_time_a_frame_takes_is_seen_on_a_screen_of_1280_px(browser):
+    """Real names are longer, as long as those of Gardens Point."""
+    ends = browser.run("""
+        document.body.style.width = '1265px';
+        for (const cell of document.querySelectorAll('table tbody tr > *:first-child')) {
+          cell.firstChild.textContent = 'gardens_point_day_day';
+        }
+        const heads = [...document.querySelectorAll('thead th')];
+        const frame = heads.find((head) => head.textContent.trim() === 'Frame');
+        const table = document.querySelector('.scroll').getBoundingClientRect();
+        const ends = [frame.getBoundingClientRect().right, table.right];
+        document.body.style.width = '';
+        return ends;
+    """)
+    assert ends[0] <= ends[1]
+
+
 def test_page_looks_like_something(browser):
     image = cv2.imdecode(np.frombuffer(browser.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     assert image.std() > 10

@@ -17,6 +17,7 @@ from record import read_record, write_record
 from trajectory_error import absolute_error_m, aligned, rmse_m
 
 SECOND = 1_000_000_000
+COUNTS = (0, 1, 3, 6, 12)
 
 
 def square(side=10, laps=1, turn=math.pi / 2, length=1.0):
@@ -219,3 +220,17 @@ def test_the_comparison_counts_what_each_way_keeps():
     assert trials[3, True].right_kept == (len(right), len(right))
     assert len(trials[0, True].errors_m) == 1 and len(trials[3, True].errors_m) == 2
     assert trials[3, True].median_m < trials[3, False].median_m
+
+
+def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
+    pytest.importorskip('rclpy', reason='the demo needs ROS')
+    from demo import _errors, _table
+
+    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
+    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
+    errors = _errors(odometry, closures, optimise(odometry, closures), truth)
+    before = errors['odometry alone']
+    after = errors['those that GNC kept, iSAM2']
+    assert before[0] > 2.0 and after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
+    assert after == pytest.approx(errors['closures of vpr_node, GNC'], abs=0.01)
+    assert 'passed twice' in _table(errors, compare(odometry, closures, truth, COUNTS, 1), 16)

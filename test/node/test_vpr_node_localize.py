@@ -12,7 +12,7 @@ from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import map_services
+from convseq_ros.node import map_services, whereabouts
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
@@ -106,6 +106,22 @@ def test_every_change_of_the_state_is_published(client, vpr, map_path, show):
     states = ['lost', 'candidate', 'localised', 'lost', 'localised']
     assert [each.message for each in told] == states
     assert [pose.pose.pose.position.x for pose in poses] == [2.0, 23.0]
+
+
+def test_many_who_wait_take_no_threads_and_too_many_are_told(
+    client, vpr, map_path, show, ask, monkeypatch
+):
+    monkeypatch.setattr(whereabouts, '_MOST_CALLS', 5)
+    vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
+    show(3)
+    before = threading.active_count()
+    futures = ask(8)
+    client.wait_for(lambda: sum(future.done() for future in futures) == 3)
+    assert threading.active_count() == before
+    told = {one.result().message.split(';')[0] for one in futures if one.done()}
+    assert told == {'more than 5 calls wait'}
+    show(4)
+    assert sum(one.success for one in answers(client, futures)) == 5
 
 
 def test_without_images_it_says_so(client, vpr, map_path, ask):

@@ -86,6 +86,7 @@ def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
         (('1 0 0 0 0 0 0 0',), 'line 1: the quaternion is zero'),
         (('-1 0 0 0 0 0 0 1',), 'line 1: -1 is no stamp'),
         (('1e99 0 0 0 0 0 0 1',), 'line 1: 1e99 is no stamp'),
+        (('1e99999999 0 0 0 0 0 0 1',), 'line 1: 1e99999999 is no stamp'),
         (('nan 0 0 0 0 0 0 1',), 'line 1: nan is no stamp'),
         (('inf 0 0 0 0 0 0 1',), 'line 1: inf is no stamp'),
         (('x 0 0 0 0 0 0 1',), 'line 1: x is no stamp'),

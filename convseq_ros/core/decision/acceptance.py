@@ -86,14 +86,17 @@ class Acceptance:
 
     def surest(self) -> tuple[int, float] | None:
         """
-        Return the place that speaks most for itself, along a track or alone, and the evidence.
+        Return the place that speaks most for itself, along a track and alone, and the evidence.
 
         Sequences of many frames find a place late that has just been entered.
         """
         places = [self._entered()]
         if self._newest and (along := self._along(self._newest.reference)) is not None:
             places.append((self._newest.reference, along))
-        return max((one for one in places if one), key=lambda one: one[1], default=None)
+        found = sorted((one for one in places if one), key=lambda one: -one[1])
+        if len(found) == 2 and abs(found[0][0] - found[1][0]) <= TRACK.same_track:
+            return found[0][0], found[0][1] + found[1][1]
+        return found[0] if found else None
 
     def _entered(self) -> tuple[int, float] | None:
         """Return what the newest few frames show alone; None on the border of the map."""
@@ -149,13 +152,14 @@ class Acceptance:
         best = candidates[0].reference_index
         reason, along, entered = self._doubt(best), self._along(best), self._entered()
         # A track that its own newest frame does not follow is none.
-        followed = -math.inf if along is None or reason is Reason.INCONSISTENT else along
+        followed = 0.0 if along is None or reason is Reason.INCONSISTENT else along
         is_entered = entered is not None and abs(entered[0] - best) <= TRACK.same_track
-        most = max(followed, entered[1] if entered and is_entered else -math.inf)
+        most = followed + (entered[1] if entered and is_entered else 0.0)
         if most >= config.min_evidence:
             reason = Reason.ACCEPTED
-        known = [one for one in (along, most) if one is not None and one > -math.inf]
-        return reason, confidence(max(known)) if known else None
+        if along is None and not is_entered:
+            return reason, None
+        return reason, confidence(max(most, along or 0.0))
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""

@@ -140,10 +140,10 @@ class TrackEvidence:
 
     def likely(self) -> list[int]:
         """
-        Return the places that the newest frame may show, likeliest first, of one place one end.
+        Return the places that the newest frame may show, of one place one end.
 
-        These end the best diagonals of 8 frames, of 3 and of 1, which finds a place sooner; and
-        the best elsewhere than the first of these, of 8 and of 1.
+        These end the best diagonals of 1 frame, of 3 and of 8, as what has just been entered is
+        best seen by the newest; and the best elsewhere than the last of these, of 8 and of 1.
         """
         few = self._window[: TRACK.few]
         scored = np.isfinite(few).sum(axis=0)
@@ -151,10 +151,11 @@ class TrackEvidence:
         of_few = np.where(
             np.isfinite(self._now) & (2 * scored > len(few)), sums / len(few), np.nan
         )
-        kinds = self._scores, of_few, self._now
+        kinds = self._now, of_few, self._scores
         best = [int(self._ends[np.nanargmax(one)]) for one in kinds if np.isfinite(one).any()]
+        elsewhere = abs(self._ends - best[-1]) > self._rival_distance
         for one in (self._scores, self._now):
-            beyond = np.isfinite(one) & (abs(self._ends - best[0]) > self._rival_distance)
+            beyond = np.isfinite(one) & elsewhere
             if beyond.any():
                 best.append(int(self._ends[np.where(beyond, one, -np.inf).argmax()]))
         apart: list[int] = []

@@ -32,9 +32,11 @@ class VERIFIED:
     scatters: float = 0.36
     chance: float = 0.5  # ... less these, by which a rival may well be verified worse
     deviations: float = 0.73  # and for so many standard deviations of a frame's own scores
-    # Deviations that count alone as much as a scatter in each frame of a track. Houses that a
-    # street has twice reach 43 at most, of 44 that make a match at an evidence of 1.7.
-    alone: float = 26.0
+    # What lies on the ground repeats: zebra crossings, tiles. So evidence alone is no more than so
+    # many times what the lead by the upper half of the image says.
+    of_upper: float = 3.0
+    # Deviations that count alone as much as a scatter in each frame of a track.
+    alone: float = 14.0
     as_good: float = 0.8  # of the best place's strength, with which a rival makes it ambiguous
     # Of the strength between a frame and the one before, that a place of the same drive has at
     # least: there, camera and light are the same. Identical lockers have a third.
@@ -70,11 +72,14 @@ class VerifiedEvidence:
         ]
         return max(near, default=None)
 
+    def rivals(self, reference: int) -> list[Verification]:
+        """Return how places elsewhere are verified."""
+        found, most = self.found.items(), self._rival_distance
+        return [one for index, one in found if abs(index - reference) > most]
+
     def rival_strength(self, reference: int) -> float | None:
         """Return how strongly the best place elsewhere is verified, if any is."""
-        beyond = (abs(index - reference) > self._rival_distance for index in self.found)
-        pairs = zip(beyond, self.found.values(), strict=True)
-        return max((one.strength for is_beyond, one in pairs if is_beyond), default=None)
+        return max((one.strength for one in self.rivals(reference)), default=None)
 
     def is_rivalled(self, reference: int) -> bool:
         """Return whether a place elsewhere is verified nearly as well."""
@@ -87,7 +92,8 @@ class VerifiedEvidence:
 
         As strengths are much like counts, in square roots of the rival's.
         """
-        own, rival = self.strength(reference), self.rival_strength(reference)
+        own = self.strength(reference, TRACK.same_track)
+        rival = self.rival_strength(reference)
         if own is None or rival is None:
             return None
         return (own - rival) / math.sqrt(max(rival, VERIFIED.least_strength))
@@ -104,10 +110,14 @@ class VerifiedEvidence:
 
     def see(self, frame: int, reference: int, deviations: float) -> None:
         """Take in the newest frame's likeliest place, and by how much its score stands out."""
-        lead = self.lead(reference) or 0.0
-        evidence = max(0.0, deviations + VERIFIED.deviations * lead)
         kept = [one for one in self._sightings if one.frame > frame - VERIFIED.frames]
-        strength = self.strength(reference) or 0.0
+        strength, evidence = self.strength(reference) or 0.0, 0.0
+        lead, rivals = self.lead(reference), self.rivals(reference)
+        if lead is not None and (own := self.found.get(reference)):
+            rival = max(max(one.upper for one in rivals), VERIFIED.least_strength / 2)
+            by_upper = (own.upper - rival) / math.sqrt(rival)
+            whole = deviations + VERIFIED.deviations * lead
+            evidence = max(0.0, min(whole, VERIFIED.of_upper * VERIFIED.deviations * by_upper))
         self._sightings = [*kept, Sighting(frame, reference, evidence, strength)]
 
     def alone(self, frame: int) -> tuple[int, float] | None:

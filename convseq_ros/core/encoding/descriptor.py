@@ -50,13 +50,16 @@ def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfi
 
 @cache
 def seen_cells(mask: str, side: int) -> npt.NDArray[np.bool_]:
-    """Return which cells an encoding's mask shows, (side, side); ValueError if of other ones."""
+    """Return which cells an encoding's mask shows, (side, side); ValueError if none of them."""
     if not mask:
         return np.ones((side, side), np.bool_)
     bits = np.unpackbits(np.frombuffer(bytes.fromhex(mask.removeprefix('#')), np.uint8))
     if not mask.startswith('#') or len(bits) != -(-(side**2) // 8) * 8:
         raise ValueError(f'image_mask: {mask[:20]!r} is not of {side} x {side} cells')
-    return bits[: side**2].reshape(side, side).astype(np.bool_)
+    seen = bits[: side**2].reshape(side, side).astype(np.bool_)
+    if not seen.any():
+        raise ValueError('image_mask: hides everything')
+    return seen
 
 
 def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What of an image is the world: frames turned upright, and what the robot hides masked."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,12 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.types import Camera, Frame
-from convseq_ros.errors import ConfigError
+from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.picture_header import declared
+from convseq_ros.regular_file import read_bytes
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 
 @constants
@@ -19,6 +23,8 @@ class MASK:
     """Of masks; engineering, not studied."""
 
     white: int = 128  # level from which on a pixel of a mask is seen
+    most_bytes: int = 1 << 26  # of its file
+    most_pixels: int = 256_000_000  # that a decoder goes over, in all scans of a JPEG together
     block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
 
 
@@ -63,13 +69,7 @@ def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
     path = encoding.image_mask
     if not path or path.startswith('#'):
         return encoding
-    try:
-        read = np.frombuffer(Path(path).read_bytes(), np.uint8)
-        picture = cv2.imdecode(read, cv2.IMREAD_GRAYSCALE)
-    except (OSError, cv2.error):
-        picture = None
-    if picture is None:
-        raise ConfigError(f'image_mask: {path} is no picture that can be read; correct the path')
+    picture = _read(Path(path))
     turned = np.rot90(picture, encoding.image_rotation_deg // 90)
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
@@ -81,3 +81,17 @@ def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
         raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
     kept = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'
     return replace(encoding, image_mask=kept)
+
+
+def _read(path: Path) -> npt.NDArray[np.uint8]:
+    try:
+        data = read_bytes(path, MASK.most_bytes, 'a picture')
+    except SourceError as error:
+        raise ConfigError(f'image_mask: {error}') from None
+    asked, picture = declared(data), None
+    if asked and asked.pixels * asked.passes <= MASK.most_pixels:
+        with suppress(cv2.error):
+            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise ConfigError(f'image_mask: {path} is no picture that can be read; make it a PNG')
+    return np.asarray(picture, np.uint8)

@@ -25,9 +25,10 @@ class Verification:
     # The similarities of regions found there and back, those off the motion counted for less. Of
     # 900 regions, unrelated images give 26 to 50, the same place 60 at night to 500 by day.
     strength: float
+    upper: float  # what regions of the query's upper half add to it
 
 
-NOTHING = Verification(0, 0.0)
+NOTHING = Verification(0, 0.0, 0.0)
 
 
 def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
@@ -37,5 +38,7 @@ def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
     if not len(found):
         return NOTHING
     _, off = kernels.fit_motion(found, query.side, start)
-    strength = found[:, 4] @ (1 / (1 + (off / MOTION.sigma_cells) ** 2))
-    return Verification(int((off <= MOTION.sigma_cells).sum()), max(0.0, float(strength)))
+    each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
+    above, inliers = found[:, 0] < query.side / 2, off <= MOTION.sigma_cells
+    strength, upper = max(0.0, float(each.sum())), max(0.0, float(each[above].sum()))
+    return Verification(int(inliers.sum()), strength, upper)

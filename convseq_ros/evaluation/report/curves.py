@@ -10,7 +10,7 @@ from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.chart import Chart, method_color, method_dash, thinned
 from convseq_ros.evaluation.report.summary_table import number
 from convseq_ros.evaluation.run_folder import Run
-from convseq_ros.files import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular
 
 
 def read_curve(folder: Path) -> tuple[list[float], list[float]]:

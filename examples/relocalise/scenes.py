@@ -21,7 +21,9 @@ _GAP, _LINE = 8, 22  # between things, and of a line of text
 _MAP = 300, 2 * _VIEW[1] + _GAP
 _SCENE = _VIEW[0] + _MAP[0] + 3 * _GAP, _MAP[1] + 2 * _GAP + _LINE
 _STRIP = 60
-_FRAME_MS, _LAST_MS, _KEPT_COLOURS = 160, 2500, 64
+# A few hundred kB, for a page.
+_SMALLER, _EVERY, _KEPT_COLOURS = 0.75, 2, 64
+_FRAME_MS, _LAST_MS = 300, 2500
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,13 @@ class Step:
 
 
 def draw_animation(path: Path, reference_map: ReferenceMap, steps: Sequence[Step]) -> None:
-    """Write a GIF, a scene a frame."""
-    scenes = [_scene(reference_map, steps[: number + 1]) for number in range(len(steps))]
-    reduced = [
-        one.quantize(_KEPT_COLOURS, dither=Image.Dither.NONE, method=Image.Quantize.MEDIANCUT)
-        for one in scenes
+    """Write a GIF of every second frame."""
+    size = tuple(round(length * _SMALLER) for length in _SCENE)
+    scenes = [
+        _scene(reference_map, steps[: number + 1]).resize(size, Image.Resampling.BOX)
+        for number in range(0, len(steps), _EVERY)
     ]
+    reduced = [one.quantize(_KEPT_COLOURS, dither=Image.Dither.NONE) for one in scenes]
     times = [_FRAME_MS] * (len(reduced) - 1) + [_LAST_MS]
     reduced[0].save(
         path, save_all=True, append_images=reduced[1:], duration=times, loop=0, optimize=True

@@ -19,7 +19,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import Shot
-from picture import draw_animation, draw_picture, Step
+from scenes import draw_animation, draw_picture, Step
 from town import record_day, record_night, STAYS
 
 _MARKER = '.convseq-demo-relocalise'
@@ -110,17 +110,15 @@ def _steps(
 
 def _told(steps: Sequence[Step]) -> Told:
     """Return what became of a stay, from what was said of its frames."""
-    begin = 0
-    if steps[0].stay:
-        left = [number for number, one in enumerate(steps) if one.state != 'localised']
-        begin = left[0] if left else len(steps)
-    found = [n for n, one in enumerate(steps) if n >= begin and one.state == 'localised']
+    left = [number for number, one in enumerate(steps) if one.state != 'localised']
+    noticed = left[0] + 1 if steps[0].stay and left else None
+    found = [n for n, one in enumerate(steps) if left and n > left[0] and one.state == 'localised']
     if not found:
-        return Told(begin + 1 if steps[0].stay else None, None, None, None, 0)
+        return Told(noticed, None, None, None, 0)
     first = steps[0].shot.pose.position
     errors = sorted(steps[number].error_m for number in found)
     return Told(
-        begin + 1 if steps[0].stay else None,
+        noticed,
         found[0] + 1,
         math.dist(steps[found[0]].shot.pose.position, first),
         errors[len(errors) // 2],
@@ -142,7 +140,7 @@ def _table(told: Sequence[Told]) -> str:
         name = 'carried away' if number else 'switched on'
         cells = (
             name,
-            '' if one.lost_after is None else f'{one.lost_after} frames',
+            f'{one.lost_after} frames' if one.lost_after else 'never' if number else '',
             'never' if one.frames is None else f'{one.frames} frames',
             '' if one.metres is None else f'{one.metres:.1f} m',
             '' if one.error_m is None else f'{one.error_m:.2f} m',

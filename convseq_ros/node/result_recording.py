@@ -1,0 +1,83 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recording of what the node would publish, made without a node: `replay --output FILE.mcap`."""
+
+from pathlib import Path
+from typing import Any, Self
+
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame, Match
+from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node_config import NodeConfig
+from convseq_ros.results import complete_or_absent
+from convseq_ros.sources.raw_message import typestore
+from rclpy.serialization import serialize_message
+
+_NODE = '/vpr_node'
+
+
+class ResultRecording:
+    """
+    Writes an mcap file of the node's topics about frames; use it as a context manager.
+
+    Messages are the node's own, stamped and logged at the time of their frames. What a node says
+    of itself, as on /diagnostics, is not there.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it appears under its name when it is complete.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = complete_or_absent(path)
+        self._stamp_ns = 0
+
+    def __enter__(self) -> Self:
+        # The node runs without it, and it is not in Ubuntu.
+        from mcap.writer import Writer
+
+        self._writer: Any = Writer(str(self._file.__enter__()))
+        self._writer.start(profile='ros2', library='convseq_ros')
+        self._publishers = MatchPublishers(self, NodeConfig(), str)  # type: ignore[arg-type]
+        return self
+
+    def __exit__(self, *why: Any) -> None:
+        self._writer.finish()
+        self._file.__exit__(*why)
+
+    def write(
+        self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
+    ) -> None:
+        """Write what is published about a frame."""
+        self._stamp_ns = match.query_stamp_ns
+        self._publishers.publish(frame, match, recognizer, duration_ms)
+
+    def create_publisher(self, kind: type, topic: str, _qos: Any) -> '_Channel':
+        """Return what writes instead of publishing."""
+        name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+        described, _ = typestore().generate_msgdef(name, ros_version=2)
+        schema = self._writer.register_schema(name, 'ros2msg', described.encode())
+        return _Channel(
+            self, self._writer.register_channel(topic.replace('~', _NODE, 1), 'cdr', schema)
+        )
+
+    def add(self, channel: int, message: Any) -> None:
+        """Append a message."""
+        data = serialize_message(message)
+        self._writer.add_message(channel, self._stamp_ns, data, self._stamp_ns)
+
+
+class _Channel:
+    """Has what the node's parts ask of a publisher."""
+
+    def __init__(self, recording: ResultRecording, number: int) -> None:
+        self._recording, self._number = recording, number
+
+    def publish(self, message: Any) -> None:
+        self._recording.add(self._number, message)
+
+    def get_subscription_count(self) -> int:
+        """Return that somebody listens, so that pictures are drawn."""
+        return 1

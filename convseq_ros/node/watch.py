@@ -1,0 +1,166 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A terminal in which a node's answers are seen: the last match beside its place, and counts."""
+
+import argparse
+from collections import Counter, deque
+from pathlib import Path
+import sys
+import threading
+import time
+from typing import Any
+
+from convseq_ros.process import hand_over, run_node, stand
+
+if __name__ == '__main__':
+    # Before NumPy, OpenCV and rclpy are imported, which takes a second.
+    run_node('convseq_ros.node.watch')
+
+from convseq_ros.config import ReadingConfig
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.sources.images import decode_compressed, decode_image
+import cv2
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import numpy.typing as npt
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import ok, remove_ros_args, try_shutdown
+from rich.columns import Columns
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+from sensor_msgs.msg import CompressedImage, Image
+
+_PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one over the other
+_LOOK_UP_S = 0.1
+_RATE_FRAMES = 20
+_COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'}
+
+
+class Watcher(Node):
+    """
+    Listens to `answer` of a node, and to its camera if that is asked for.
+
+    Parameters
+    ----------
+    options : Namespace
+        As `parser` makes them.
+
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__('convseq_watch')
+        self._map_path = options.map
+        self._map = open_map(options.map) if options.map else None
+        self._reasons: Counter[str] = Counter()
+        self._times: deque[float] = deque(maxlen=_RATE_FRAMES)
+        self._answer: dict[str, str] = {}
+        self._place: npt.NDArray[np.uint8] | None = None
+        self._camera: npt.NDArray[np.uint8] | None = None
+        topic = f'{options.node}/answer'
+        FollowingSubscription(self, DiagnosticArray, topic, self._on_answer, _RATE_FRAMES)
+        if options.topic:
+            is_compressed = options.topic.endswith('/compressed')
+            kind = CompressedImage if is_compressed else Image
+            FollowingSubscription(self, kind, options.topic, self._on_image, 1)
+        self._waiting = f'waiting for {topic}'
+
+    def _on_answer(self, message: Any) -> None:
+        self._answer = {pair.key: pair.value for pair in message.status[0].values}
+        self._reasons[self._answer['reason']] += 1
+        self._times.append(time.monotonic())
+        best = self._answer['best_index']
+        if self._map and best:
+            if int(best) >= len(self._map):
+                self._map = open_map(self._map_path)  # it grows
+            if int(best) < len(self._map) and (jpeg := self._map.thumbnail(int(best))):
+                data = np.frombuffer(jpeg, np.uint8)
+                self._place = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+
+    def _on_image(self, message: Any) -> None:
+        decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
+        try:
+            self._camera = decode(message, ReadingConfig())
+        except ImageError:
+            self._camera = None
+
+    def view(self) -> RenderableType:
+        """Return what the terminal shows now."""
+        if not self._answer:
+            return Text(self._waiting)
+        known, colour = self._answer, _COLOURS[self._answer['status']]
+        told = Table.grid(padding=(0, 1))
+        place = known['reference_index'] or known['best_index'] or '-'
+        told.add_row('frame', known['query_index'], Text(known['reason'], colour))
+        told.add_row('place', place, f'k {known["sequence_length"]}')
+        for name in ('best_score', 'confidence'):
+            value = float(known[name] or 0.0)
+            bar = ProgressBar(1.0, value, width=30, complete_style=colour)
+            told.add_row(name, f'{value:.3f}', bar)
+        told.add_row('rate', f'{self._rate():.1f} Hz', f'{float(known["duration_ms"]):.0f} ms')
+        pictures = [drawn(one) for one in (self._camera, self._place) if one is not None]
+        counts = ', '.join(f'{reason} {count}' for reason, count in self._reasons.most_common())
+        return Group(Columns(pictures, padding=(0, 2)), told, Text(counts, 'bright_black'))
+
+    def _rate(self) -> float:
+        spent_s = self._times[-1] - self._times[0]
+        return (len(self._times) - 1) / spent_s if spent_s > 0 else 0.0
+
+
+def drawn(gray: npt.NDArray[np.uint8]) -> Text:
+    """Return a picture (H, W) in characters whose upper and lower halves are pixels."""
+    height = round(gray.shape[0] / gray.shape[1] * _PICTURE_COLUMNS / 2) * 2
+    small = cv2.resize(gray, (_PICTURE_COLUMNS, max(2, height)), interpolation=cv2.INTER_AREA)
+    picture = Text()
+    for upper, lower in zip(small[::2].tolist(), small[1::2].tolist(), strict=True):
+        for above, below in zip(upper, lower, strict=True):
+            picture.append(
+                '\u2580', f'rgb({above},{above},{above}) on rgb({below},{below},{below})'
+            )
+        picture.append('\n')
+    return picture
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line's parser."""
+    result = argparse.ArgumentParser(
+        prog='convseq watch', description='See in a terminal what a running node recognises.'
+    )
+    result.add_argument('map', type=Path, nargs='?', help='the map, to show its places')
+    result.add_argument('--topic', default='', help='camera topic, to show what it sees')
+    result.add_argument(
+        '--node', default='/vpr_node', metavar='NAME', help='the node (default: %(default)s)'
+    )
+    return result
+
+
+def main(args: list[str] | None = None) -> int:
+    """Watch until SIGINT or SIGTERM; return the exit code."""
+    argv = sys.argv if args is None else ['convseq watch', *args]
+    options = parser().parse_args(remove_ros_args(argv)[1:])
+    stand(0)
+    try:
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        watcher = Watcher(options)
+    except ConvseqError as error:
+        print(f'convseq watch: {error}', file=sys.stderr)
+        return 1
+    ending = threading.Event()
+    hand_over(ending.set)
+    executor = SingleThreadedExecutor()
+    executor.add_node(watcher)
+    try:
+        with Live(watcher.view(), console=Console(), refresh_per_second=5) as live:
+            while ok() and not ending.is_set():
+                executor.spin_once(timeout_sec=_LOOK_UP_S)
+                live.update(watcher.view())
+    finally:
+        try_shutdown()
+    return 0

@@ -1,0 +1,68 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files that may be opened, and read as a whole."""
+
+from pathlib import Path
+import stat
+
+from convseq_ros.errors import SourceError
+
+_KINDS = {
+    stat.S_IFIFO: 'a pipe',
+    stat.S_IFCHR: 'a device',
+    stat.S_IFBLK: 'a device',
+    stat.S_IFSOCK: 'a socket',
+}
+
+
+def refuse_irregular(path: Path) -> None:
+    """
+    Let files, folders and what is not there pass: opening a pipe may wait for ever.
+
+    Raises
+    ------
+    SourceError
+        If it is a pipe, a device or a socket, or its name is none.
+
+    """
+    try:
+        kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode))
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise SourceError(f'{path}: {reason}; check the path') from None
+    if kind:
+        raise SourceError(f'{path}: is {kind}, not a file; give a file or a folder')
+
+
+def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+    """
+    Return what is in a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most_bytes : int
+        That it may have.
+    what : str
+        It holds, such as `a calibration`.
+
+    Raises
+    ------
+    SourceError
+        If it is missing, no file, larger, or not to be read.
+
+    """
+    refuse_irregular(path)
+    try:
+        if not path.is_file():
+            raise SourceError(f'{path}: no such file; give {what}')
+        with path.open('rb') as file:
+            data = file.read(most_bytes + 1)
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+    if len(data) > most_bytes:
+        raise SourceError(f'{path}: more than {most_bytes} bytes; give {what}')
+    return data
