@@ -7,6 +7,7 @@
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
+# make pictures          draw the pictures of docs/explanation
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
@@ -36,7 +37,7 @@ done
 endef
 
 .NOTPARALLEL:
-.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test gif board torture test \
+.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test pictures gif board torture test \
 	lint types contract test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
@@ -63,6 +64,9 @@ docs: .venv-docs/docs.stamp
 
 docs-test: .venv/test.stamp
 	.venv/bin/pytest --quiet docs/test_pages.py
+
+pictures: .venv/demo.stamp
+	.venv/bin/python docs/draw/explained.py docs/images
 
 gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from convseq_ros.errors import ConfigError
 from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
+from convseq_ros.robot_config import RobotConfig
 
 Group = TypeVar('Group')
 
@@ -257,6 +258,7 @@ class Config:
     sequence: SequenceConfig = SequenceConfig()
     acceptance: AcceptanceConfig = AcceptanceConfig()
     motion: MotionConfig = MotionConfig()
+    robot: RobotConfig = RobotConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
     localization: LocalizationConfig = LocalizationConfig()

@@ -50,7 +50,8 @@ class NodeConfig(Checked):
         unit='s', low=0.0, high=10.0,
     )
     base_frame: str = parameter(
-        'base_link', 'TF frame of the robot (REP-105), to which ~/closure refers.',
+        'base_link', 'TF frame of the robot (REP-105), whose poses ~/pose and ~/closure tell; TF '
+        'from it to the frame of camera_info says where the camera is.',
     )
     map_frame: str = parameter('map', 'TF frame of the poses in the map.')
     position_sigma_m: float = parameter(

@@ -1,7 +1,8 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that may be opened, and read as a whole."""
+"""Files that may be opened, and read as a whole; files that are on the disk for sure."""
 
+import os
 from pathlib import Path
 import stat
 
@@ -66,3 +67,19 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     if len(data) > most_bytes:
         raise SourceError(f'{path}: more than {most_bytes} bytes; give {what}')
     return data
+
+
+def sync(path: Path) -> None:
+    """Wait until the content of a file, or the names in a folder, outlive a cut of the power."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def replace_safely(part: Path, path: Path) -> None:
+    """Give a file another's name: it has the one content or the other, whatever happens."""
+    sync(part)
+    os.replace(part, path)
+    sync(path.parent)

@@ -15,19 +15,23 @@ from itertools import count
 import os
 from pathlib import Path
 import tempfile
+from threading import Event, Thread
 from typing import IO, Self
 
-from convseq_ros.core.types import Match
+from convseq_ros.core.types import Match, RelativePose
 from convseq_ros.errors import SourceError
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.regular_file import refuse_irregular, replace_safely
 
 COLUMNS = (
     'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
     'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
-    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality',
+    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality', 'relative_x_m',
+    'relative_y_m', 'relative_z_m', 'relative_qx', 'relative_qy', 'relative_qz', 'relative_qw',
+    'position_sigma_m', 'heading_sigma_rad', 'implausible_m',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
+_SYNC_EVERY_S = 1.0  # what a cut of the power may cost
 
 
 def row(match: Match, duration_ms: float) -> dict[str, object]:
@@ -57,6 +61,27 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'inliers': best.inliers if best else None,
         'localization': known.state.value if known else None,
         'localization_quality': _decimals(known.quality, 4) if known else None,
+        **_relative(match.relative_pose),
+        'implausible_m': _decimals(match.implausible_m, 2),
+    }
+
+
+def _relative(pose: RelativePose | None) -> dict[str, str | None]:
+    """Return what is measured of the query's base in the reference's."""
+    position: tuple[float | None, ...] = (None,) * 3
+    turn: tuple[float | None, ...] = (None,) * 4
+    sigma_m = sigma_rad = None
+    if pose:
+        position, turn = pose.position_m or position, pose.orientation
+        sigma_m, sigma_rad = pose.position_sigma_m, pose.heading_sigma_rad
+    return {
+        **{
+            f'relative_{axis}_m': _decimals(one, 4)
+            for axis, one in zip('xyz', position, strict=True)
+        },
+        **{f'relative_q{axis}': _decimals(one, 6) for axis, one in zip('xyzw', turn, strict=True)},
+        'position_sigma_m': _decimals(sigma_m, 4),
+        'heading_sigma_rad': _decimals(sigma_rad, 5),
     }
 
 
@@ -69,8 +94,9 @@ class ResultWriter:
     Writes a result table row by row; use it as a context manager.
 
     Rows stream to `<path>.part`, which takes its name when the work is done: a table under its own
-    name is complete, and after an error or a crash the rows so far are in the part file. The next
-    writer renames it to `<path>.1.part`, or the next number that is free.
+    name is complete, and after an error or a crash the rows so far are in the part file; a cut of
+    the power may take those of the last second. The next writer renames it to `<path>.1.part`, or
+    the next number that is free.
 
     Parameters
     ----------
@@ -103,6 +129,10 @@ class ResultWriter:
         self._file.truncate(0)
         self._table = csv.DictWriter(self._file, COLUMNS, lineterminator='\n')
         self._file.write(_HEADER)
+        self._news, self._end = Event(), Event()
+        # Its own handle, without the lock: this file may be closed while the disk is waited for.
+        handle = os.open(self._part, os.O_RDONLY)
+        Thread(target=_sync, args=(handle, self._news, self._end), daemon=True).start()
 
     def _opened(self, mode: str) -> IO[str]:
         """Return the part file, locked for as long as it is open, which no crash outlives."""
@@ -118,6 +148,7 @@ class ResultWriter:
         """Append a row; OSError, naming the part file, if the disk is full."""
         with self._named():
             self._table.writerow(row(match, duration_ms))
+        self._news.set()
 
     def close(self) -> None:
         """Give the table its name; OSError, naming the part file, if the disk is full."""
@@ -125,7 +156,7 @@ class ResultWriter:
             try:
                 with self._named():
                     self._file.flush()
-                    os.replace(self._part, self._path)
+                    replace_safely(self._part, self._path)
             finally:
                 self.abandon()
 
@@ -139,6 +170,8 @@ class ResultWriter:
 
     def abandon(self) -> None:
         """Leave the rows so far in the part file."""
+        self._end.set()
+        self._news.set()
         with suppress(OSError):
             self._file.close()
 
@@ -157,7 +190,17 @@ def complete_or_absent(path: Path) -> Iterator[Path]:
     """Give a name that nobody has, under which a file is written; it takes its own at the end."""
     with tempfile.TemporaryDirectory('.part', f'{path.name}.', path.parent) as own:
         yield (part := Path(own, path.name))
-        os.replace(part, path)
+        replace_safely(part, path)
+
+
+def _sync(handle: int, news: Event, end: Event) -> None:
+    """Have what is written outlive a cut of the power, whether or not anything comes after it."""
+    while news.wait() and not end.is_set():
+        news.clear()
+        with suppress(OSError):
+            os.fsync(handle)
+        end.wait(_SYNC_EVERY_S)
+    os.close(handle)
 
 
 def _free_name(path: Path) -> Path:

@@ -3,6 +3,7 @@
 """What mkdocs does not know: links to files of the repository, and the commands' help."""
 
 from contextlib import redirect_stdout, suppress
+from importlib import import_module
 import io
 import os
 from pathlib import Path
@@ -41,11 +42,9 @@ def commands() -> str:
     for name, text in COMMANDS.items():
         told = io.StringIO()
         with redirect_stdout(told), suppress(SystemExit):
-            if name == 'play':
-                # Its own parser needs ROS.
-                told.write(
-                    'convseq play RECORDING [--rate FACTOR] [--odom TOPIC] [--loop]; see --help'
-                )
+            if not hasattr(import_module(f'convseq_ros.cli.{name.replace("-", "_")}'), 'describe'):
+                # A process of its own, which needs ROS.
+                told.write(f'convseq {name} --help says more, where ROS is installed.')
             else:
                 main([name, '--help'])
         parts.append(

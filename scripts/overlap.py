@@ -10,7 +10,7 @@ the paper's similarity of the same frames. Medians over a street of 60 m.
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.frame_gate import Overlap
+from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
@@ -40,9 +40,7 @@ def main() -> None:
         ]
         alike = [np.median([similarity(new, old) for old, new in some]) for some in pairs]
         print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
-        print(
-            f"| {name}, the paper's similarity |", ' | '.join(f'{one:.3f}' for one in alike), '|'
-        )
+        print(f'| {name}, similarity |', ' | '.join(f'{one:.3f}' for one in alike), '|')
 
 
 if __name__ == '__main__':

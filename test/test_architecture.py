@@ -26,7 +26,9 @@ MOST_LINES = 300
 MOST_LINES_OF_CORE = 220
 MOST_LINES_OF_THE_ALGORITHM = 150
 OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml', 'zstandard')
-STANDARD_ONLY = ('config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py')
+STANDARD_ONLY = (
+    'config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py', 'robot_config.py',
+)  # fmt: skip
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.
 IMPORT_WITHOUT = """

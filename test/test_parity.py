@@ -167,3 +167,4 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
     reasons = {row['reason'] for row in offline}
     assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'warming_up'} <= reasons
     assert len({row['sequence_length'] for row in offline}) > 3
+    assert {row['localization'] for row in offline} == {'lost', 'candidate', 'localised'}

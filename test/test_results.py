@@ -2,22 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
+import time
+
 from convseq_ros.core.types import (
     Candidate,
     Localization,
     LocalizationState,
     Match,
     Reason,
+    RelativePose,
     Status,
 )
 from convseq_ros.errors import SourceError
 from convseq_ros.results import COLUMNS, complete_or_absent, read_results, ResultWriter
+import numpy as np
 import pytest
 
+SURE = RelativePose(
+    (0.0, 0.0, 0.0, 1.0), (1.0, -0.25, 0.0), None, np.diag([0.04, 0.01, 0.01, 1, 1, 0.0004]), 300
+)
 BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
     3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
-    localization=Localization(LocalizationState.LOCALISED, 0.8, 4),
+    SURE, localization=Localization(LocalizationState.LOCALISED, 0.8, 4),
 )  # fmt: skip
 REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
@@ -28,7 +35,8 @@ def test_columns_are_those_that_other_programs_read():
         'query_index,query_stamp_ns,status,reason,reference_index,reference_stamp_ns,score,'
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
         'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
-        'localization,localization_quality'
+        'localization,localization_quality,relative_x_m,relative_y_m,relative_z_m,relative_qx,'
+        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m'
     )
 
 
@@ -63,6 +71,8 @@ def test_rows_round_trip(tmp_path):
                 '231',
                 'localised',
                 '0.8000',
+                *('1.0000', '-0.2500', '0.0000', '0.000000', '0.000000', '0.000000', '1.000000'),
+                *('0.2000', '0.02000', ''),
             ),
             strict=True,
         )
@@ -125,6 +135,21 @@ def test_two_programs_do_not_write_the_same_table(tmp_path):
         with pytest.raises(OSError, match=r'another program writes it.*result.csv.part'):
             ResultWriter(path)
     assert len(read_results(path)) == 1
+
+
+def test_a_row_waits_for_the_disk_though_nothing_comes_after_it(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr('convseq_ros.results.os.fsync', lambda handle: synced.append(handle))
+    monkeypatch.setattr('convseq_ros.results._SYNC_EVERY_S', 0.001)
+    table = ResultWriter(tmp_path / 'result.csv')
+    for count in (1, 2):
+        table.write(ACCEPTED, 1.0)
+        until_s = time.monotonic() + 60
+        while len(synced) < count:
+            assert time.monotonic() < until_s
+            time.sleep(0.001)
+    table.close()
+    assert len(synced) == 4  # and the table before it has its name, and its folder then
 
 
 def test_an_error_at_the_end_names_the_file(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import random
 import numpy as np
 
 from bench.torture.attack import Try
-from bench.torture.robot import image, Robot, robot, unaccounted
+from bench.torture.robot import greet, image, Robot, robot, unaccounted
 
 ABOUT = '30 images at once of 640 x 480 to 7,680 x 4,320 px, gray or in colour'
 ORACLE = (
@@ -30,6 +30,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     if not count:
         return
     with robot(folder, mode='online', diagnostics_period_s=0.2) as one:
+        greet(one)
         sent = 0
         before_mb = 0.0
         for number in range(count + 1):

@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo
 
 from bench.torture import corpus
 from bench.torture.attack import Try
-from bench.torture.robot import image, Robot, robot, unaccounted
+from bench.torture.robot import greet, image, Robot, robot, unaccounted
 
 ABOUT = (
     'Images of 1 x 1 to 8,000 x 6,000 px, in every encoding and in none, of lying sizes, with '
@@ -42,6 +42,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             one.node.create_publisher(Odometry, '/odom', 10),
             one.node.create_publisher(CameraInfo, '/camera_info', 10),
         )
+        greet(one)
         sent = tried = 0
         while tried < count:
             burst = draw.choice((1, 1, 1, 5, 30, 300))

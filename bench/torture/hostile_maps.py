@@ -198,6 +198,22 @@ def _wal(path: Path, draw: random.Random) -> None:
     path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
 
 
+def _camera(draw: random.Random) -> str:
+    numbers = (0, -1, 1, 320.5, 1e-300, 1e308, 10**400, float('nan'), float('inf'), True, 'x', [])
+    names = 'width_px', 'height_px', 'fx_px', 'fy_px', 'cx_px', 'cy_px'
+    said: dict[str, object] = {name: draw.choice((64, 48, 50.0)) for name in names}
+    said[draw.choice(names)] = draw.choice(numbers)
+    if draw.random() < 0.7:
+        said['distortion_model'] = draw.choice(('plumb_bob', 'equidistant', 'x', '', 7))
+        count = draw.choice((0, 1, 4, 5, 8, 12, 100_000))
+        said['distortion'] = [draw.choice(numbers[:9]) for _ in range(count)]
+    if draw.random() < 0.3:
+        said['mount'] = draw.choice(
+            ([], {}, 7, {'position': [0, 0, 1e308], 'orientation': 4 * [0]})
+        )
+    return json.dumps(said)
+
+
 def _encoding(database: sqlite3.Connection, draw: random.Random) -> None:
     said = json.dumps(
         {
@@ -220,6 +236,8 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'setting': _changed(_set('about', 'value', lambda draw: draw.choice(_OF_SETTINGS))),
     'encoding': _changed(_encoding),
     'camera': _changed(_set('sessions', 'camera', lambda draw: draw.choice(_OF_SETTINGS))),
+    'id': _changed(_set('sessions', 'id', lambda draw: draw.choice(('x' * 10**6, b'x', '')))),
+    'numbers of a camera': _changed(_set('sessions', 'camera', _camera)),
     'session': _changed(_set('places', 'session', lambda draw: draw.choice(_NUMBERS))),
     'stamp': _changed(_set('places', 'stamp_ns', lambda draw: draw.choice(_NUMBERS))),
     'position': _changed(

@@ -28,7 +28,7 @@ ORACLE = 'that of `map_writes`'
 COUNT, PORTION, SHORT, SEED = 2_000, 200, 30, 16
 _SECTOR = 512
 _HEAD = struct.Struct('<6q')
-_NOT_SYNCED = 'result table'  # whose rows may be lost with the power: none waits for the disk
+_NOT_SYNCED = 'result table'  # whose rows of the last second may be lost with the power
 
 
 @dataclass(frozen=True, slots=True)

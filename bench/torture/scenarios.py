@@ -232,6 +232,24 @@ def _tabulated(path: Path, commits: list[int], acknowledged: int) -> None:
     assert sum(counts) >= commits[0] + max(0, acknowledged), counts
 
 
+def _older(path: Path, commits: list[int]) -> None:
+    """Leave the table of a run that ended."""
+    with ResultWriter(path) as table:
+        _write(table, commits[0])
+
+
+def _complete(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    with ResultWriter(path) as table:
+        _write(table, sum(commits))
+    acknowledged.value = 1
+
+
+def _whole(path: Path, commits: list[int], acknowledged: int) -> None:
+    """See that the table is that of the one run or of the other, as a whole."""
+    rows = len(read_results(path))
+    assert rows == sum(commits) or (acknowledged < 0 and rows == commits[0]), rows
+
+
 SCENARIOS = {
     'make': Scenario(_nothing, _own, _goes_on),
     'grow': Scenario(_some, _own, _goes_on),
@@ -240,6 +258,7 @@ SCENARIOS = {
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
     'convert': Scenario(_old_format, _convert, _converted),
     'result table': Scenario(_rows, _tabulate, _tabulated),
+    'complete result table': Scenario(_older, _complete, _whole),
 }
 
 

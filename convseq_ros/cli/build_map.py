@@ -11,7 +11,7 @@ import time
 
 from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
-from convseq_ros.cli.recording_info import describe_recording
+from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -23,6 +23,7 @@ from convseq_ros.config import (
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
+from convseq_ros.robot_config import RobotConfig
 from convseq_ros.sources import open_annotated
 
 
@@ -142,14 +143,16 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
             'covers the drive, and that both clocks agree'
         )
     found = describe_recording(chosen.recording).get('use', {}).get('--odom', [])
-    remedy = ' or '.join(f'--odom {topic}' for topic in found) or '--odom TOPIC or --poses FILE'
+    remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in found)
+    remedy = remedy or '--odom TOPIC or --poses FILE'
     return f'none were asked for; add {remedy}'
 
 
 def _asked() -> list[Parameter]:
     """Return the parameters that decide what is read and becomes a place, and how it is stored."""
     groups = KeyframeConfig, MotionConfig, ReadingConfig
-    return [*(item for group in groups for item in parameters(group)), *_encoding()]
+    mount = [item for item in parameters(RobotConfig) if item.name == 'camera_to_base']
+    return [*(item for group in groups for item in parameters(group)), *_encoding(), *mount]
 
 
 def _encoding() -> list[Parameter]:

@@ -9,8 +9,8 @@ import json
 import math
 from pathlib import Path
 
-from convseq_ros.cli.recording_info import describe_recording, recording_lines
-from convseq_ros.core.map.format import FORMAT_VERSION, is_map_or_empty
+from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
+from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 
@@ -24,7 +24,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Print what the map or the recording holds."""
     file: Path = chosen.file
-    if file.exists() and not (file.is_file() and is_map_or_empty(file)):
+    if file.is_dir() or is_recording(file):
         found = describe_recording(file)
         print(json.dumps(found) if chosen.json else '\n'.join(recording_lines(found)))
         return 0

@@ -16,6 +16,7 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
+from convseq_ros.results import complete_or_absent
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS
 from convseq_ros.sources.images import read_picture
@@ -92,7 +93,11 @@ def _answer(matches: Sequence[Match], recognizer: PlaceRecognizer) -> dict[str, 
         sure = next(one for one in reversed(matches) if one.accepted)
         newest = recognizer.buffer.row if sure is matches[-1] else None
         found = estimate_pose(
-            recognizer.reference_map.places, index, yaw_rad=sure.relative_yaw_rad, row=newest
+            recognizer.reference_map.places,
+            index,
+            yaw_rad=sure.relative_yaw_rad,
+            row=newest,
+            relative=sure.relative_pose,
         )
         answer['pose'] = found and _numbers(found)
     return answer
@@ -131,8 +136,9 @@ def _told(answer: dict[str, Any]) -> str:
 def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
     best = match.best
     thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
-    picture = match_picture(frame, match, thumbnail, recognizer.buffer.inliers(best))
+    picture = match_picture(frame, match, thumbnail, recognizer.buffer.field(best))
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')
-    path.write_bytes(png.tobytes())
+    with complete_or_absent(path) as part:
+        part.write_bytes(png.tobytes())

@@ -9,9 +9,15 @@ from typing import Any
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.storage import is_storage_file, open_storage
 from convseq_ros.sources.topics import CAMERA_TYPES, IMAGE_TYPES, merge_topics, POSE_TYPES, Topic
+from convseq_ros.sources.video import VIDEO_SUFFIXES
 
 _OPTIONS = {'--topic': IMAGE_TYPES, '--odom': POSE_TYPES, '--camera-info': CAMERA_TYPES}
 _REMAPPED = {'--topic': 'image', '--odom': 'odom', '--camera-info': 'camera_info'}
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a name is that of a recording's file, or a video's."""
+    return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def describe_recording(path: Path) -> dict[str, Any]:
@@ -64,23 +70,34 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
     commands = f'convseq build-map {shlex.quote(facts["recording"])} map.db'
     if 'topics' in facts:
         lines[0] += f', {facts["seconds"]:.1f} s'
-        width = max((len(each['topic']) for each in facts['topics']), default=0)
-        for each in facts['topics']:
+        shown = [(_shown(each['topic']), _shown(each['type']), each) for each in facts['topics']]
+        width = max((len(topic) for topic, *_ in shown), default=0)
+        for topic, kind, each in shown:
             rate = '' if each['rate_hz'] is None else f', {each["rate_hz"]:g} Hz'
-            lines.append(
-                f'  {each["topic"]:{width}}  {each["type"]}, {each["messages"]} messages{rate}'
-            )
+            lines.append(f'  {topic:{width}}  {kind}, {each["messages"]} messages{rate}')
     lines += [f'warning: {text}' for text in facts['warnings']]
     chosen, others = {}, []
     for option, names in facts.get('use', {}).items():
         if names:
             chosen[option] = names[0]
-        others += [f'  {option} {name}' for name in names[1:]]
-    options = ''.join(f' {option} {name}' for option, name in chosen.items())
+        others += [f'  {option} {quoted(name)}' for name in names[1:]]
+    options = ''.join(f' {option} {quoted(name)}' for option, name in chosen.items())
     lines += ['', 'to make a map of it:', f'  {commands}{options}']
     if 'topics' in facts:
-        remaps = ''.join(f' -r {_REMAPPED[option]}:={name}' for option, name in chosen.items())
+        remaps = ''.join(
+            f' -r {_REMAPPED[option]}:={quoted(name)}' for option, name in chosen.items()
+        )
         lines += ['the same, live:', f'  vpr_node --ros-args -p map_path:=map.db{remaps}']
     if others:
         lines += ['or, of several:', *others]
     return lines
+
+
+def _shown(text: str) -> str:
+    """Return a stranger's words without what is more than text to a terminal."""
+    return ''.join(one if one.isprintable() else '?' for one in text)
+
+
+def quoted(name: str) -> str:
+    """Return a stranger's name as one word of a shell, whatever is in it."""
+    return shlex.quote(_shown(name))

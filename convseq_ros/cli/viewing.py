@@ -67,11 +67,12 @@ class Viewer:
             rerun.log('match', rerun.Image(picture, 'L'))
         if gray is not None and best:
             height, width = gray.shape
-            field = recognizer.buffer.inliers(best) * (height, width, height, width)
-            moved = field[:, 2:] - field[:, :2]
+            field = recognizer.buffer.field(best) * (height, width, height, width, 1)
+            moved = field[:, 2:4] - field[:, :2]
+            colors = [_GREEN if is_inlier else _GREY for is_inlier in field[:, 4]]
             rerun.log(
                 'query/displacement',
-                rerun.Arrows2D(origins=field[:, 1::-1], vectors=moved[:, ::-1], colors=_GREEN),
+                rerun.Arrows2D(origins=field[:, 1::-1], vectors=moved[:, ::-1], colors=colors),
             )
         self._show_places(frame, match, recognizer)
 

@@ -78,13 +78,14 @@ class Localizer:
         self._reasons: Counter[Reason] = Counter()  # since then
         self._last: Match | None = None
 
-    def update(self, match: Match, odometry: Pose | None, known: int) -> Match:
+    def update(self, match: Match, odometry: Pose | None, known: int, config: Config) -> Match:
         """
         Return a match with what is known after it.
 
         `odometry` tells where the frame was taken; the first `known` places are of earlier
         sessions.
         """
+        self._near_places = config.acceptance.rival_distance
         if match.reason not in _SILENT:
             self._keyframes, self._last = self._keyframes + 1, match
             self._reasons[match.reason] += 1
@@ -141,7 +142,8 @@ class Localizer:
             or self._keyframes - home.keyframe >= LOCALIZER.silent_keyframes
         ):
             self._home, self._against, self._lost_at = None, 0, self._keyframes
-            self._usual = None
+            # What agreed with the old place so far counts no longer.
+            self._usual, self._seen = None, seen
             self._reasons.clear()
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:

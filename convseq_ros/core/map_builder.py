@@ -49,7 +49,7 @@ class MapBuilder:
 
     def process(self, frame: Frame) -> bool:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
-        frame = upright(frame, self.reference_map.encoding)
+        frame = upright(frame, self.reference_map.encoding, self._config.robot)
         if (gray := frame.gray) is None:
             return False
         encode = partial(describe, gray, self.reference_map.encoding)

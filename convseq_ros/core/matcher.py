@@ -11,7 +11,7 @@ from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
-from convseq_ros.core.geometry.verification import NOTHING, Verification, verify
+from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -113,12 +113,12 @@ class Matcher:
         shift = self.shift(query, candidates[0].reference_index)
         return replace(candidates[0], shift=shift), *candidates[1:]
 
-    def inliers(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
-        """Return where the regions are that moved by a shift, (n, 4), as `PairScore` says."""
-        cells, pair = self._background.normalize(self._map.cells(index)), self._exact.pair
-        if pair.inliers is None or not cells.any():
-            return np.zeros((0, 4))
-        return pair.inliers(query.exact, self._shown(cells, self._background.of_map), shift)
+    def field(self, query: Features, index: int, shift: Shift) -> npt.NDArray[np.float64]:
+        """Return where regions of a query lie in a reference, (n, 5), as `verification.field`."""
+        reference = self.arranged(index)
+        if query.arranged is None or reference is None:
+            return np.zeros((0, 5))
+        return field(query.arranged, reference, shift)
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of a query and some references; nothing if it is not asked."""
@@ -133,6 +133,10 @@ class Matcher:
             if shift is not None and reference is not None:
                 found[index] = verify(query.arranged, reference, shift)
         return found
+
+    def arranged(self, index: int) -> Arranged | None:
+        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
+        return self._to_verify.of([index])[0] if self._to_verify else None
 
     def warm_up(self) -> None:
         """Make what is compared of all references, if it is kept, so that no frame is late."""

@@ -14,7 +14,8 @@ from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.types import Camera, Frame, Match, Pose, Row, Shift
+from convseq_ros.core.rigid import cross, matrix, pose_of
+from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
 import numpy.typing as npt
 
@@ -41,27 +42,34 @@ def estimate_pose(
     *,
     yaw_rad: float | None = None,
     row: Row | None = None,
+    relative: RelativePose | None = None,
     position_sigma_m: float = 0.0,
     heading_sigma_rad: float = 0.0,
 ) -> PoseEstimate | None:
     """
     Return where the camera is that sees a place of the map.
 
-    It is that of the reference, turned to the left by `yaw_rad`; None if it is not known. `row`
-    has the pair scores (r,) of the newest frame with the first r places; NaN where unknown. The
-    map's own poses have standard deviations, along and about every axis, and so has the result.
+    It is that of the reference moved by `relative`, if that is measured in metres, with the errors
+    of both; else that of the reference, turned to the left by `yaw_rad`; None if it is not known.
+    `row` has the pair scores (r,) of the newest frame with the first r places; NaN where unknown.
+    The map's own poses have standard deviations, along and about every axis, and so has the
+    result.
 
-    Three independent errors add up: that of the map's poses; the way between places, since a
-    camera that sees this one is anywhere up to half-way to the next (a uniform error, its variance
-    a twelfth of the squared distance to the nearer neighbour, along that direction); and doubt
-    between neighbours, the mean square of the offsets to all places in a row around this one whose
-    pair score is at least 0.9 of its own. The heading has the first and the third error, and
-    0.3 rad more where the yaw is not known.
+    Where nothing is measured, three independent errors add up: that of the map's poses; the way
+    between places, since a camera that sees this one is anywhere up to half-way to the next (a
+    uniform error, its variance a twelfth of the squared distance to the nearer neighbour, along
+    that direction); and doubt between neighbours, the mean square of the offsets to all places in
+    a row around this one whose pair score is at least 0.9 of its own. The heading has the first
+    and the third error, and 0.3 rad more where the yaw is not known.
     """
     pose = places[index].pose
     if pose is None:
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
+    if relative is not None and relative.position_m is not None:
+        return _measured(
+            pose, Pose(relative.position_m, relative.orientation), relative, covariance
+        )
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
     alike = [pose, *(other for at in _as_good(index, row) if (other := places[at].pose))]
@@ -72,6 +80,16 @@ def estimate_pose(
     if yaw_rad is None:
         covariance[5, 5] += _UNKNOWN_TURN_RAD**2
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
+
+
+def _measured(place: Pose, moved: Pose, relative: RelativePose, of_map: Matrix) -> PoseEstimate:
+    """Return the pose at a place, moved from there; errors of the place's heading have an arm."""
+    there, way = matrix(place), matrix(moved)
+    arm, turn = np.eye(6), np.zeros((6, 6))
+    arm[:3, 3:] = -cross(there[:3, :3] @ way[:3, 3])
+    turn[:3, :3] = turn[3:, 3:] = there[:3, :3]
+    covariance = arm @ of_map @ arm.T + turn @ relative.covariance @ turn.T
+    return PoseEstimate(pose_of(there @ way), covariance)
 
 
 def turned(pose: Pose, yaw_rad: float) -> Pose:

@@ -5,6 +5,7 @@
 from functools import partial
 
 from convseq_ros.config import Config
+from convseq_ros.core.closures import Closures
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import ranked, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
@@ -51,6 +52,7 @@ class PlaceRecognizer:
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, config.matching.matching == 'coherent')
         self._search, self._acceptance = make_search(reference_map, config), Acceptance(config)
+        self._closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config)
         self._last: Match | None = None
@@ -66,10 +68,9 @@ class PlaceRecognizer:
         Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
         frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
         dropped frames hold their places; (5) another velocity than the map's is followed.
-
         """
-        match = self._answer(upright(frame, self._encoding), descriptor)
-        return self.localizer.update(match, frame.pose, self.mapping.session_start)
+        match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
+        return self.localizer.update(match, frame.pose, self.mapping.session_start, self.config)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
@@ -103,6 +104,7 @@ class PlaceRecognizer:
         most = max(config.sequence.window, acceptance.window)
         buffer.hold_places(verdict.missing, self._blank, most)
         usable = self.mapping.update(frame.stamp_ns, frame.pose)
+        self._closures.move(frame)
         buffer.append(verdict.descriptor, usable, search.update, most)
         if (features := buffer.newest.features) is None or not usable:
             return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
@@ -113,7 +115,7 @@ class PlaceRecognizer:
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals, own = config.acceptance.rival_distance, self.mapping.session_start
         ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
-        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer)
+        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer, own)
         if count is None:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
@@ -123,13 +125,13 @@ class PlaceRecognizer:
         # Ours: is the best one a match? The paper always says yes.
         reason, sure = why_none(usable, count, velocity), None
         if found:
-            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance, own)
+            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)
-        status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
-        found = self.matcher.with_shift(features, found)
-        return answer(status, reason, found, count, buffer.pairs_scored, sure)
+        # Ours: where was the robot against the place? Odometry may deny that it was there.
+        match = answer(Status.REJECTED, reason, found, count, buffer.pairs_scored, sure)
+        return self._closures.update(match, frame, features, own)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
@@ -143,5 +145,5 @@ class PlaceRecognizer:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
         before = self._order, self.gate, self.matcher, self.buffer, self._search
-        for stage in (*before, self._acceptance, self.localizer):
+        for stage in (*before, self._acceptance, self._closures, self.localizer):
             stage.reset()

@@ -4,6 +4,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is non
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a camera was."""
+    """Where a robot's base, or a part of it, was: x ahead, y left, z up (REP-103)."""
 
     position: Vector  # x, y, z in metres
     orientation: Quaternion
@@ -25,7 +26,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole camera, as sensor_msgs/CameraInfo gives it: image size, focal lengths, centre."""
+    """A camera as sensor_msgs/CameraInfo gives it: size, focal lengths, centre, distortion."""
 
     width_px: int
     height_px: int
@@ -33,6 +34,9 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
+    distortion_model: str = ''  # plumb_bob, rational_polynomial or equidistant
+    distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; none for none
+    mount: Pose | None = None  # in the base, x along the lens; None if it is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ class Frame:
     stamp_ns: int  # when it was taken
     gray: npt.NDArray[np.uint8] | None  # (H, W); None if the image could not be decoded
     source: str = ''  # a file name or a topic
-    pose: Pose | None = None  # where the camera was, if known
+    pose: Pose | None = None  # where the robot's base was, if known
     problem: str = ''  # why the image could not be decoded, in one line
     camera: Camera | None = None  # what took it, if known
 
@@ -79,6 +83,7 @@ class Reason(StrEnum):
     INCONSISTENT = 'inconsistent'
     TOO_FEW_RIVALS = 'too_few_rivals'
     UNVERIFIED = 'unverified'
+    IMPLAUSIBLE = 'implausible'
     COOL_DOWN = 'cool_down'
     RECENT = 'recent'
     STATIONARY = 'stationary'
@@ -120,6 +125,18 @@ class RelativePose:
     direction: Vector | None  # of the position, a unit vector
     covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z and turns about them; m and rad
     inliers: int  # correspondences that agree with it
+
+    @property
+    def position_sigma_m(self) -> float | None:
+        """Standard deviation of the position in its least sure direction, if it is known."""
+        if self.position_m is None:
+            return None
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+
+    @property
+    def heading_sigma_rad(self) -> float:
+        """Standard deviation of the turn about z."""
+        return math.sqrt(float(self.covariance[5, 5]))
 
 
 UNKNOWN_M2 = 1e6  # variance of a position that is not known, in square metres
@@ -165,6 +182,8 @@ class Match:
     relative_yaw_rad: float | None = None
     # Of the base, against the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
+    # By how many metres more than odometry may have drifted the place lies off, if it does.
+    implausible_m: float | None = None
     localization: Localization | None = None  # after this frame; None if nobody kept it
 
     @property

@@ -11,11 +11,11 @@ _HEIGHT_PX = 240
 _CAPTION_PX = 24
 _WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed, so that one of one row stays small
 _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
-_GREEN, _GREY = (80, 220, 80), (200, 200, 200)
+_GREEN, _GREY, _OUTLIER = (80, 220, 80), (200, 200, 200), (110, 110, 110)
 
 
 def match_picture(
-    frame: Frame, match: Match, thumbnail: bytes, inliers: npt.NDArray[np.float64]
+    frame: Frame, match: Match, thumbnail: bytes, field: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.uint8]:
     """
     Return the query (left) beside the thumbnail of its best reference (right), with a caption.
@@ -28,9 +28,9 @@ def match_picture(
         What came of it; the caption is green if it was accepted.
     thumbnail : bytes
         JPEG of the best reference; a grey field stands for none.
-    inliers : ndarray of float64, shape (n, 4)
-        Regions that moved together, as `QueryBuffer.inliers` gives them; each is a dot of
-        the same colour in both pictures.
+    field : ndarray of float64, shape (n, 5)
+        Where regions lie in both, as `QueryBuffer.field` gives it: a dot of the same colour in
+        both pictures for each inlier, which `Candidate.inliers` counts, a grey one for others.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def match_picture(
     reference = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE) if thumbnail else None
     sides = [_to_height(frame.gray), _to_height(reference)]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
-    _draw_inliers(pictures, sides[0].shape[1], inliers)
+    _draw_field(pictures, sides[0].shape[1], field)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)
     colour = _GREEN if match.accepted else _GREY
     cv2.putText(
@@ -51,15 +51,16 @@ def match_picture(
     return np.vstack([caption, pictures])
 
 
-def _draw_inliers(
-    pictures: npt.NDArray[np.uint8], middle_px: int, inliers: npt.NDArray[np.float64]
+def _draw_field(
+    pictures: npt.NDArray[np.uint8], middle_px: int, field: npt.NDArray[np.float64]
 ) -> None:
-    """Draw the regions; their colour says where in the query they are."""
-    hues = np.full((1, len(inliers), 3), (0, 200, 255), np.uint8)
-    hues[0, :, 0] = 150 * inliers[:, 1]
-    colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(inliers) else hues[0]
+    """Draw the regions; the colour of inliers says where in the query they are."""
+    hues = np.full((1, len(field), 3), (0, 200, 255), np.uint8)
+    hues[0, :, 0] = 150 * field[:, 1]
+    colours = cv2.cvtColor(hues, cv2.COLOR_HSV2BGR)[0] if len(field) else hues[0]
+    colours[field[:, 4] == 0] = _OUTLIER
     widths = middle_px, pictures.shape[1] - middle_px
-    for (row, column, other_row, other_column), colour in zip(inliers, colours, strict=True):
+    for (row, column, other_row, other_column, _), colour in zip(field, colours, strict=True):
         for x, y in ((column * widths[0], row), (middle_px + other_column * widths[1], other_row)):
             where = round(x), round(y * _HEIGHT_PX)
             cv2.circle(pictures, where, 2, colour.tolist(), -1, cv2.LINE_AA)

@@ -128,7 +128,7 @@ def answer_again(material: Material, config: Config, first: int, last: int) -> l
     if kept is None:
         query, reference = material.drives(config.encoding)
         part = part_of(reference.reference_map, first, last)
-        matches = [asdict(one) for one in rerun(query, part, config)]
+        matches = [_stored(one) for one in rerun(query, part, config)]
         kept = {'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8)}
         material.cache.put('answers', facts, kept)
     return [_match(one) for one in json.loads(bytes(kept['matches']))]
@@ -175,7 +175,7 @@ def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any
         started = time.perf_counter()
         match = recognizer.process(frame)
         durations.append((time.perf_counter() - started) * 1e3)
-        matches.append(asdict(_numbered(match, number) if online else match))
+        matches.append(_stored(_numbered(match, number) if online else match))
         row = np.full(len(reference), np.nan, np.float32)
         known = None if match.reason is Reason.OUT_OF_ORDER else recognizer.buffer.row
         if known is not None:
@@ -194,6 +194,11 @@ def _numbered(match: Match, number: Mapping[int, int]) -> Match:
         replace(one, reference_index=number[one.reference_stamp_ns]) for one in match.candidates
     )
     return replace(match, candidates=candidates)
+
+
+def _stored(match: Match) -> dict[str, Any]:
+    """Return what JSON keeps of an answer: all but the relative pose, which no metric asks for."""
+    return asdict(replace(match, relative_pose=None))
 
 
 def _match(stored: dict[str, Any]) -> Match:

@@ -112,6 +112,7 @@ class MatchPublishers:
             recognizer.reference_map.places,
             accepted.reference_index,
             yaw_rad=match.relative_yaw_rad,
+            relative=match.relative_pose,
             row=recognizer.buffer.row,
             position_sigma_m=config.position_sigma_m,
             heading_sigma_rad=config.heading_sigma_rad,
@@ -141,7 +142,7 @@ class MatchPublishers:
             best = match.best
             thumbnail = reference_map.thumbnail(best.reference_index) if best else b''
             shown = upright(frame, reference_map.encoding)
-            picture = match_picture(shown, match, thumbnail, recognizer.buffer.inliers(best))
+            picture = match_picture(shown, match, thumbnail, recognizer.buffer.field(best))
             self._debug_image.publish(image_message(picture, match_header(match, '')))
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.node.camera_description import CameraDescription
+from convseq_ros.node.mount import Mount
 from convseq_ros.node.odometry import Odometry
 from rclpy.node import Node
 
@@ -20,6 +21,8 @@ class Surroundings:
         Whose relative topics they are.
     odom_wait_s : float
         How long an image may wait for odometry, seconds.
+    base_frame : str
+        Of the robot, in which TF tells where the camera is.
 
     Attributes
     ----------
@@ -28,9 +31,9 @@ class Surroundings:
 
     """
 
-    def __init__(self, node: Node, odom_wait_s: float) -> None:
+    def __init__(self, node: Node, odom_wait_s: float, base_frame: str) -> None:
         self.odometry = Odometry(node, odom_wait_s)
-        self.camera = CameraDescription(node)
+        self.camera = CameraDescription(node, Mount(node, base_frame))
 
     def follow(self, topics: Mapping[str, str]) -> None:
         """Listen to other topics instead, those of 'odom' and 'camera_info' that are given."""

@@ -3,6 +3,7 @@
 """Finds the only camera on the graph, with its description and odometry, if nobody named one."""
 
 from collections.abc import Callable
+from shlex import quote
 
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
@@ -65,7 +66,7 @@ class TopicFinder:
             self._told = found
             self._node.get_logger().warning(
                 f'{len(found)} camera topics; choose one:'
-                + ''.join(f'\n  -r image:={topic}' for topic in found)
+                + ''.join(f'\n  -r image:={quote(topic)}' for topic in found)
             )
 
 
@@ -102,6 +103,6 @@ def _beside(node: Node, image: str) -> dict[str, str]:
         elif topics:
             node.get_logger().warning(
                 f'{what}: {len(topics)} topics could be meant; to use one: '
-                + ' or '.join(f'-r {what}:={topic}' for topic in topics)
+                + ' or '.join(f'-r {what}:={quote(topic)}' for topic in topics)
             )
     return found

@@ -100,7 +100,7 @@ class VprNode(ManagedNode):
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self, config.odom_wait_s)
+        self._surroundings = Surroundings(self, config.odom_wait_s, config.base_frame)
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,

@@ -67,13 +67,18 @@ def _calibration(path: Path) -> Any:
     matrix = [float(value) for value in said['camera_matrix']['data']]
     projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
     size = int(said['image_width']), int(said['image_height'])
-    return _info(*size, matrix, [float(value) for value in projection])
+    numbers = said.get('distortion_coefficients', {}).get('data', [])
+    distortion = str(said.get('distortion_model', '')), [float(value) for value in numbers]
+    return _info(*size, matrix, [float(value) for value in projection], *distortion)
 
 
-def _info(width: int, height: int, k: list[float], p: list[float]) -> Any:
+def _info(
+    width: int, height: int, k: list[float], p: list[float], model: str = '', d: Any = ()
+) -> Any:
     if (len(k), len(p)) != (9, _PROJECTION):
         raise ValueError(f'matrices of {len(k)} and {len(p)} numbers')
     part = SimpleNamespace(width=0, height=0, x_offset=0, y_offset=0)
     return SimpleNamespace(
-        width=width, height=height, k=k, p=p, roi=part, binning_x=1, binning_y=1
-    )
+        width=width, height=height, k=k, p=p, roi=part, binning_x=1, binning_y=1,
+        distortion_model=model, d=d,
+    )  # fmt: skip

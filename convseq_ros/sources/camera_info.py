@@ -9,6 +9,12 @@ from typing import Any
 from convseq_ros.core.types import Camera
 from convseq_ros.errors import SourceError
 
+# Models of sensor_msgs/distortion_models.hpp, and how many coefficients OpenCV takes of each.
+_COEFFICIENTS = {
+    'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,), 'fisheye': (4,),
+}  # fmt: skip
+_MODELS = {'fisheye': 'equidistant'}  # of other names for the same
+
 
 def camera_from_info(message: Any) -> Camera | None:
     """
@@ -17,7 +23,8 @@ def camera_from_info(message: Any) -> Camera | None:
     Parameters
     ----------
     message : sensor_msgs/CameraInfo
-        K is taken; P if K is zero. Region of interest and binning count, distortion does not.
+        K and the distortion D are taken; P, of a rectified image, if K is zero. Region of interest
+        and binning count.
 
     Returns
     -------
@@ -40,6 +47,7 @@ def camera_from_info(message: Any) -> Camera | None:
             f'camera_info: focal lengths {fx:g}, {fy:g} and size {width} x {height} px are not '
             'those of a camera; calibrate it, or set K to zero'
         )
+    model, distortion = ('', ()) if not any(k) else _distortion(message)
     part = message.roi
     if part.width and part.height:
         width, height = int(part.width), int(part.height)
@@ -52,7 +60,25 @@ def camera_from_info(message: Any) -> Camera | None:
         fy / down,
         cx / across,
         cy / down,
+        model,
+        distortion,
     )
+
+
+def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
+    """Return the model and its coefficients; SourceError if OpenCV could not invert them."""
+    model = str(getattr(message, 'distortion_model', ''))
+    found = tuple(float(value) for value in getattr(message, 'd', ()))
+    if not any(found):
+        return '', ()
+    lengths = _COEFFICIENTS.get(model, ())
+    if len(found) not in lengths or not all(map(math.isfinite, found)):
+        known = ', '.join(_COEFFICIENTS)
+        raise SourceError(
+            f'camera_info: distortion {model!r} of {len(found)} numbers cannot be taken out; '
+            f'give finite numbers of one of {known}, or none'
+        )
+    return _MODELS.get(model, model), found
 
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:

@@ -7,6 +7,7 @@ from decimal import Decimal
 import math
 from pathlib import Path
 
+from convseq_ros.core.rigid import quaternion, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.files import read_text
@@ -19,7 +20,7 @@ _TUM, _KITTI = 8, 12  # numbers in a line
 _MOST_BYTES = 200_000_000  # of a file; two million lines
 # KITTI's axes are those of a lens (x right, y down, z ahead), ours those of a robot (REP-103: x
 # ahead, y left, z up).
-_TO_ROBOT = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_TO_ROBOT = ROBOT_LENS[:3, :3]
 _ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
 
 
@@ -115,21 +116,4 @@ def _kitti(path: Path, line: int, words: list[str]) -> Pose:
     if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
         raise SourceError(f'{path}, line {line}: its first three columns are not a rotation')
     x, y, z = (_TO_ROBOT @ matrix[:, 3]).tolist()
-    return Pose((x, y, z), _quaternion(rotation))
-
-
-def _quaternion(rotation: npt.NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Return x, y, z, w, of unit length, w not negative, of a rotation matrix."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    # Each column is the quaternion, times four of one of its numbers; the largest is exact.
-    products = np.array(
-        [
-            [1 + a - e - i, b + d, c + g, h - f],
-            [b + d, 1 - a + e - i, f + h, c - g],
-            [c + g, f + h, 1 - a - e + i, d - b],
-            [h - f, c - g, d - b, 1 + a + e + i],
-        ]
-    )
-    best = products[:, products.diagonal().argmax()]
-    x, y, z, w = (best / np.linalg.norm(best) * (1 if best[3] >= 0 else -1)).tolist()
-    return x, y, z, w
+    return Pose((x, y, z), quaternion(rotation))

@@ -39,7 +39,10 @@ try:
     from sensor_msgs.msg import PointCloud2
     from std_msgs.msg import Float64MultiArray
 except ModuleNotFoundError as error:
-    sys.exit(f'pose_graph_node: {error}; source /opt/ros/jazzy/setup.bash')
+    sys.exit(
+        f'pose_graph_node: {error}; source /opt/ros/jazzy/setup.bash, or pip install '
+        'ros-jazzy-rclpy[fastrtps] ros-jazzy-common-interfaces'
+    )
 import numpy as np
 from record import write_record
 

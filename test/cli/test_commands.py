@@ -258,7 +258,7 @@ def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive,
 
 def test_no_space_left_for_results_is_one_line_and_keeps_the_rows(drive, map_path, tmp_path):
     output = tmp_path / 'result.csv'
-    done = limited(['replay', drive, '--map', map_path, '--output', output], 1000)
+    done = limited(['replay', drive, '--map', map_path, '--output', output], 2000)
     assert done.returncode == 1 and done.stderr.count('\n') == 1, done.stderr
     assert 'result.csv' in done.stderr
     assert not output.exists()

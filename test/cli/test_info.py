@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip('rosbags')
 
 from convseq_ros.cli import main
-from convseq_ros.cli.recording_info import describe_recording
+from convseq_ros.cli.recording_info import describe_recording, recording_lines
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
@@ -49,6 +49,19 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert main(['info', 'map.db', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts['sessions'], facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
+
+
+def test_what_a_stranger_called_a_topic_is_one_word_to_paste():
+    cameras = ['/a; touch owned', "/b' $(id)\n\x1b[2J"]
+    each = {'type': 'sensor_msgs/msg/Image', 'messages': 2, 'rate_hz': 1.0}
+    facts = {'recording': 'x', 'images': 2, 'seconds': 1.0, 'warnings': []}
+    facts['topics'] = [{'topic': name, **each} for name in cameras]
+    lines = recording_lines(facts | {'use': {'--topic': cameras}})
+    assert all(line.isprintable() for line in lines)
+    pasted = [shlex.split(line) for line in lines if '--topic' in line or ' -r ' in line]
+    assert [words[-1] for words in pasted] == [
+        cameras[0], f'image:={cameras[0]}', "/b' $(id)??[2J"
+    ]  # fmt: skip
 
 
 def test_a_map_without_poses_says_which_topic_has_them(drive, capsys, tmp_path):

@@ -12,7 +12,7 @@ from convseq_ros.core.encoding.regions import joined_regions, projected_regions,
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.coherent import extract, inlier_regions
+from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -95,18 +95,6 @@ def test_a_shifted_copy_scores_high_with_exactly_that_shift(rows, columns):
     top, left = 94 - 16 * rows, 94 - 16 * columns
     found, shift = score(query, wide[top : top + 512, left : left + 512])
     assert found > 0.6 and shift == (rows, columns)
-
-
-def test_the_inliers_lie_apart_by_the_shift():
-    wide = texture(2, (700, 700))
-    query = extract(describe(wide[94:606, 94:606]), LEAST_BITS)
-    reference = projected_regions(describe(wide[94:606, 158:670]).cells)
-    inliers = inlier_regions(query, reference, (0.0, -4.0))
-    moved = (inliers[:, 2:] - inliers[:, :2]) * 32
-    assert len(inliers) > 400
-    assert np.median(moved, axis=0) == pytest.approx([0, -4])
-    assert inliers.min() > 0 and inliers.max() < 1
-    assert not len(inlier_regions(query, reference, (20.0, 20.0)))
 
 
 def test_unrelated_images_score_near_chance():

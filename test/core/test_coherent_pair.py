@@ -114,13 +114,3 @@ def test_a_map_that_has_doubled_is_prepared_anew():
     fresh = matcher(reference_map)
     fresh.extract(query)
     assert np.array_equal(found, fresh.scores(fresh.extract(query), np.arange(48)))
-
-
-def test_inliers_are_regions_less_their_background():
-    reference_map = map_of(*(drawn(seed, 0.6) for seed in range(24)))
-    one = matcher(reference_map)
-    features = one.extract(described(drawn(7, 0.6)))
-    shift = one.shift(features, 7)
-    assert shift == (0.0, 0.0)
-    assert len(one.inliers(features, 7, shift)) > 890
-    assert len(one.inliers(features, 8, shift)) < 90

@@ -208,6 +208,19 @@ def test_json_that_no_map_has_is_damage(path, table, column, key, text):
     assert 'damaged map (' in refusal(open_map, path)
 
 
+@pytest.mark.parametrize(
+    ('table', 'column', 'key'),
+    [('about', 'value', "name = 'map_id'"), ('sessions', 'id', 'session = 0')],
+)
+def test_an_id_that_is_longer_than_any_is_damage(path, table, column, key):
+    with sqlite3.connect(path) as database:
+        database.execute(f'UPDATE {table} SET {column} = ? WHERE {key}', ('x' * 101,))
+        (row,) = database.execute(f'SELECT * FROM {table} WHERE {key}')
+        database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key}', (row_crc(row[:-1]),))
+    database.close()
+    assert 'damaged map (' in refusal(open_map, path)
+
+
 @pytest.mark.parametrize('mask', ['#0000', '#ff', '#zz', '/etc/hostname', 7])
 def test_a_mask_that_hides_all_or_is_none_is_damage(path, mask):
     with sqlite3.connect(path) as database:

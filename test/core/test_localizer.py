@@ -31,7 +31,7 @@ class Robot:
         self.frame += 1
         match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
         odometry = None if at_m is None else Pose((at_m, 0.0, 0.0), AHEAD)
-        return self.localizer.update(match, odometry, self.known).localization
+        return self.localizer.update(match, odometry, self.known, Config()).localization
 
 
 @pytest.fixture(params=[STREET, WITHOUT_POSES], ids=['poses', 'no_poses'])
@@ -132,6 +132,18 @@ def test_few_inliers_speak_against_the_place_that_sequences_still_see(reason):
         robot.sees(place, inliers=400 - place)
     states = [robot.sees(place, reason, inliers=100).state for place in range(104, 108)]
     assert states == [LOCALISED] * 3 + [LOST]
+
+
+def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one():
+    robot = Robot()
+    for place in range(98, 104):
+        robot.sees(place, inliers=400)
+    for place in range(104, 108):
+        told = robot.sees(place, inliers=100)
+    assert told.state is LOST
+    assert robot.sees(108, inliers=100).state is CANDIDATE
+    assert robot.sees(250, inliers=400).state is CANDIDATE
+    assert robot.sees(251, inliers=400).reference_index == 251
 
 
 def test_inliers_that_fade_slowly_speak_against_nothing():

@@ -9,19 +9,21 @@ import pytest
 FAR = 40  # from all places of these tests
 
 
+def verified(strength, upper=None):
+    """Return what geometry says of a place, half of it by the upper half unless told."""
+    return Verification(int(2 * strength), strength, strength / 2 if upper is None else upper)
+
+
 def strengths(**of):
     """Return what geometry says of some places, by their numbers: _12=200."""
-    return {int(name[1:]): Verification(int(2 * one), one, one / 2) for name, one in of.items()}
+    return {int(name[1:]): verified(one) for name, one in of.items()}
 
 
 def driven(*frames, start=0):
     """Return the evidence of frames: a place, its lead in deviations, strengths here and there."""
     evidence = VerifiedEvidence()
     for number, (place, deviations, here, there) in enumerate(frames, start):
-        found = {
-            place: Verification(0, here, here / 2),
-            place + FAR: Verification(0, there, there / 2),
-        }
+        found = {place: verified(here), place + FAR: verified(there)}
         evidence.update(found, 10)
         evidence.see(number, place, deviations)
     return evidence
@@ -84,6 +86,17 @@ def test_one_frame_that_is_verified_far_better_is_evidence_alone():
     assert evidence == pytest.approx((30 + VERIFIED.deviations * 364 / 6) / VERIFIED.alone)
     assert evidence > 1.7
     assert driven((7, 2.0, 60.0, 50.0)).alone(0)[1] < 0.2
+
+
+def test_a_zebra_crossing_is_no_evidence_alone():
+    # One of a drawn street, by far the best verified place of the map: all of it on the ground.
+    evidence = VerifiedEvidence()
+    evidence.update({39: verified(224.0, 30.0), 104: verified(48.0, 27.0)}, 10)
+    evidence.see(1, 39, 22.0)
+    assert evidence.alone(1) == (39, pytest.approx(3 * 0.73 * 3 / 27**0.5 / VERIFIED.alone))
+    evidence.update({39: verified(224.0, 190.0), 104: verified(48.0, 27.0)}, 10)
+    evidence.see(1, 39, 22.0)
+    assert evidence.alone(1)[1] == pytest.approx((22 + 0.73 * 176 / 48**0.5) / VERIFIED.alone)
 
 
 def test_frames_on_one_way_add_up_by_the_root_of_their_number():

@@ -10,7 +10,7 @@ import pytest
 
 ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
 SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
-NONE = np.zeros((0, 4))
+NONE = np.zeros((0, 5))
 
 
 def flat(value):
@@ -40,10 +40,11 @@ def test_what_cannot_be_shown_is_a_grey_field(small):
     assert (picture[24:] == 64).all()
 
 
-def test_regions_that_agree_are_dots_of_one_colour_in_both_pictures():
-    agreement = np.array([[0.5, 0.25, 0.75, 0.5]])
+def test_inliers_are_dots_of_one_colour_in_both_pictures_and_others_grey():
+    field = np.array([[0.5, 0.25, 0.75, 0.5, 1], [0.25, 0.25, 0.25, 0.25, 0]])
     black = flat(0)
-    picture = match_picture(Frame(9, black), ACCEPTED, thumbnail(black, 64), agreement)[24:]
+    picture = match_picture(Frame(9, black), ACCEPTED, thumbnail(black, 64), field)[24:]
+    assert np.ptp(picture[60, 80].astype(int)) == 0 and picture[60, 80, 0] > 50
     one, other = picture[120, 80], picture[180, 480]
     assert (one == other).all() and np.ptp(one.astype(int)) > 100
     coloured = np.ptp(picture.astype(int), axis=2) > 100

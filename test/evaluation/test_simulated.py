@@ -103,3 +103,29 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
         assert (one['protocol'], one['known'], one['queries']) == ('online', 0, 24)
         assert one['accepted'] == one['false_closures']
         assert one['matched'] == 2  # with k = 3, of 24 frames, the latest 20 left out
+
+
+def test_what_is_remembered_of_an_answer_comes_back_but_for_its_pose():
+    from dataclasses import replace
+    import json
+
+    from convseq_ros.core.types import (
+        Candidate,
+        Localization,
+        LocalizationState,
+        Match,
+        Reason,
+        RelativePose,
+        Status,
+    )
+    from convseq_ros.evaluation.recognition import _match, _stored
+    import numpy as np
+
+    known = Localization(LocalizationState.LOCALISED, 0.5, 3)
+    best = Candidate(3, 30, 0.75, (1.0, -2.0), 88)
+    match = Match(
+        1, 10, Status.ACCEPTED, Reason.ACCEPTED, (best,), 4, 9, 0.5, (3.0, 4.0), localization=known
+    )
+    pose = RelativePose((0.0, 0.0, 0.0, 1.0), None, None, np.eye(6), 3)
+    measured = replace(match, relative_pose=pose)
+    assert _match(json.loads(json.dumps(_stored(measured)))) == match

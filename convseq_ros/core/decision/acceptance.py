@@ -54,6 +54,7 @@ class Acceptance:
         self._frame, self._velocity, self._usable = 0, 1.0, 0
         self._newest: FrameEvidence | None = None
         self._geometry: Geometry | None = None
+        self._session_start: int | None = None
         self._row: Row | None = None
 
     def update(
@@ -64,9 +65,14 @@ class Acceptance:
         rival_distance: int,
         velocity: float = 1.0,
         geometry: Geometry | None = None,
+        session_start: int | None = None,
     ) -> None:
-        """Take in a frame; as `TrackEvidence.update`; a few likely places are verified."""
-        self._frame, self._velocity = frame, velocity
+        """
+        Take in a frame; as `TrackEvidence.update`; a few likely places are verified.
+
+        References from `session_start` on were seen on this drive.
+        """
+        self._frame, self._velocity, self._session_start = frame, velocity, session_start
         if not self._by_track:
             return
         self._row = rows[0]
@@ -90,20 +96,47 @@ class Acceptance:
 
         Sequences of many frames find a place late that has just been entered.
         """
-        places = [self._entered()]
-        if self._newest and (along := self._along(self._newest.reference)) is not None:
-            places.append((self._newest.reference, along))
-        found = sorted((one for one in places if one), key=lambda one: -one[1])
-        if len(found) == 2 and abs(found[0][0] - found[1][0]) <= TRACK.same_track:
-            return found[0][0], found[0][1] + found[1][1]
-        return found[0] if found else None
+        entered = self._entered()
+        places = [entered[0]] if entered else []
+        places += [self._newest.reference] if self._newest else []
+        found = [
+            (one, evidence) for one in places if (evidence := self._evidence(one)) is not None
+        ]
+        return max(found, key=lambda one: one[1], default=None)
+
+    def _evidence(self, reference: int) -> float | None:
+        """
+        Return all that speaks for a place, if anything is known; a track that is followed.
+
+        What the newest frames say alone is added to the track of the map's own velocity, which
+        they follow. For a place of this very drive the larger counts: camera and light are the
+        same, and another locker misleads both alike.
+        """
+        entered = self._entered()
+        is_entered = entered is not None and abs(entered[0] - reference) <= TRACK.same_track
+        alone = entered[1] if entered and is_entered else None
+        newest = self._newest
+        # A track that its own newest frame does not follow is none.
+        if newest is None or abs(newest.reference - reference) > TRACK.same_track:
+            return alone
+        along = self._along(reference)
+        if along is None or not alone:
+            return alone if along is None else along
+        if self._is_own(reference):
+            return max(along, alone)
+        return max(along, alone + (self._track.evidence(self._frame, reference) or 0.0))
+
+    def _is_own(self, reference: int) -> bool:
+        """Return whether a place was seen on this drive."""
+        return self._session_start is not None and reference >= self._session_start
 
     def _entered(self) -> tuple[int, float] | None:
         """Return what the newest few frames show alone; None on the border of the map."""
         seen = self._verified.alone(self._frame)
         if seen is None or not 0 < seen[0] < self._usable - TRACK.border:
             return None
-        return seen
+        reference, evidence = seen
+        return reference, evidence * (VERIFIED.of_own_drive if self._is_own(reference) else 1.0)
 
     def _along(self, reference: int) -> float | None:
         """Return the evidence along a track; none at another velocity that geometry denies."""
@@ -122,23 +155,12 @@ class Acceptance:
         found = [self._verified.found[one] for one in near if one in self._verified.found]
         return found[0].inliers if found else None
 
-    def judge(
-        self,
-        stamp_ns: int,
-        candidates: Candidates,
-        config: AcceptanceConfig,
-        session_start: int | None = None,
-    ) -> Judgement:
-        """
-        Return whether the best of at least one candidate of the newest frame is a match.
-
-        References from `session_start` on were seen on this drive.
-        """
+    def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
+        """Return whether the best of at least one candidate of the newest frame is a match."""
         reason, sure = self._decide(candidates, config)
         best = candidates[0].reference_index
-        if reason is Reason.ACCEPTED and session_start is not None and best >= session_start:
-            if self._is_unlike_own_drive(best):
-                return Reason.UNVERIFIED, sure
+        if reason is Reason.ACCEPTED and self._is_unlike_own_drive(best):
+            return Reason.UNVERIFIED, sure
         if reason is Reason.ACCEPTED:
             interval_ns = round(config.closure_interval_s * 1e9)
             if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
@@ -150,16 +172,11 @@ class Acceptance:
         if not self._by_track:
             return decide_by_margin(candidates, config), None
         best = candidates[0].reference_index
-        reason, along, entered = self._doubt(best), self._along(best), self._entered()
-        # A track that its own newest frame does not follow is none.
-        followed = 0.0 if along is None or reason is Reason.INCONSISTENT else along
-        is_entered = entered is not None and abs(entered[0] - best) <= TRACK.same_track
-        most = followed + (entered[1] if entered and is_entered else 0.0)
-        if most >= config.min_evidence:
+        reason, evidence = self._doubt(best), self._evidence(best)
+        if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
-        if along is None and not is_entered:
-            return reason, None
-        return reason, confidence(max(most, along or 0.0))
+        known = [one for one in (self._along(best), evidence) if one is not None]
+        return reason, confidence(max(known)) if known else None
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""
@@ -175,6 +192,8 @@ class Acceptance:
 
     def _is_unlike_own_drive(self, best: int) -> bool:
         """Return whether a place is verified too badly to be one that this drive has shown."""
+        if not self._is_own(best):
+            return False
         own = self._verified.recent_strength(self._frame, best)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength

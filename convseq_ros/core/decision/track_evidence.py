@@ -122,18 +122,19 @@ class TrackEvidence:
         The mean margin, in scatters and with what geometry adds, of those whose own best diagonal
         is this one, others 0; early in a drive over 20 frames at least. No more than the standard
         deviations by which the newest alone speaks for it; a third less at another velocity than
-        1. 0 for the last two references on a slower drive than the map's: so looks one that has
-        left the map and still sees its end. None while the scatter is unknown.
+        1. On a slower drive than the map's the last two references say nothing: so looks one that
+        has left the map and still sees its end. None while the scatter is unknown.
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
         if self.scatter is None:
             return None
-        if velocity < 1.0 and reference >= len(self._usual) - TRACK.border:
+        last = len(self._usual) - TRACK.border if velocity < 1.0 else math.inf
+        if reference >= last:
             return 0.0
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
-        along = self._along(frame, reference, velocity)
+        along = (one for one in self._along(frame, reference, velocity) if one.reference < last)
         sums = sum(one.margin / self.scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
         return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities

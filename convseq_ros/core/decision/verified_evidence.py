@@ -35,8 +35,10 @@ class VERIFIED:
     # What lies on the ground repeats: zebra crossings, tiles. So evidence alone is no more than so
     # many times what the lead by the upper half of the image says.
     of_upper: float = 3.0
-    # Deviations that count alone as much as a scatter in each frame of a track.
+    # Deviations that count alone as much as a scatter in each frame of a track; and of that, what
+    # counts for a place of the same drive: identical lockers reach 33 deviations.
     alone: float = 14.0
+    of_own_drive: float = 0.54
     as_good: float = 0.8  # of the best place's strength, with which a rival makes it ambiguous
     # Of the strength between a frame and the one before, that a place of the same drive has at
     # least: there, camera and light are the same. Identical lockers have a third.

@@ -4,18 +4,24 @@
 
 from contextlib import suppress
 from dataclasses import replace
+import math
 from pathlib import Path
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
+from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.regular_file import read_bytes
+from convseq_ros.robot_config import RobotConfig
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+# What was to the right of a lens is above it when the image is turned to the left.
+_ON_ITS_SIDE = of_roll_pitch_yaw((0.0, 0.0, 0.0), math.pi / 2, 0.0, 0.0)
 
 
 @constants
@@ -28,17 +34,19 @@ class MASK:
     block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
 
 
-def upright(frame: Frame, encoding: EncodingConfig) -> Frame:
-    """Return a frame whose image and camera are turned counter-clockwise, as an encoding says."""
+def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
+    """
+    Return a frame whose image and camera are turned counter-clockwise, as an encoding says.
+
+    The camera that comes out is where its own record, or else the robot's, says.
+    """
     turns = encoding.image_rotation_deg // 90
-    if not turns:
-        return frame
     gray, camera = frame.gray, frame.camera
-    if gray is not None:
+    if gray is not None and turns:
         gray = np.ascontiguousarray(np.rot90(gray, turns))
     for _ in range(turns if camera else 0):
         camera = _turned_left(camera) if camera else None
-    return replace(frame, gray=gray, camera=camera)
+    return replace(frame, gray=gray, camera=_mounted(camera, robot))
 
 
 def _turned_left(camera: Camera) -> Camera:
@@ -50,7 +58,24 @@ def _turned_left(camera: Camera) -> Camera:
         fy_px=camera.fx_px,
         cx_px=camera.cy_px,
         cy_px=camera.width_px - 1 - camera.cx_px,
+        distortion=_distortion_turned_left(camera),
+        mount=camera.mount and pose_of(matrix(camera.mount) @ matrix(_ON_ITS_SIDE)),
     )
+
+
+def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
+    """Return coefficients of a lens that is turned: the tangential ones change places."""
+    if camera.distortion_model == 'equidistant' or len(camera.distortion) < 4:
+        return camera.distortion
+    k1, k2, p1, p2, *others = camera.distortion
+    return k1, k2, -p2, p1, *others
+
+
+def _mounted(camera: Camera | None, robot: RobotConfig) -> Camera | None:
+    if camera is None or camera.mount or not any(robot.mount):
+        return camera
+    x, y, z, roll, pitch, yaw = robot.mount
+    return replace(camera, mount=of_roll_pitch_yaw((x, y, z), roll, pitch, yaw))
 
 
 def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:

@@ -12,9 +12,12 @@ is repeatable, and chance finds no motion that explains it best.
 from dataclasses import dataclass
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.geometry.displacement import Arranged
+from convseq_ros.core.encoding.regions import REGION
+from convseq_ros.core.geometry.displacement import Arranged, Displacements
 from convseq_ros.core.geometry.motion import MOTION
 from convseq_ros.core.types import Shift
+import numpy as np
+import numpy.typing as npt
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +36,30 @@ NOTHING = Verification(0, 0.0, 0.0)
 
 def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
     """Return what the geometry of two images of one size says, given their common shift."""
-    kernels, start = kernels_of(__package__), (round(shift[0]), round(shift[1]))
-    found = kernels.displacements(query, reference, start)
-    if not len(found):
-        return NOTHING
-    _, off = kernels.fit_motion(found, query.side, start)
+    found, off = _motion(query, reference, shift)
     each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
     above, inliers = found[:, 0] < query.side / 2, off <= MOTION.sigma_cells
     strength, upper = max(0.0, float(each.sum())), max(0.0, float(each[above].sum()))
     return Verification(int(inliers.sum()), strength, upper)
+
+
+def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.float64]:
+    """
+    Return the displacement field of two images that `verify` judges, (n, 5).
+
+    Row and column of a region's middle in the query and in the reference, as shares of the image's
+    height and width, and 1 for an inlier, else 0.
+    """
+    found, off = _motion(query, reference, shift)
+    middles = np.hstack((found[:, :2], found[:, :2] + found[:, 2:4])) + REGION.span / 2
+    cells = query.side + REGION.span - 1
+    return np.column_stack((middles / cells, off <= MOTION.sigma_cells)).astype(np.float64)
+
+
+def _motion(
+    query: Arranged, reference: Arranged, shift: Shift
+) -> tuple[Displacements, npt.NDArray[np.float64]]:
+    """Return the field, and how far each region is off the motion of all, in cells."""
+    kernels, start = kernels_of(__package__), (round(shift[0]), round(shift[1]))
+    found = kernels.displacements(query, reference, start)
+    return found, kernels.fit_motion(found, query.side, start)[1]

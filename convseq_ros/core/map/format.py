@@ -18,7 +18,7 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
-from convseq_ros.core.types import Camera
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,8 @@ _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
 
+_MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
+
 Row = tuple[object, ...]
 
 
@@ -73,16 +75,39 @@ class MapSession:
     @property
     def row(self) -> Row:
         """Return what is stored of it."""
-        camera = json.dumps(asdict(self.camera)) if self.camera else None
+        camera = json.dumps(_described(self.camera)) if self.camera else None
         return self.id, self.name, self.start_ns, camera, self.frame
 
     @classmethod
     def of_row(cls, row: Row) -> 'MapSession':
         """Return what was stored; ValueError or TypeError if it is no session."""
         ident, name, start_ns, camera, frame = row
-        intrinsics = None if camera is None else Camera(**json.loads(str(camera)))
         described = None if frame is None else str(frame)
-        return cls(str(ident), str(name), int(str(start_ns)), intrinsics, described)
+        return cls(_ident(ident), str(name), int(str(start_ns)), _camera(camera), described)
+
+
+def _described(camera: Camera) -> dict[str, object]:
+    """Return what is stored of a camera; what is unknown is left out."""
+    return {name: value for name, value in asdict(camera).items() if value or value == 0}
+
+
+def _camera(stored: object) -> Camera | None:
+    """Return a camera that was stored; ValueError or TypeError if it is none."""
+    if stored is None:
+        return None
+    said = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
+    model, distortion = (
+        str(said.pop('distortion_model')),
+        tuple(map(float, said.pop('distortion'))),
+    )
+    mount = None if (given := said.pop('mount')) is None else Pose(**dict(given))
+    if mount:
+        x, y, z = map(float, mount.position)
+        qx, qy, qz, qw = map(float, mount.orientation)
+        mount = Pose((x, y, z), (qx, qy, qz, qw))
+    if not all(isinstance(value, int | float) for value in said.values()):
+        raise ValueError('camera: what should be numbers is not')
+    return Camera(**said, distortion_model=model, distortion=distortion, mount=mount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +135,7 @@ class Settings:
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-            return cls(said['map_id'], encoding, keyframes)
+            return cls(_ident(said['map_id']), encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 
@@ -131,6 +156,12 @@ class Settings:
                     'build the map again'
                 )
         return None
+
+
+def _ident(stored: object) -> str:
+    if not isinstance(stored, str) or len(stored) > _MOST_CHARACTERS:
+        raise ValueError('an id that is none')
+    return stored
 
 
 def row_crc(values: Row) -> int:

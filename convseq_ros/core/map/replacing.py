@@ -13,6 +13,7 @@ import tempfile
 from convseq_ros.core.map.database import explained, open_to_write
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.errors import MapError
+from convseq_ros.regular_file import sync
 
 _END = '.part'
 _MADE = re.compile(r'[a-z0-9_]{8}')  # what `tempfile` puts between a map's name and the end
@@ -39,7 +40,7 @@ def replaced(path: Path) -> Iterator[Path]:
                     raise MapError(str(error).replace(str(part), str(path))) from error
                 _delete_journal(target)
                 os.replace(part, target)
-            _sync(folder)
+            sync(folder)
         except OSError as error:
             raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
 
@@ -66,15 +67,6 @@ def delete_parts(path: Path) -> None:
                     for name in os.listdir(one.path):
                         os.unlink(Path(one.path, name))
                     os.rmdir(one.path)
-
-
-def _sync(folder: Path) -> None:
-    """Have the names of files be on disk, as their content is."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _delete_journal(path: Path) -> None:

@@ -131,12 +131,12 @@ class QueryBuffer:
             one.rescored.update(some.tolist())
         return self.approximate_scores(length, ends, velocity)
 
-    def inliers(self, candidate: Candidate | None) -> Values:
-        """Return the regions that moved from the newest frame to a candidate, (n, 4)."""
+    def field(self, candidate: Candidate | None) -> Values:
+        """Return where regions of the newest frame lie in a candidate, (n, 5)."""
         features = self.newest.features
         if features is None or candidate is None or candidate.shift is None:
-            return np.zeros((0, 4))
-        return self._matcher.inliers(features, candidate.reference_index, candidate.shift)
+            return np.zeros((0, 5))
+        return self._matcher.field(features, candidate.reference_index, candidate.shift)
 
     def verified(self, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of the newest frame and some references, if it is asked."""

@@ -17,7 +17,7 @@ from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, 
 from convseq_ros.core.map.place import Packed
 from convseq_ros.core.similarity.global_similarity import Blocks
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor, Shift
+from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -64,23 +64,6 @@ def extract(
     return CoherentQuery(regions[index], index, len(entropy))
 
 
-def inlier_regions(
-    query: CoherentQuery, reference: Regions, shift: Shift
-) -> npt.NDArray[np.float64]:
-    """
-    Return which regions moved by a shift, in cells, from a query to a reference's regions.
-
-    Of shape (n, 4): middle of each region in the query (row, column) and of its counterpart in the
-    reference, as shares of the image's height and width.
-    """
-    counterpart = (query.regions @ reference.T).argmax(axis=1)
-    start = np.column_stack(np.divmod(query.index, query.side))
-    end = np.column_stack(np.divmod(counterpart, query.side))
-    inliers = np.hypot(*(end - start - shift).T) <= COHERENT.sigma_cells
-    middles = np.hstack((start, end))[inliers] + REGION.span / 2
-    return middles / (query.side + REGION.span - 1)
-
-
 def coherent_pair(
     name: str,
     exact: bool,
@@ -120,5 +103,4 @@ def coherent_pair(
         (shares, shifts), alike = compare(query.packed, query.shifted, references)
         return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
-    there = lambda query, *where: inlier_regions(query.regions, *where)  # noqa: E731
-    return PairScore(name, exact, extracted, prepare, score, *regions, there, prepare_packed)
+    return PairScore(name, exact, extracted, prepare, score, *regions, prepare_packed)

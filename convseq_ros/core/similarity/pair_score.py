@@ -8,7 +8,7 @@ from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.place import Packed
-from convseq_ros.core.types import Descriptor, Shift
+from convseq_ros.core.types import Descriptor
 import numpy as np
 import numpy.typing as npt
 
@@ -36,9 +36,6 @@ class PairScore:
     normalize: Callable[[Cells], Cells] | None = None
     project: Callable[[Cells], Regions] | None = None
     subtract: Callable[[Regions, Regions | None], Shown] | None = None
-    # From a query, a reference's regions and a shift to those that moved by it, (n, 4): row and
-    # column in the query and in the reference, as shares of the image.
-    inliers: Callable[[Any, Regions, Shift], npt.NDArray[np.float64]] | None = None
     # From the packed cells of n references, whether to normalise them and the background to what
     # `prepare` gives of each, None of one that shows nothing; only where one call makes them all.
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None

@@ -1,0 +1,75 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What becomes of an accepted match: its relative pose, and odometry's veto."""
+
+from dataclasses import replace
+import math
+
+from convseq_ros.config import Config
+from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.plausibility import Plausibility
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.matcher import Features, Matcher
+from convseq_ros.core.relative_pose import RelativePoses
+from convseq_ros.core.rigid import Matrix, matrix
+from convseq_ros.core.types import Frame, Match, Pose, Reason, RelativePose, Status
+import numpy as np
+
+
+@constants
+class SLACK:
+    """By how much a match itself may be off; engineering, not studied."""
+
+    sigmas: float = 3.0  # of a measured position
+    least_m: float = 0.5  # where one is measured
+    places: float = 5.0  # where none is: so many times the way to the next place
+
+
+class Closures:
+    """Measures accepted matches, and refuses those that odometry denies."""
+
+    def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
+        self._map, self._matcher = reference_map, matcher
+        self._poses = RelativePoses(reference_map, matcher)
+        self._plausibility = Plausibility(config.robot)
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._plausibility.reset()
+
+    def move(self, frame: Frame) -> None:
+        """Take in the odometry of the next keyframe."""
+        self._plausibility.move(frame.stamp_ns, frame.pose)
+
+    def update(self, match: Match, frame: Frame, features: Features, session_start: int) -> Match:
+        """Return an answer with candidates, complete; places from a start on are of this drive."""
+        match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
+        best, is_accepted = match.candidates[0], match.reason is Reason.ACCEPTED
+        if not is_accepted and match.reason is not Reason.COOL_DOWN:
+            return match
+        pose = self._poses.measure(features, frame, best) if is_accepted else None
+        place = self._map.places[best.reference_index]
+        own_ns = place.stamp_ns if best.reference_index >= session_start else None
+        if place.pose is not None:
+            said = place.pose, _matrix(pose), self._slack_m(best.reference_index, pose)
+            excess_m = self._plausibility.excess_m(*said, own_ns)
+            if excess_m is not None:
+                return replace(match, reason=Reason.IMPLAUSIBLE, implausible_m=excess_m)
+        status = Status.ACCEPTED if is_accepted else Status.REJECTED
+        return replace(match, status=status, relative_pose=pose)
+
+    def _slack_m(self, index: int, pose: RelativePose | None) -> float:
+        """Return by how much a match may be off."""
+        if pose is not None and pose.position_m is not None:
+            return max(SLACK.least_m, SLACK.sigmas * (pose.position_sigma_m or 0.0))
+        places = self._map.places
+        near = [places[at].pose for at in (index - 1, index, index + 1) if 0 <= at < len(places)]
+        known = [one.position for one in near if one is not None]
+        return SLACK.places * max(math.dist(a, b) for a in known for b in known)
+
+
+def _matrix(pose: RelativePose | None) -> Matrix:
+    """Return where a query is in its place: at the place itself, if that is all that is known."""
+    if pose is None or pose.position_m is None:
+        return np.eye(4)
+    return matrix(Pose(pose.position_m, pose.orientation))

@@ -1,0 +1,127 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether odometry allows a match: it may have drifted since the last one, but not by any distance.
+
+Until three keyframes running agree on one other place: then it is odometry that was wrong, and its
+drift is counted anew from there.
+"""
+
+from bisect import bisect_left
+from dataclasses import dataclass
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
+from convseq_ros.core.types import Pose
+from convseq_ros.robot_config import RobotConfig
+import numpy as np
+
+
+@constants
+class PLAUSIBLE:
+    """Engineering, not studied."""
+
+    agreeing: int = 3  # keyframes running that count more than odometry
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fix:
+    """A match, as a link between the frames of the map and of odometry."""
+
+    map_odometry: Matrix  # (4, 4)
+    place: Matrix  # (4, 4), the reference in the map
+    way_m: float  # that odometry had come then
+    turn_rad: float
+    keyframe: int
+
+
+class Plausibility:
+    """Compares matches with odometry; places of this session and of others are two maps."""
+
+    def __init__(self, config: RobotConfig) -> None:
+        self._config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._here: Matrix | None = None
+        self._last = np.eye(4)
+        self._way_m = self._turn_rad = 0.0
+        self._keyframe = 0
+        self._stamps: list[int] = []
+        self._passed: list[tuple[float, float]] = []  # way and turn, by stamps
+        self._sure: dict[bool, Fix] = {}
+        self._refused: list[Fix] = []
+
+    def move(self, stamp_ns: int, pose: Pose | None) -> None:
+        """Take in where odometry is at the next keyframe, if it tells."""
+        self._keyframe += 1
+        if pose is None:
+            self._here = None
+            return
+        here = matrix(pose)
+        last = self._last if self._stamps else here
+        self._way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
+        self._turn_rad += angle(last[:3, :3].T @ here[:3, :3])
+        self._here = self._last = here
+        self._stamps.append(stamp_ns)
+        self._passed.append((self._way_m, self._turn_rad))
+
+    def excess_m(
+        self, place: Pose, place_base: Matrix, slack_m: float, own_stamp_ns: int | None
+    ) -> float | None:
+        """
+        Return by how much further off a match is than odometry may have drifted, if it is.
+
+        Parameters
+        ----------
+        place : Pose
+            The reference in the map.
+        place_base : ndarray of float64, shape (4, 4)
+            The query in the reference, as the match says.
+        slack_m : float
+            By how much that may be off.
+        own_stamp_ns : int or None
+            When the reference was taken, if by this session, whose map is in odometry's frame.
+
+        """
+        if self._here is None or not self._config.odometry_way_error:
+            return None
+        is_own, there = own_stamp_ns is not None, matrix(place)
+        link = there @ place_base @ inverse(self._here)
+        fix = Fix(link, there, self._way_m, self._turn_rad, self._keyframe)
+        sure = self._sure.get(is_own) or self._first(own_stamp_ns, there)
+        excess_m = 0.0 if sure is None else self._excess_m(fix, sure, slack_m)
+        if excess_m > 0 and not self._is_agreed(fix, slack_m):
+            return excess_m
+        self._sure[is_own], self._refused = fix, []
+        return None
+
+    def _first(self, stamp_ns: int | None, there: Matrix) -> Fix | None:
+        """Return what holds of a place of this session before it is matched: no drift then."""
+        if stamp_ns is None or not self._stamps:
+            return None
+        at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
+        return Fix(np.eye(4), there, *self._passed[at], 0)
+
+    def _excess_m(self, fix: Fix, sure: Fix, slack_m: float) -> float:
+        """Return by how much two links differ more than drift allows, where the robot is now."""
+        here = np.zeros(3) if self._here is None else self._here[:3, 3]
+        off_m = math.dist(
+            fix.map_odometry[:3, :3] @ here + fix.map_odometry[:3, 3],
+            sure.map_odometry[:3, :3] @ here + sure.map_odometry[:3, 3],
+        )
+        # The map's own odometry drifted between both places, too.
+        way_m = fix.way_m - sure.way_m + math.dist(fix.place[:3, 3], sure.place[:3, 3])
+        turn_rad = min(fix.turn_rad - sure.turn_rad, math.tau)
+        share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
+        return off_m - slack_m - share * way_m
+
+    def _is_agreed(self, fix: Fix, slack_m: float) -> bool:
+        """Return whether the last keyframes were all refused for one other place."""
+        last = self._refused[-1].keyframe if self._refused else 0
+        if last != fix.keyframe - 1 or self._excess_m(fix, self._refused[-1], slack_m) > 0:
+            self._refused = []
+        self._refused = [*self._refused, fix]
+        return len(self._refused) >= PLAUSIBLE.agreeing

@@ -1,0 +1,88 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a lens was that saw a reference's regions: robust least squares over all of them.
+
+Depths are not exact, and those of far regions are hardly known: so they move along, each held to
+its own as surely as it is known, and what a region says of the pose counts for no more than that.
+No sample is drawn: the search starts at a given pose, wide at first.
+"""
+
+from dataclasses import dataclass
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.geometry.lens import Points
+from convseq_ros.core.geometry.structure import DEPTH, Floats, Structure
+from convseq_ros.core.rigid import Matrix, turned_by
+import numpy as np
+
+
+@constants
+class ALIGNMENT:
+    """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+
+    sigmas_cells: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3)
+    agreeing_cells: float = 0.6  # within which a region agrees with a pose
+    fewest: int = 40  # regions that must agree; unrelated images have less
+    stiffness: float = 1e-6  # information of no motion
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Alignment:
+    """A pose and how surely it is known; equal to itself only."""
+
+    moved: Matrix  # (4, 4), from the reference's lens to the other
+    # (6, 6), of a turn, and of a way, in the other lens, both after the motion.
+    covariance: Matrix
+    inliers: int
+    share: float  # of the regions that were found, inliers; in (0, 1]
+
+
+def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> Alignment | None:
+    """
+    Return the motion to a lens that saw regions where it did, (n, 2); None if few agree.
+
+    `scale` is cells across and down for a length of 1 in its plane.
+    """
+    known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
+    if known.sum() < ALIGNMENT.fewest:
+        return None
+    rays, seen = structure.rays[known], seen[known]
+    inverse = given = structure.inverse_m[known]
+    held, moved = structure.information[known], start.copy()
+    for sigma in ALIGNMENT.sigmas_cells:
+        turned = rays @ moved[:3, :3].T
+        points = turned + inverse[:, None] * moved[:3, 3]
+        ahead = np.maximum(points[:, 2:], DEPTH.least_ahead)
+        flat = points[:, :2] / ahead
+        off = (flat - seen) * scale
+        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3], flat, scale / ahead)
+        weight = (points[:, 2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=1))
+        # Depths are eliminated: the Schur complement, a number each.
+        own = held + weight * (by_depth**2).sum(axis=1)
+        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=1)
+        both = weight[:, None] * (by_pose * by_depth[:, :, None]).sum(axis=1)
+        rows = (by_pose * weight[:, None, None]).reshape(-1, 6)
+        information = rows.T @ by_pose.reshape(-1, 6) - (both / own[:, None]).T @ both
+        information[np.diag_indices(6)] += ALIGNMENT.stiffness
+        slope = rows.T @ off.ravel() - both.T @ (pull / own)
+        step = -np.linalg.solve(information, slope)
+        inverse = (inverse - (pull + both @ step) / own).clip(0.0, 1 / DEPTH.least_ahead)
+        moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
+        moved[:3, 3] += step[3:]
+    agreeing = int((np.hypot(*off.T) <= ALIGNMENT.agreeing_cells).sum())
+    if agreeing < ALIGNMENT.fewest or not np.isfinite(moved).all():
+        return None
+    return Alignment(moved, np.linalg.inv(information), agreeing, agreeing / len(off))
+
+
+def _slopes(
+    turned: Floats, inverse: Floats, way: Floats, flat: Floats, scale: Floats
+) -> tuple[Floats, Floats]:
+    """Return how pictures move, (n, 2), by turns and ways, (n, 2, 6), and by inverse depths."""
+    (x, y, z), (u, v) = turned.T, flat.T
+    zero = np.zeros_like(x)
+    across = np.stack((-u * y, z + u * x, -y, inverse, zero, -u * inverse), axis=1)
+    down = np.stack((-z - v * y, v * x, x, zero, inverse, -v * inverse), axis=1)
+    by_pose = np.stack((across, down), axis=1) * scale[:, :, None]
+    return by_pose, (way[:2] - flat * way[2]) * scale

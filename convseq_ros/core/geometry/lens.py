@@ -1,0 +1,82 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From regions of an image to the rays along which a lens sees them, without its distortion."""
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.encoding.regions import REGION
+from convseq_ros.core.types import Camera
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Points = npt.NDArray[np.float64]  # (n, 2), each NaN where it is not known
+
+
+# How many numbers OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
+COEFFICIENTS = {
+    '': (0,), 'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
+}  # fmt: skip
+
+
+@constants
+class LENS:
+    """Of lenses; engineering, not studied."""
+
+    error_cells: float = 0.05  # by which a ray, distorted again, may miss; a field has .1
+    widest: float = 5.7  # tangent of 80 degrees; a ray further out has no picture on a plane
+
+
+def cell_px(camera: Camera, side: int) -> tuple[float, float]:
+    """Return how high and wide a cell is, pixels, if a row of the image has so many regions."""
+    cells = side + REGION.span - 1
+    return camera.height_px / cells, camera.width_px / cells
+
+
+def is_usable(camera: Camera) -> bool:
+    """Return whether rays follow from the numbers of a camera."""
+    sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px
+    numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
+    model = camera.distortion_model if camera.distortion else ''
+    is_known = len(camera.distortion) in COEFFICIENTS.get(model, ())
+    return is_known and bool(np.isfinite(numbers).all()) and min(sizes) > 0
+
+
+def rays(camera: Camera, places: Points, side: int) -> Points:
+    """
+    Return where rays through places of regions, rows and columns in cells, meet a plane: (n, 2).
+
+    x to the right and y down, at a distance of 1 before the lens. NaN where the place is not
+    known, the distortion cannot be inverted, or the ray is further than 80 degrees from the axis.
+    """
+    height, width = cell_px(camera, side)
+    # The middle of the first pixel is 0.
+    middle = (places[:, ::-1] + REGION.span / 2) * (width, height) - 0.5
+    matrix = np.array(
+        [[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]]
+    )
+    if not any(camera.distortion):
+        found = (middle - matrix[:2, 2]) / (camera.fx_px, camera.fy_px)
+    else:
+        found = _undistorted(camera, middle, matrix, LENS.error_cells * min(height, width))
+    with np.errstate(invalid='ignore'):
+        found[~(abs(found) < LENS.widest).all(axis=1)] = np.nan
+    return np.asarray(found)
+
+
+def _undistorted(camera: Camera, pixels: Points, matrix: Points, error_px: float) -> Points:
+    """Return rays of pixels; NaN where they, distorted again, miss their pixel."""
+    found = np.full_like(pixels, np.nan)
+    known = np.isfinite(pixels).all(axis=1)
+    seen, numbers = pixels[known][None], np.array(camera.distortion)
+    if not known.any():
+        return found
+    if camera.distortion_model == 'equidistant':
+        straight = cv2.fisheye.undistortPoints(seen, matrix, numbers)
+        again = cv2.fisheye.distortPoints(straight, matrix, numbers)
+    else:
+        straight = cv2.undistortPoints(seen, matrix, numbers)
+        deep = cv2.convertPointsToHomogeneous(straight[:, 0])
+        again, _ = cv2.projectPoints(deep, np.zeros(3), np.zeros(3), matrix, numbers)
+    off = np.linalg.norm(again.reshape(-1, 2) - seen[0], axis=1)
+    found[known] = np.where((off <= error_px)[:, None], straight.reshape(-1, 2), np.nan)
+    return found

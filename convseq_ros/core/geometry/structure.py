@@ -1,0 +1,84 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+How deep the regions of a reference lie, by neighbours of its own drive, whose way is known.
+
+What is found in two images of one drive, a known way apart, is triangulated; so a single camera
+gets its scale from the odometry that made the map.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.geometry.lens import Points
+from convseq_ros.core.rigid import Matrix
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+@constants
+class DEPTH:
+    """Of the triangulation; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+
+    nearest_m: float = 1.5  # of the first guesses ...
+    furthest_m: float = 200.0
+    guesses: int = 14  # ... evenly spread by their logarithm
+    rounds: int = 4  # of the refinement
+    sigma_cells: float = 0.3  # of a displacement; what is further off counts less (Cauchy)
+    # Information of a depth, in square metres, that stands for none: 1 per m of inverse depth.
+    least_information: float = 1.0
+    least_ahead: float = 0.05  # in a ray's length: a point is not at the lens, nor behind it
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Structure:
+    """The regions of a reference in space; equal to itself only."""
+
+    rays: Floats  # (n, 3), z is 1
+    inverse_m: Floats  # (n,), inverse depths
+    information: Floats  # (n,), of these: inverse variances, in square metres; 0 where unknown
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Sight:
+    """What another image saw of the same regions; equal to itself only."""
+
+    seen: Points  # (n, 2), where their rays meet its plane
+    moved: Matrix  # (4, 4), from the reference's lens to its lens
+    scale: Floats  # (2,), cells across and down for a length of 1 in its plane
+
+
+def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
+    """Return the depths of rays (n, 3) that agree best with what neighbours saw of them."""
+    guesses = 1 / np.geomspace(DEPTH.nearest_m, DEPTH.furthest_m, DEPTH.guesses)
+    costs = np.zeros((len(guesses), len(rays)))
+    for sight in sights:
+        off, _ = _off(sight, rays, guesses[:, None])
+        with np.errstate(invalid='ignore'):
+            costs += np.nan_to_num(np.log1p((off**2).sum(axis=-1) / DEPTH.sigma_cells**2))
+    inverse = guesses[costs.argmin(axis=0)]
+    information = np.zeros(len(rays))
+    for _ in range(DEPTH.rounds):
+        slopes = np.zeros(len(rays))
+        information[:] = 0
+        for sight in sights:
+            off, slope = _off(sight, rays, inverse)
+            weight = 1 / (DEPTH.sigma_cells**2 + (off**2).sum(axis=-1))
+            slopes += np.nan_to_num(weight * (slope * off).sum(axis=-1))
+            information += np.nan_to_num(weight * (slope**2).sum(axis=-1))
+        step = slopes / np.maximum(information, DEPTH.least_information)
+        inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
+    information[information < DEPTH.least_information] = 0
+    return Structure(rays, inverse, information)
+
+
+def _off(sight: Sight, rays: Floats, inverse: Floats) -> tuple[Floats, Floats]:
+    """Return how far off what was seen points are, in cells, and by how much more per 1 / m."""
+    turned, way = rays @ sight.moved[:3, :3].T, sight.moved[:3, 3]
+    points = turned + inverse[..., None] * way
+    ahead = np.maximum(points[..., 2:], DEPTH.least_ahead)
+    flat = points[..., :2] / ahead
+    return (flat - sight.seen) * sight.scale, (way[:2] - flat * way[2]) / ahead * sight.scale

@@ -1,0 +1,77 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From the motion between two lenses to the pose between two bases, and how sure it is."""
+
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.geometry.alignment import Alignment
+from convseq_ros.core.geometry.two_view import TwoView
+from convseq_ros.core.rigid import cross, inverse, Matrix, quaternion, vector
+from convseq_ros.core.types import RelativePose, UNKNOWN_M2, Vector
+import numpy as np
+
+
+@constants
+class ERROR:
+    """Fitted on drawn streets by day, in the evening and at night (scripts/relative_pose.py)."""
+
+    # Times least squares' deviations, over the share of regions that agree: neighbouring regions
+    # err alike, and where few agree the field is bad.
+    scatter: float = 2.3
+    position_m: float = 0.02  # what no number of regions mends
+    turn_rad: float = 0.002
+    # A position that is less sure than this, or than half of the way, is not told.
+    unsure_m: float = 1.0
+    unsure_share: float = 0.5
+    two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
+
+
+def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> RelativePose:
+    """
+    Return the pose of a query's base in a reference's base.
+
+    `base_reference` is the reference's lens in the base that is asked for, `base_query` the
+    query's lens in its own base.
+    """
+    lens = inverse(found.moved)  # the query's, in the reference's
+    base = inverse(base_query)
+    whole = base_reference @ lens @ base
+    turn = base_reference[:3, :3] @ lens[:3, :3]  # from the query's lens
+    # The alignment's errors are a turn and a way in the query's lens, after the motion.
+    arm = cross(base[:3, 3] - found.moved[:3, 3])
+    slopes = np.zeros((6, 6))
+    slopes[:3, :3] = turn @ arm
+    slopes[:3, 3:] = slopes[3:, :3] = -turn
+    way_m = float(np.linalg.norm(lens[:3, 3]))
+    scatter = ERROR.scatter / found.share
+    floor = np.diag([ERROR.position_m**2] * 3 + [ERROR.turn_rad**2] * 3)
+    covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
+    orientation, position = quaternion(whole[:3, :3]), whole[:3, 3]
+    sigma_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+    if sigma_m > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
+        covariance = _of_turns(covariance[3:, 3:])
+        return RelativePose(orientation, None, _unit(position), covariance, found.inliers)
+    return RelativePose(orientation, vector(position), _unit(position), covariance, found.inliers)
+
+
+def told_of_two(found: TwoView, base_reference: Matrix, base_query: Matrix) -> RelativePose:
+    """Return what is known without depth; the direction is that of the lenses."""
+    turn = base_reference[:3, :3] @ found.turned.T @ base_query[:3, :3].T
+    direction = (
+        None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
+    )
+    covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
+    return RelativePose(quaternion(turn), None, direction, covariance, found.inliers)
+
+
+def _of_turns(turns: Matrix) -> Matrix:
+    """Return a covariance (6, 6) of turns (3, 3) and of a position that is not known."""
+    covariance = np.eye(6) * UNKNOWN_M2
+    covariance[3:, 3:] = turns
+    return covariance
+
+
+def _unit(way: Matrix) -> Vector | None:
+    length = float(np.linalg.norm(way))
+    return vector(way / length) if length > 0 else None

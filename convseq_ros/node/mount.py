@@ -1,0 +1,58 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the camera is on the robot, by TF, where tf2_ros is installed."""
+
+from typing import Any
+
+from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
+from convseq_ros.core.types import Pose
+from convseq_ros.sources.pose_track import pose_from_message
+from rclpy.node import Node
+from rclpy.time import Time
+
+
+class Mount:
+    """
+    Asks TF until it tells, and then no more: a camera is fixed to its robot.
+
+    Parameters
+    ----------
+    node : Node
+        Whose executor listens to /tf and /tf_static.
+    base_frame : str
+        Of the robot.
+
+    """
+
+    def __init__(self, node: Node, base_frame: str) -> None:
+        self._node, self._base_frame = node, base_frame
+        self._found: dict[str, Pose] = {}
+        self._buffer: Any = None
+        try:
+            from tf2_ros import Buffer, TransformListener
+        except ImportError:
+            return
+        self._buffer = Buffer()
+        self._listener = TransformListener(self._buffer, node)
+
+    def of(self, optical_frame: str) -> Pose | None:
+        """Return where the camera of a frame (z along the lens) is, x along the lens, if known."""
+        if optical_frame not in self._found and self._buffer and optical_frame:
+            frames = self._base_frame, optical_frame, Time()
+            if self._buffer.can_transform(*frames):
+                said = self._buffer.lookup_transform(*frames).transform
+                lens = pose_from_message(_Pose(said.translation, said.rotation))
+                if lens is not None:
+                    self._found[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
+                    where = self._found[optical_frame].position
+                    self._node.get_logger().info(
+                        f'{optical_frame} is at {where} m in {self._base_frame}, by TF'
+                    )
+        return self._found.get(optical_frame)
+
+
+class _Pose:
+    """A transform, called as a pose is."""
+
+    def __init__(self, position: Any, orientation: Any) -> None:
+        self.position, self.orientation = position, orientation

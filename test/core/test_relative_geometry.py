@@ -1,0 +1,188 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rays, depths and motions of drawn points, whose truth is exact."""
+
+from dataclasses import replace
+import math
+
+from convseq_ros.core.geometry.alignment import align, Alignment
+from convseq_ros.core.geometry.lens import is_usable, rays
+from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
+from convseq_ros.core.geometry.two_view import two_view
+from convseq_ros.core.geometry.uncertainty import told
+from convseq_ros.core.rigid import (
+    inverse,
+    matrix,
+    of_roll_pitch_yaw,
+    pose_of,
+    ROBOT_LENS,
+    turned_by,
+)
+from convseq_ros.core.types import Camera
+import cv2
+import numpy as np
+import pytest
+
+SIDE = 30
+CAMERA = Camera(640, 480, 380.0, 380.0, 320.0, 240.0)
+SCALE = np.array((380 / 20, 380 / 15))
+MOVED = np.eye(4)
+MOVED[:3, :3], MOVED[:3, 3] = turned_by((0.01, -0.05, 0.02)), (0.4, -0.1, -1.0)
+GRID = np.indices((SIDE, SIDE)).reshape(2, -1).T.astype(float)
+
+
+def scene(seed=0):
+    """Rays of all regions, (n, 3), and their inverse depths."""
+    flat = rays(CAMERA, GRID, SIDE)
+    depths_m = np.random.default_rng(seed).uniform(3, 40, len(flat))
+    return np.column_stack((flat, np.ones(len(flat)))), 1 / depths_m
+
+
+def seen(ahead, inverse_m, moved):
+    points = ahead @ moved[:3, :3].T + inverse_m[:, None] * moved[:3, 3]
+    return points[:, :2] / points[:, 2:]
+
+
+@pytest.mark.parametrize(
+    ('model', 'numbers'),
+    [
+        ('plumb_bob', (-0.3, 0.1, 0.001, -0.002, 0.01)),
+        ('rational_polynomial', (0.2, -0.1, 0.001, 0.001, 0.01, 0.3, -0.05, 0.01)),
+        ('equidistant', (0.05, -0.01, 0.003, -0.001)),
+    ],
+)
+def test_rays_are_those_that_the_lens_bends_to_the_pixels(model, numbers):
+    camera = replace(CAMERA, distortion_model=model, distortion=numbers)
+    assert is_usable(camera)
+    found = rays(camera, GRID, SIDE)
+    assert np.isfinite(found).all(axis=1).mean() > 0.9
+    known = found[np.isfinite(found).all(axis=1)][:, None]
+    matrix_ = np.array([[380.0, 0, 320], [0, 380.0, 240], [0, 0, 1]])
+    if model == 'equidistant':
+        pixels = cv2.fisheye.distortPoints(known, matrix_, np.array(numbers))
+    else:
+        deep = cv2.convertPointsToHomogeneous(known)
+        pixels, _ = cv2.projectPoints(deep, np.zeros(3), np.zeros(3), matrix_, np.array(numbers))
+    middles = (GRID[np.isfinite(found).all(axis=1)][:, ::-1] + 1.5) * (20, 15) - 0.5
+    assert abs(pixels[:, 0] - middles).max() < 0.8
+
+
+def test_rays_without_distortion_are_those_of_a_pinhole():
+    assert rays(CAMERA, np.array([[14.5, 14.5]]), SIDE)[0] == pytest.approx((-0.5 / 380,) * 2)
+
+
+def test_distortion_that_cannot_be_inverted_leaves_no_wrong_ray():
+    camera = replace(CAMERA, distortion_model='plumb_bob', distortion=(-3.0, 0, 0, 0))
+    found = rays(camera, GRID, SIDE)
+    known = np.isfinite(found).all(axis=1)
+    assert 0 < known.mean() < 0.7
+    again, _ = cv2.projectPoints(
+        cv2.convertPointsToHomogeneous(found[known][:, None]),
+        np.zeros(3),
+        np.zeros(3),
+        np.array([[380.0, 0, 320], [0, 380.0, 240], [0, 0, 1]]),
+        np.array(camera.distortion),
+    )
+    assert abs(again[:, 0] - ((GRID[known][:, ::-1] + 1.5) * (20, 15) - 0.5)).max() < 0.8
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        {'fx_px': math.nan},
+        {'fy_px': 0.0},
+        {'cx_px': math.inf},
+        {'width_px': 0},
+        {'distortion_model': 'plumb_bob', 'distortion': (math.nan, 0, 0, 0)},
+        {'distortion_model': 'equidistant', 'distortion': (0.1,)},
+        {'distortion_model': 'unheard of', 'distortion': (0.1, 0, 0, 0)},
+    ],
+)
+def test_a_camera_of_impossible_numbers_is_not_usable(wrong):
+    assert is_usable(CAMERA) and not is_usable(replace(CAMERA, **wrong))
+
+
+def test_depths_follow_from_neighbours_a_known_way_apart():
+    ahead, inverse_m = scene()
+    sights = [Sight(seen(ahead, inverse_m, MOVED), MOVED, SCALE)]
+    found = triangulate(ahead, sights)
+    known = found.information > 300
+    assert known.mean() > 0.5
+    assert np.median(abs(found.inverse_m - inverse_m)[known]) < 1e-3
+
+
+def test_a_neighbour_at_the_same_spot_tells_no_depth():
+    ahead, inverse_m = scene()
+    turned = MOVED.copy()
+    turned[:3, 3] = 0
+    found = triangulate(ahead, [Sight(seen(ahead, inverse_m, turned), turned, SCALE)])
+    assert not found.information.any()
+
+
+def test_a_motion_is_found_among_wrong_displacements():
+    ahead, inverse_m = scene()
+    there = seen(ahead, inverse_m, MOVED)
+    rng = np.random.default_rng(1)
+    there[rng.random(len(there)) < 0.3] += rng.normal(0, 0.2, 2)
+    there[::7] = np.nan
+    structure = Structure(ahead, inverse_m, np.full(len(ahead), 1e6))
+    found = align(structure, there, SCALE, np.eye(4))
+    assert found is not None and found.inliers > 500
+    assert found.moved == pytest.approx(MOVED, abs=2e-2)
+    assert align(structure, there, SCALE, np.eye(4)).moved.tolist() == found.moved.tolist()
+
+
+def test_unrelated_displacements_are_aligned_with_nothing():
+    ahead, inverse_m = scene()
+    structure = Structure(ahead, inverse_m, np.full(len(ahead), 1e6))
+    nothing = np.full((len(ahead), 2), np.nan)
+    assert align(structure, nothing, SCALE, np.eye(4)) is None
+    chance = np.random.default_rng(2).uniform(-0.6, 0.6, (len(ahead), 2))[:150]
+    few = Structure(ahead[:150], inverse_m[:150], np.full(150, 1e6))
+    assert align(few, chance, SCALE, np.eye(4)) is None
+
+
+def test_two_views_tell_the_turn_and_the_direction():
+    ahead, inverse_m = scene()
+    found = two_view(ahead[:, :2], seen(ahead, inverse_m, MOVED), SCALE)
+    assert found.turned == pytest.approx(MOVED[:3, :3], abs=5e-3)
+    way = inverse(MOVED)[:3, 3]
+    assert found.direction @ way / np.linalg.norm(way) > 0.99
+
+
+def test_a_turn_on_the_spot_has_no_direction():
+    ahead, inverse_m = scene()
+    turned = MOVED.copy()
+    turned[:3, 3] = 0
+    found = two_view(ahead[:, :2], seen(ahead, inverse_m, turned), SCALE)
+    assert found.direction is None
+    assert found.turned == pytest.approx(turned[:3, :3], abs=1e-4)
+    assert two_view(ahead[:, :2], ahead[:, :2], SCALE).direction is None
+    assert two_view(ahead[:9, :2], ahead[:9, :2], SCALE) is None
+
+
+def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
+    mount = matrix(of_roll_pitch_yaw((1.0, 0.2, 0.5), 0.1, -0.2, 0.7)) @ ROBOT_LENS
+    rng = np.random.default_rng(3)
+    root = rng.normal(0, 1, (6, 6)) * 0.002
+    first = told(Alignment(MOVED, root @ root.T, 400, 1.0), mount, mount)
+    place = matrix(replace(pose_of(np.eye(4)), position=first.position_m))
+    place[:3, :3] = matrix(replace(pose_of(np.eye(4)), orientation=first.orientation))[:3, :3]
+    assert place == pytest.approx(mount @ inverse(MOVED) @ inverse(mount), abs=1e-6)
+    drawn = []
+    for numbers in rng.normal(0, 1, (4000, 6)) @ root.T:
+        other = MOVED.copy()
+        other[:3, :3] = turned_by(numbers[:3]) @ MOVED[:3, :3]
+        other[:3, 3] += numbers[3:]
+        base = mount @ inverse(other) @ inverse(mount)
+        turn = cv2.Rodrigues(base[:3, :3] @ place[:3, :3].T)[0].ravel()
+        drawn.append((*(base[:3, 3] - place[:3, 3]), *turn))
+    floor = np.diag([0.02**2] * 3 + [0.002**2] * 3)
+    expected = np.cov(np.array(drawn).T) * 2.3**2 + floor
+    assert first.covariance == pytest.approx(expected, rel=0.15, abs=1e-5)
+
+
+def test_a_position_that_is_not_sure_is_not_told():
+    found = told(Alignment(MOVED, np.eye(6), 400, 1.0), ROBOT_LENS, ROBOT_LENS)
+    assert found.position_m is None and found.position_sigma_m is None
+    assert found.direction is not None and found.covariance[0, 0] >= 1e6
