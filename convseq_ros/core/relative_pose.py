@@ -136,7 +136,8 @@ class RelativePoses:
             return None
         found = align(triangulate(reference.rays, sights), sight.seen, sight.scale, sight.moved)
         way = inverse(sights[0].moved)[:3, 3]
-        return found and unshrunk(found, way / np.linalg.norm(way))
+        baseline_m = float(np.linalg.norm(way))
+        return found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
 
     def _neighbours(self, index: int, reference: View) -> list[tuple[View, Matrix]]:
         """Return views of a place's own drive, one on either side or two on one, and the ways."""

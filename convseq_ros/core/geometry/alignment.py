@@ -9,6 +9,7 @@ No sample is drawn: the search starts at a given pose, wide at first.
 """
 
 from dataclasses import dataclass, replace
+import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
@@ -39,6 +40,7 @@ class Alignment:
     inliers: int
     share: float  # of the regions that were found, inliers; in (0, 1]
     cells_per_m: float  # by which a way across moves a region of middle depth
+    baseline_m: float = math.inf  # between the images that gave the depths
 
 
 def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> Alignment | None:
