@@ -49,7 +49,7 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
         for setting in PARTS[name]:
             if chosen.quick and setting.threads != PARTS[name][0].threads:
                 continue
-            _say(f'{name}, {setting.threads} threads{"" if setting.compiled else ", NumPy alone"}')
+            _say(f'{name}, {setting.threads} threads{setting.kernels and f", {setting.kernels}"}')
             findings += run(name, setting, folder, sizes, chosen.quick)
     about['seconds'] = round(time.monotonic() - start_s)
     about['parts'] = list(chosen.parts or PARTS)

@@ -83,6 +83,10 @@ class Finding:
             self, value=float(value), low=float(low), high=float(high), runs=len(times.samples_ms)
         )
 
+    def noted(self, note: str) -> Self:
+        """Return it with what else should be known."""
+        return replace(self, note=note)
+
     def compared(self, times: float, against: str) -> Self:
         """Return it with how many times faster than another side it was."""
         return replace(self, times=times, against=against)

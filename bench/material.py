@@ -9,11 +9,16 @@ middle is the street itself, so that there is something to find.
 """
 
 from collections.abc import Iterator
+from contextlib import closing
+import json
 from pathlib import Path
+import shutil
+import sqlite3
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.simulation.drive import draw, Drive
@@ -74,6 +79,30 @@ def queries_path(folder: Path) -> Path:
 def read_queries(folder: Path) -> npt.NDArray[np.uint8]:
     """Return the gray images of the second drive, (n, 480, 640)."""
     return np.load(queries_path(folder))
+
+
+def read_drive(folder: Path, frames: int) -> npt.NDArray[np.uint8]:
+    """Return gray images (n, 480, 640) at 30 Hz of the second drive at 10 m/s, drawn once."""
+    path = folder / f'drive-{frames}.npy'
+    if not path.exists():
+        drive = Drive(
+            start_m=_START_M, num_frames=frames, frame_rate_hz=30, lane_offset_m=-0.5,
+            light='evening', seed=5,
+        )  # fmt: skip
+        np.save(path, np.array(_gray(Street(length_m=frames / 3 + 60, seed=7), drive)))
+    return np.load(path)
+
+
+def keyframe_map(folder: Path, size: int) -> Path:
+    """Return a map of a size which says that there are at most 8 keyframes a second."""
+    path = folder / f'map-{size}-keyframes.db'
+    if not path.exists():
+        shutil.copy(map_path(folder, size), path)
+        said = 'keyframes', json.dumps(KeyframeConfig(keyframe_interval_s=0.125).spacing)
+        with closing(sqlite3.connect(path)) as database, database:
+            change = 'UPDATE about SET value = ?, crc32 = ? WHERE name = ?'
+            database.execute(change, (said[1], row_crc(said), said[0]))
+    return path
 
 
 def truth(index: int, size: int, frames: int) -> int:

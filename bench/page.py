@@ -9,18 +9,22 @@ import textwrap
 from typing import Any
 
 from bench.arm import section
-from bench.plot import draw_cost
+from bench.plot import draw_cost, draw_stages
 from bench.table import cells, COLUMNS, number, Row
 
 _PICTURE = 'cost_against_map_size.png'
+_STAGES = 'frame_by_stage.png'
 _TITLES = {
     'encoding': 'Encoding',
     'pairs': 'Pair scores',
     'rows': "The paper's row",
     'frames': 'A whole frame',
+    'stages': 'A whole frame, stage by stage',
+    'avx2': 'A whole frame without AVX-512',
     'sequence': 'The sequence stage',
     'memory': 'Maps: opening, memory, disk',
     'node': 'The live node',
+    'drive': 'The live node on a drive',
 }
 _ABOUT = {
     'encoding': (
@@ -47,6 +51,10 @@ _ABOUT = {
         'map were measured before they were k: the sequence stage adds what its own table says. '
         '*Right*: the best candidate lies within two references of the place that the image shows.'
     ),
+    'stages': (
+        'Where the time goes, on average, on one core; what a stage calls of another counts there.'
+    ),
+    'avx2': 'The same with the kernels of processors that have AVX2 and no more.',
     'sequence': 'Sums of kept pair scores along diagonals.',
     'memory': (
         'In processes of their own, with default parameters; resident after {frames} frames.'
@@ -56,7 +64,12 @@ _ABOUT = {
         'publishes bgr8 images and clocks the answers, both with the settings of '
         'config/fastdds_large_images.xml: from the call that publishes an image to the arrival of '
         '`~/candidates`, so both ways through DDS are in it. With one thread, the node has one '
-        'core and the camera another.'
+        'core and the camera another. Here every frame is a keyframe, as the map has it.'
+    ),
+    'drive': (
+        'The node as above, on a drive of 10 m/s at 30 Hz whose map says that there are at most 8 '
+        'keyframes a second (`keyframe_interval_s: 0.125`); then beside programs that take what '
+        'they get of every core.'
     ),
 }
 _HOW = """\
@@ -138,6 +151,10 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
         if own:
             about = _ABOUT[name].format(frames=measured['about']['frames'])
             parts += [f'## {title}\n', _wrapped(about), _markdown(own)]
+        if name == 'stages' and draw_stages(own, docs / 'images' / _STAGES):
+            parts.append(
+                f'![A frame by its stages, for maps of several sizes](images/{_STAGES})\n'
+            )
     parts.append(
         _APPROXIMATE.format(
             int8=_errors(rows, 'int8'), float32=_errors(rows, 'float32'), half=_rounding(rows)

@@ -30,25 +30,28 @@ class Setting:
         That may compute.
     pinned : bool
         Whether the process has no more cores than that.
-    compiled : bool
-        Whether compiled kernels may be used.
+    kernels : str
+        The kind of kernels, as CONVSEQ_KERNELS has it: the best if empty, or numpy for none.
 
     """
 
     threads: int = 1
     pinned: bool = False
-    compiled: bool = True
+    kernels: str = ''
 
 
 ONE, TWO, ONE_CORE = Setting(1), Setting(2), Setting(1, pinned=True)
 PARTS = {
-    'encoding': (ONE, Setting(1, compiled=False)),
+    'encoding': (ONE, Setting(1, kernels='numpy')),
     'pairs': (ONE, TWO),
     'rows': (ONE, TWO),
-    'frames': (ONE_CORE, Setting(1, pinned=True, compiled=False)),
+    'frames': (ONE_CORE, Setting(1, pinned=True, kernels='numpy')),
     'sequence': (ONE,),
     'memory': (ONE,),
+    'stages': (ONE_CORE,),
+    'avx2': (Setting(1, pinned=True, kernels='avx2'),),
     'node': (TWO, ONE),
+    'drive': (ONE,),
 }
 
 
@@ -60,8 +63,8 @@ def run(
     if setting.threads > len(cores):
         return [_failed(name, setting, f'needs {setting.threads} cores')]
     environment = os.environ | {key: str(setting.threads) for key in BLAS}
-    if not setting.compiled:
-        environment['CONVSEQ_KERNELS'] = 'numpy'
+    if setting.kernels:
+        environment['CONVSEQ_KERNELS'] = setting.kernels
     command = [
         sys.executable,
         '-m',

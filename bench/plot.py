@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of cost against map size."""
+"""The pictures of cost against map size, and of a frame by its stages."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +18,10 @@ _LINES = {
 }
 _CAMERAS_HZ = {10: 0.85, 30: 0.15}  # and where along the axis they are named
 _LOWEST_MS = 4.0
+_STAGE_COLORS = (
+    '#1f6fb2', '#6fa8dc', '#9fc5e8', '#2e8b57', '#d08a1d', '#e7b75f', '#c0392b', '#8e5ba6',
+    '#5b6b7a', '#b8c4ce',
+)  # fmt: skip
 
 
 def draw_cost(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
@@ -82,6 +86,52 @@ def draw_cost(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
             zorder=2,
         )
     _dress(figure, axes, rows[0]['threads'])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save(figure, path)
+    return True
+
+
+def draw_stages(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
+    """
+    Draw where the time of a frame goes, a bar for each size of the map.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Findings of the part `stages`.
+    path : Path
+        The PNG.
+
+    Returns
+    -------
+    bool
+        False if there is nothing to draw.
+
+    """
+    known = [row for row in rows if row['value'] is not None]
+    if not known:
+        return False
+    sizes = list(dict.fromkeys(row['what'] for row in known))
+    stages = list(dict.fromkeys(row['side'] for row in known))
+    figure = new_figure(9, 1.6 + 0.8 * len(sizes))
+    axes = figure.add_axes((0.13, 0.2, 0.62, 0.62))
+    ends = dict.fromkeys(sizes, 0.0)
+    for stage, color in zip(stages, _STAGE_COLORS, strict=False):
+        took = {row['what']: row['value'] for row in known if row['side'] == stage}
+        widths = [took.get(size, 0.0) for size in sizes]
+        lefts = [ends[size] for size in sizes]
+        labels = [size.rpartition('R = ')[2] for size in sizes]
+        axes.barh(labels, widths, left=lefts, color=color, label=stage, edgecolor='white')
+        ends = {size: ends[size] + took.get(size, 0.0) for size in sizes}
+    axes.invert_yaxis()
+    axes.set_xlabel('milliseconds', color=_DIM)
+    axes.set_ylabel('references in the map', color=_DIM)
+    axes.tick_params(colors=_DIM, length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+    title = 'Where the time of a frame goes, on one core'
+    figure.text(0.03, 0.93, title, color=_INK, fontsize=13, weight='bold', va='center')
     path.parent.mkdir(parents=True, exist_ok=True)
     save(figure, path)
     return True

@@ -15,7 +15,7 @@ from bench.material import queries_path
 from bench.work import Work
 
 _WANTED_SIZE = 100_000
-_MOST_MB, _MOST_OPEN_S, _MOST_KB = 600, 3, 20
+_MOST_MB, _MOST_OPEN_S, _MOST_KB = 300, 3, 20
 _RUNS = 3
 
 

@@ -40,7 +40,7 @@ def measure(work: Work) -> list[Finding]:
 
     isolate(work.folder)
     findings = []
-    with _node(work, size) as process:
+    with running_node(work, work.map_path(size)) as process:
         probe = Probe(work.images)
         try:
             probe.wait()
@@ -83,20 +83,19 @@ def _environment() -> dict[str, str]:
 
 
 @contextmanager
-def _node(work: Work, size: int) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the node on the first cores; the probe may use the others."""
+def running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the node with a map on the first cores; the probe may use the others."""
     from bench.probe import TOPIC
 
     cores = sorted(os.sched_getaffinity(0))
     own, others = cores[: work.threads], cores[work.threads :] or cores
-    path = work.map_path(size).absolute()
     command = [
         sys.executable,
         '-m',
         'convseq_ros.node.vpr_node',
         '--ros-args',
         '-p',
-        f'map_path:={path}',
+        f'map_path:={path.absolute()}',
         '-r',
         f'image:={TOPIC}',
     ]

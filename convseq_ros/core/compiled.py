@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 6  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 7  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
@@ -36,25 +36,35 @@ class Library:
 @cache
 def library() -> Library:
     """Return the kernels for this processor, or as CONVSEQ_KERNELS asks."""
-    asked = os.environ.get(_OVERRIDE, '')
+    asked, problem = os.environ.get(_OVERRIDE, ''), ''
     if asked == 'numpy':
         return Library(problem=f'{_OVERRIDE} is numpy; unset it')
     # Run from a clone, sources have no library beside them, but the installed package has one.
     installed = [Path(entry, *__name__.split('.')[:-1]) for entry in sys.path]
     found = [path for folder in (_FOLDER, *installed) for path in folder.glob('_native*.so')]
-    if not found:
-        return Library(problem=f'they were not built; {_REBUILD}')
+    # In a home that several machines share, the first may be of another kind of processors.
+    for path in dict.fromkeys(found):
+        if not (tried := _loaded(path, asked)).problem:
+            return tried
+        problem = problem or tried.problem
+    return Library(problem=problem or f'they were not built; {_REBUILD}')
+
+
+def _loaded(path: Path, asked: str) -> Library:
     try:
-        functions = ctypes.CDLL(str(found[0]))
+        functions = ctypes.CDLL(str(path))
         version = functions.convseq_version()
     except (OSError, AttributeError) as error:
         return Library(problem=f'{error}; {_REBUILD}')
     if version != VERSION:
-        return Library(problem=f'{found[0]} is of another release; {_REBUILD}')
-    there = [name for name in VARIANTS if _has(functions, name)]
+        return Library(problem=f'{path} is of another release; {_REBUILD}')
+    told = [name for name in VARIANTS if _has(functions, name)]
+    there = [name for name in told if _works(functions, name)]
     if asked and asked not in there:
         known = ', '.join([*there, 'numpy'])
         return Library(problem=f'{_OVERRIDE} is {asked}; this processor has {known}')
+    if told and not there:
+        return Library(problem=f'this processor says that it has {told[0]}, but has not')
     if not there:
         return Library(problem='this processor has neither AVX2 nor NEON')
     return Library(asked or there[0], '', functions)
@@ -63,6 +73,12 @@ def library() -> Library:
 def _has(functions: Any, variant: str) -> bool:
     tells = getattr(functions, f'convseq_has_{variant}', None)
     return bool(tells and tells())
+
+
+def _works(functions: Any, variant: str) -> bool:
+    """Return whether kernels compute what they should: emulators may say more than is true."""
+    probe = ctypes.cast(functions[f'convseq_probe_{variant}'], ctypes.c_void_p)
+    return not functions.convseq_tried(probe)
 
 
 def available() -> bool:

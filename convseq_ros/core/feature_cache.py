@@ -4,8 +4,11 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
+import os
+from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.map.place import unpack_cells
@@ -17,6 +20,19 @@ import numpy as np
 
 _AT_ONCE = 8  # references in a lot; measured: fewer cost more calls, more leave threads idle
 _READ_AT_ONCE = 256  # references, for 8 MB of cells
+
+
+def usable_cores(cgroups: Path = Path('/sys/fs/cgroup')) -> int:
+    """Return how many cores this process may use: its own, and what its group's quota pays for."""
+    cores = len(os.sched_getaffinity(0))
+    for name in ('cpu.max', 'cpu/cpu.cfs_quota_us'):  # cgroup 2, then 1
+        with suppress(OSError, ValueError):
+            quota, *period = (cgroups / name).read_text(encoding='ascii').split()
+            if not period:
+                period = (cgroups / 'cpu/cpu.cfs_period_us').read_text(encoding='ascii').split()
+            if int(quota) > 0:  # 'max' is no number, and -1 no quota
+                return max(1, min(cores, int(quota) // int(period[0])))
+    return cores
 
 
 class Threads:

@@ -4,13 +4,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-import os
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.feature_cache import FeatureCache, Threads
+from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -56,7 +55,7 @@ class Matcher:
         self.kernel, self.exact = fast.name, fast.exact
         self._map, self._keeps_all = reference_map, kept is None
         self._least_bits = saliency_threshold * ENTROPY.max_bits
-        usable = min(len(os.sched_getaffinity(0)), _MOST_THREADS)
+        usable = min(usable_cores(), _MOST_THREADS)
         threads = Threads((matching.threads or usable) - 1)
         self._background = own = NoBackground()
         if matching.subtract_background and exact.normalize and exact.project:

@@ -11,7 +11,9 @@ from convseq_ros.core.compiled import library
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PARTS = {'encoding', 'pairs', 'rows', 'frames', 'sequence', 'memory', 'node'}
+PARTS = {
+    'encoding', 'pairs', 'rows', 'frames', 'stages', 'avx2', 'sequence', 'memory', 'node', 'drive',
+}  # fmt: skip
 
 
 @pytest.fixture(scope='module')
@@ -81,3 +83,9 @@ def test_the_page_holds_every_part_and_the_picture(docs):
         assert f'## {heading}' in page
     assert 'images/cost_against_map_size.png' in page
     assert (docs / 'images' / 'cost_against_map_size.png').stat().st_size > 10_000
+
+
+def test_the_stages_of_a_frame_add_up_and_are_drawn(measured, docs):
+    stages = rows(measured, 'stages')
+    assert len(stages) == 10 and all(row['value'] > 0 for row in stages)
+    assert (docs / 'images' / 'frame_by_stage.png').stat().st_size > 5000

@@ -96,3 +96,49 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
     )
     assert result.stdout == 'True\n', result.stderr
     assert state() == before
+
+
+@pytest.mark.parametrize('content', [ARM, b''])
+def test_of_several_libraries_one_that_can_be_loaded_is_taken(tmp_path, monkeypatch, content):
+    needs_library()
+    (built,) = compiled._FOLDER.glob('_native*.so')
+    (tmp_path / '_native.0.so').write_bytes(content)
+    shutil.copy(built, tmp_path / '_native.1.so')
+    assert not found_in(tmp_path, monkeypatch).problem
+
+
+def test_all_kinds_of_kernels_pass_their_probe():
+    needs_library()
+    functions = compiled.library().functions
+    told = [name for name in compiled.VARIANTS if compiled._has(functions, name)]
+    assert told and all(compiled._works(functions, name) for name in told)
+
+
+def test_an_instruction_that_is_not_there_ends_a_probe_and_not_the_process():
+    needs_library()
+    lines = (
+        'import ctypes, mmap\n'
+        'from convseq_ros.core.compiled import library\n'
+        'page = mmap.mmap(-1, 4096, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)\n'
+        'x86 = library().variant.startswith("avx")\n'
+        'page.write(b"\\x0f\\x0b" if x86 else bytes(4))\n'
+        'probe = ctypes.addressof(ctypes.c_char.from_buffer(page))\n'
+        'tried = library().functions.convseq_tried\n'
+        'print(tried(ctypes.c_void_p(probe)), tried(ctypes.c_void_p(probe)))\n'
+    )
+    run = [sys.executable, '-c', lines]
+    result = subprocess.run(run, capture_output=True, text=True, check=False, cwd=INSTALLED.parent)
+    assert result.stdout.split() == ['1', '1'], result.stderr
+
+
+def test_kernels_whose_probe_fails_are_not_used(monkeypatch):
+    needs_library()
+    best = compiled.library().variant
+    works = compiled._works
+    monkeypatch.setattr(compiled, '_works', lambda *of: of[1] != best and works(*of))
+    found = found_in(compiled._FOLDER, monkeypatch)
+    assert found.variant != best
+    monkeypatch.setattr(compiled, '_works', lambda *_: False)
+    assert f'says that it has {best}' in found_in(compiled._FOLDER, monkeypatch).problem
+    asked = found_in(compiled._FOLDER, monkeypatch, CONVSEQ_KERNELS=best)
+    assert 'this processor has numpy' in asked.problem

@@ -4,9 +4,11 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+import os
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, Library
+from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
@@ -235,3 +237,24 @@ def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
     monkeypatch.setattr(choice, 'available', lambda: False)
     kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
     assert kernel == 'numpy'
+
+
+@pytest.mark.parametrize(
+    ('files', 'quota'),
+    [
+        ({}, None),
+        ({'cpu.max': 'max 100000\n'}, None),
+        ({'cpu.max': '100000 100000\n'}, 1),
+        ({'cpu.max': '50000 100000\n'}, 1),
+        ({'cpu.max': '99900000 100000\n'}, None),
+        ({'cpu.max': 'nonsense'}, None),
+        ({'cpu/cpu.cfs_quota_us': '-1\n', 'cpu/cpu.cfs_period_us': '100000\n'}, None),
+        ({'cpu/cpu.cfs_quota_us': '150000\n', 'cpu/cpu.cfs_period_us': '100000\n'}, 1),
+    ],
+)
+def test_a_container_gets_the_threads_that_its_quota_pays_for(tmp_path, files, quota):
+    (tmp_path / 'cpu').mkdir()
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+    expected = quota or len(os.sched_getaffinity(0))
+    assert usable_cores(tmp_path) == expected

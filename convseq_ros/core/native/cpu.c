@@ -1,11 +1,15 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
 // What this processor, and its operating system, let a program use: for each file named after a
-// kind of processors, whether its kernels can run.
+// kind of processors, whether its kernels can run; and whether that is true.
+#include <setjmp.h>
+#include <signal.h>
+#include <stddef.h>
+
 #define TELL(name) __attribute__((visibility("default"))) int convseq_##name(void)
 
 // Raised whenever a kernel's arguments or a layout change; compiled.py has the same number.
-TELL(version) { return 6; }
+TELL(version) { return 7; }
 
 #ifdef __x86_64__
 // The compiler's run time asks the processor what it has, and the system what it keeps.
@@ -22,3 +26,24 @@ TELL(has_avx512)
 TELL(has_neon) { return 1; }
 TELL(has_dotprod) { return getauxval(AT_HWCAP) >> 20 & 1; } // HWCAP_ASIMDDP
 #endif
+
+static sigjmp_buf before;
+
+static void went_wrong(int number)
+{
+    siglongjmp(before, number);
+}
+
+// Return what a probe does, or 1 if it meets an instruction that is not there. One thread at a
+// time.
+__attribute__((visibility("default"))) int convseq_tried(int (*probe)(void))
+{
+    struct sigaction ours = {.sa_handler = went_wrong, .sa_flags = SA_NODEFER}, theirs;
+    int failed = 1;
+    if (sigaction(SIGILL, &ours, &theirs))
+        return 1;
+    if (!sigsetjmp(before, 1))
+        failed = probe();
+    sigaction(SIGILL, &theirs, NULL);
+    return failed;
+}

@@ -58,3 +58,16 @@ KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const f
     }
     return 0;
 }
+
+// Return 0 if dot products of bytes, and sums of products in single and half precision, are right.
+KERNEL(probe)(void)
+{
+    uint16_t halves[16];
+    float direction[16], product = 0;
+    int32_t dots = 0, expected = QUERY_SCALE > 1 ? 0x304 * 1 + 0x102 * 2 : 4 * 1 + 3 * 2 + 2 * 3 + 4;
+    for (int number = 0; number < 16; number++)
+        halves[number] = 0x3c00, direction[number] = (float)number; // ones
+    CALL(peak)(1, &dots);
+    CALL(products)(halves, 1, 16, direction, &product);
+    return dots != 12 * expected || product != 120;
+}
