@@ -167,7 +167,7 @@ def follow(clone: Path, page: str, terminals: Terminals) -> None:
         elif block.how == 'terminal':
             terminals.open(block)
         elif block.how.startswith(NOT_RUN):
-            subprocess.run(['bash', '-n', '-c', block.lines], check=True)
+            subprocess.run(['bash', '-n'], input=block.lines, text=True, check=True)
         else:
             log = clone.parent / 'block.log'
             log.write_text('')

@@ -15,6 +15,8 @@ import importlib
 from pathlib import Path
 import time
 
+_REPOSITORY = Path(__file__).resolve().parents[2]
+
 
 @dataclass(frozen=True, slots=True)
 class Try:
@@ -87,7 +89,8 @@ def carry_out(attack: Attack, count: int, outcome: Outcome, folder: Path) -> Non
     for one in attack.run(count, seed, folder):
         tries += 1
         if one.problem:
-            problems.append(f'seed {seed}, {one.name}: {one.problem}')
+            text = f'seed {seed}, {one.name}: {one.problem}'
+            problems.append(text.replace(f'{_REPOSITORY}/', ''))
     outcome.portions += 1
     outcome.asked += count
     outcome.tries += tries

@@ -26,7 +26,8 @@ broke. `make torture HOURS=24` goes on for a night; this page is written after e
 """
 _TRIES = """
 Each file says how many tries `make torture` makes; the table says how many were made. For `fuzz`
-they are of all decoders together, {fuzz}.
+they are of all decoders together, {fuzz}; more come by
+`python -m bench.torture fuzz --count 200000 --docs docs --go-on`.
 """
 _SOAK = """
 ## Soak
@@ -55,7 +56,12 @@ def keep_outcome(docs: Path, outcome: Outcome) -> None:
     """Have what came of an attack replace what is kept of it, and write the page."""
     kept = _read(docs)
     kept['outcomes'][outcome.attack] = asdict(outcome)
-    kept['machine'] = {'Python': platform.python_version(), 'system': platform.platform()}
+    kept['machine'] = {
+        'Python': platform.python_version(),
+        'system': platform.platform(),
+        'processors': os.cpu_count(),
+        'load': round(os.getloadavg()[2]),
+    }
     _write(kept, docs)
 
 
