@@ -14,7 +14,7 @@ import math
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
-from convseq_ros.core.geometry.alignment import align, Alignment
+from convseq_ros.core.geometry.alignment import align, Alignment, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged
 from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
 from convseq_ros.core.geometry.structure import Floats, Sight, triangulate
@@ -134,8 +134,10 @@ class RelativePoses:
         ]
         if not sights:
             return None
-        structure = triangulate(reference.rays, sights)
-        return align(structure, sight.seen, sight.scale, sight.moved)
+        found = align(triangulate(reference.rays, sights), sight.seen, sight.scale, sight.moved)
+        way = inverse(sights[0].moved)[:3, 3]
+        baseline_m = float(np.linalg.norm(way))
+        return found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
 
     def _neighbours(self, index: int, reference: View) -> list[tuple[View, Matrix]]:
         """Return views of a place's own drive, one on either side or two on one, and the ways."""

@@ -68,3 +68,5 @@ def test_the_live_run_answers_as_replay_with_odometry_and_camera_info(drives, tm
     yaws = [float(each['relative_yaw_rad']) for each in live if each['reason'] == 'accepted']
     assert len(yaws) > 5
     assert all(yaw == pytest.approx(0.105, abs=0.03) for yaw in yaws)
+    measured = [float(each['relative_x_m']) for each in live if each['relative_x_m']]
+    assert len(measured) > 5 and max(map(abs, measured)) < 3

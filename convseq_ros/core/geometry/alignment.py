@@ -8,7 +8,8 @@ its own as surely as it is known, and what a region says of the pose counts for 
 No sample is drawn: the search starts at a given pose, wide at first.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
@@ -25,6 +26,8 @@ class ALIGNMENT:
     agreeing_cells: float = 0.6  # within which a region agrees with a pose
     fewest: int = 40  # regions that must agree; unrelated images have less
     stiffness: float = 1e-6  # information of no motion
+    # Of the way across, which the field misses, for each cell that it moves the middle region.
+    shrunk: float = 0.08  # fitted on drawn streets
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,6 +39,8 @@ class Alignment:
     covariance: Matrix
     inliers: int
     share: float  # of the regions that were found, inliers; in (0, 1]
+    cells_per_m: float  # by which a way across moves a region of middle depth
+    baseline_m: float = math.inf  # between the images that gave the depths
 
 
 def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> Alignment | None:
@@ -73,7 +78,29 @@ def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> A
     agreeing = int((np.hypot(*off.T) <= ALIGNMENT.agreeing_cells).sum())
     if agreeing < ALIGNMENT.fewest or not np.isfinite(moved).all():
         return None
-    return Alignment(moved, np.linalg.inv(information), agreeing, agreeing / len(off))
+    cells_per_m = float(np.median(inverse) * scale.mean())
+    share = agreeing / len(off)
+    return Alignment(moved, np.linalg.inv(information), agreeing, share, cells_per_m)
+
+
+def unshrunk(found: Alignment, along: Floats) -> Alignment:
+    """
+    Return a motion whose way across the map's is longer, and the turn that fits to it.
+
+    Large parallax comes out too small: the field is smoothed, and what is near leaves the search.
+    Along the way to the neighbours, whose parallax gave the depths, that cancels; across it, what
+    is missing was taken for a turn.
+    `along` is that way in the reference's lens, a unit vector (3,).
+    """
+    way, spread = found.moved[:3, 3], found.covariance
+    ahead = found.moved[:3, :3] @ along
+    across = way - (way @ ahead) * ahead
+    missed = ALIGNMENT.shrunk * found.cells_per_m * float(np.linalg.norm(across)) * across
+    step = spread[:, 3:] @ np.linalg.solve(spread[3:, 3:], missed)
+    moved = found.moved.copy()
+    moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
+    moved[:3, 3] += step[3:]
+    return replace(found, moved=moved)
 
 
 def _slopes(

@@ -18,7 +18,10 @@ class ERROR:
 
     # Times least squares' deviations, over the share of regions that agree: neighbouring regions
     # err alike, and where few agree the field is bad.
-    scatter: float = 2.3
+    scatter: float = 2.15
+    # Of the way, along every axis, at a way as long as the baseline, with the cube of their ratio:
+    # a field so far apart is wrong where least squares is sure (4 frames of road_1 and road_2).
+    far: float = 0.05
     position_m: float = 0.02  # what no number of regions mends
     turn_rad: float = 0.002
     # A position that is less sure than this, or than half of the way, is not told.
@@ -45,7 +48,8 @@ def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> Relati
     slopes[:3, 3:] = slopes[3:, :3] = -turn
     way_m = float(np.linalg.norm(lens[:3, 3]))
     scatter = ERROR.scatter / found.share
-    floor = np.diag([ERROR.position_m**2] * 3 + [ERROR.turn_rad**2] * 3)
+    far_m = ERROR.far * way_m * (way_m / found.baseline_m) ** 3
+    floor = np.diag([ERROR.position_m**2 + far_m**2] * 3 + [ERROR.turn_rad**2] * 3)
     covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
     orientation, position = quaternion(whole[:3, :3]), whole[:3, 3]
     sigma_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
