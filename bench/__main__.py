@@ -22,7 +22,7 @@ from bench.table import table
 
 SIZES = 1_000, 10_000, 100_000
 _QUICK_SIZES = (48,)
-_FRAMES, _QUICK_FRAMES = 120, 18
+_FRAMES, _QUICK_FRAMES = 120, 22
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

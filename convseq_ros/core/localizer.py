@@ -25,7 +25,7 @@ class LOCALIZER:
     # nights a robot that is put down elsewhere has a third from the first frame on.
     few_inliers: float = 0.5
     memory: float = 0.7  # share of the past in what is usual, per keyframe
-    silent_keyframes: int = 30  # that recognise nothing, after which it is lost
+    silent_keyframes: int = 30  # that recognise nothing, after which what was seen is forgotten
 
 
 # Of frames that say nothing about the place.
@@ -75,7 +75,7 @@ class Localizer:
         self._seen: _Sighting | None = None  # the last sure match
         self._lost_at = 0  # keyframe at which it was lost
         self._usual: float | None = None  # inliers of sure matches of where it is localised
-        self._reasons: Counter[Reason] = Counter()  # since then
+        self._reasons: Counter[Reason] = Counter()  # since it was lost
         self._last: Match | None = None
 
     def update(self, match: Match, odometry: Pose | None, known: int, config: Config) -> Match:
@@ -118,8 +118,9 @@ class Localizer:
         if best is None or match.reason not in _SURE or best.reference_index >= known:
             return None
         before, count = self._seen, 1
-        if before and self._agree(before, best.reference_index, odometry):
-            count += before.agreeing
+        if before and self._keyframes - before.keyframe < LOCALIZER.silent_keyframes:
+            if self._agree(before, best.reference_index, odometry):
+                count += before.agreeing
         return _Sighting(self._keyframes, best.reference_index, odometry, match.confidence, count)
 
     def _keep_or_lose(

@@ -91,6 +91,15 @@ def test_a_candidate_that_nothing_repeats_is_forgotten():
     assert states == [CANDIDATE] * 3 + [LOST] * 2
 
 
+def test_a_match_of_long_ago_agrees_with_nothing():
+    robot = Robot(WITHOUT_POSES)
+    robot.sees(40)
+    for _ in range(LOCALIZER.silent_keyframes):
+        robot.sees(40, Reason.WEAK)
+    assert robot.sees(41).state is CANDIDATE
+    assert robot.sees(42).state is LOCALISED
+
+
 def test_it_stays_localised_while_nothing_speaks_against_it(found):
     for metres in range(2, 2 + LOCALIZER.silent_keyframes - 1):
         told = found.sees(99 + metres, Reason.WEAK, at_m=float(metres))

@@ -94,6 +94,7 @@ def test_a_zebra_crossing_is_no_evidence_alone():
     evidence.update({39: verified(224.0, 30.0), 104: verified(48.0, 27.0)}, 10)
     evidence.see(1, 39, 22.0)
     assert evidence.alone(1) == (39, pytest.approx(3 * 0.73 * 3 / 27**0.5 / VERIFIED.alone))
+    assert evidence.beside_scores(39) == pytest.approx(0.36 * 3 * 3 / 27**0.5 - 0.5)
     evidence.update({39: verified(224.0, 190.0), 104: verified(48.0, 27.0)}, 10)
     evidence.see(1, 39, 22.0)
     assert evidence.alone(1)[1] == pytest.approx((22 + 0.73 * 176 / 48**0.5) / VERIFIED.alone)

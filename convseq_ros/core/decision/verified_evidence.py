@@ -100,10 +100,25 @@ class VerifiedEvidence:
             return None
         return (own - rival) / math.sqrt(max(rival, VERIFIED.least_strength))
 
+    def upper_lead(self, reference: int) -> float:
+        """Return the same by the upper half of the image alone; 0 if nothing else is verified."""
+        near = [
+            one.upper
+            for index, one in self.found.items()
+            if abs(index - reference) <= TRACK.same_track
+        ]
+        if not near or not (rivals := self.rivals(reference)):
+            return 0.0
+        rival = max(one.upper for one in rivals)
+        return (max(near) - rival) / math.sqrt(max(rival, VERIFIED.least_strength / 2))
+
     def beside_scores(self, reference: int) -> float:
         """Return what geometry adds to a frame's margin, in scatters of the track."""
-        lead = self.lead(reference)
-        return 0.0 if lead is None else max(0.0, VERIFIED.scatters * lead - VERIFIED.chance)
+        lead, upper = self.lead(reference), self.upper_lead(reference)
+        if lead is None:
+            return 0.0
+        least = min(lead, VERIFIED.of_upper * upper)
+        return max(0.0, VERIFIED.scatters * least - VERIFIED.chance)
 
     def denies(self, reference: int) -> bool:
         """Return whether a place is verified no better than a rival may be by chance."""
@@ -114,12 +129,10 @@ class VerifiedEvidence:
         """Take in the newest frame's likeliest place, and by how much its score stands out."""
         kept = [one for one in self._sightings if one.frame > frame - VERIFIED.frames]
         strength, evidence = self.strength(reference) or 0.0, 0.0
-        lead, rivals = self.lead(reference), self.rivals(reference)
-        if lead is not None and (own := self.found.get(reference)):
-            rival = max(max(one.upper for one in rivals), VERIFIED.least_strength / 2)
-            by_upper = (own.upper - rival) / math.sqrt(rival)
+        if (lead := self.lead(reference)) is not None:
             whole = deviations + VERIFIED.deviations * lead
-            evidence = max(0.0, min(whole, VERIFIED.of_upper * VERIFIED.deviations * by_upper))
+            most = VERIFIED.of_upper * VERIFIED.deviations * self.upper_lead(reference)
+            evidence = max(0.0, min(whole, most))
         self._sightings = [*kept, Sighting(frame, reference, evidence, strength)]
 
     def alone(self, frame: int) -> tuple[int, float] | None:
