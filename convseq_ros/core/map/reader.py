@@ -20,7 +20,7 @@ from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
 
-_ROWS_AT_ONCE = 1024  # of `places`, for some MB of memory
+_ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
