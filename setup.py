@@ -43,7 +43,7 @@ setup(
     license='Apache-2.0',
     keywords=['ROS', 'place recognition', 'loop closure', 'SLAM'],
     python_requires='>=3.11',
-    packages=find_packages(exclude=['test*']),
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
         NAME: [
             'py.typed',

@@ -4,6 +4,7 @@
 
 from importlib import metadata
 import os
+from importlib.metadata import files
 from pathlib import Path
 import re
 import shutil
@@ -254,3 +255,8 @@ def test_the_robot_block_of_the_readme_works(workspace):
 def test_colcon_sets_the_package_up_for_the_ament_index(workspace):
     hooks = workspace / 'install' / 'convseq_ros' / 'share' / 'convseq_ros' / 'hook'
     assert (hooks / 'ament_prefix_path.sh').is_file()
+
+
+def test_nothing_of_the_repository_but_the_package_is_installed():
+    tops = {file.parts[0] for file in files('convseq_ros') or () if file.suffix == '.py'}
+    assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
