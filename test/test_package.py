@@ -4,7 +4,6 @@
 
 from importlib import metadata
 import os
-from importlib.metadata import files
 from pathlib import Path
 import re
 import shutil
@@ -258,5 +257,5 @@ def test_colcon_sets_the_package_up_for_the_ament_index(workspace):
 
 
 def test_nothing_of_the_repository_but_the_package_is_installed():
-    tops = {file.parts[0] for file in files('convseq_ros') or () if file.suffix == '.py'}
+    tops = {file.parts[0] for file in metadata.files('convseq_ros') or () if file.suffix == '.py'}
     assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
