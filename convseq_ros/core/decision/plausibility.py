@@ -7,6 +7,7 @@ Until three keyframes running agree on one other place: then it is odometry that
 drift is counted anew from there.
 """
 
+from array import array
 from bisect import bisect_left
 from dataclasses import dataclass
 import math
@@ -37,20 +38,23 @@ class Fix:
 
 
 class Plausibility:
-    """Compares matches with odometry; places of this session and of others are two maps."""
+    """
+    Compares matches with odometry; places of this session and of others are two maps.
 
-    def __init__(self, config: RobotConfig) -> None:
-        self._config = config
+    In a map that `grows`, it remembers how far odometry had come at each keyframe: 24 bytes.
+    """
+
+    def __init__(self, config: RobotConfig, grows: bool = True) -> None:
+        self._config, self._grows = config, grows
         self.reset()
 
     def reset(self) -> None:
         """Forget the drive."""
         self._here: Matrix | None = None
-        self._last = np.eye(4)
+        self._last: Matrix | None = None
         self._way_m = self._turn_rad = 0.0
         self._keyframe = 0
-        self._stamps: list[int] = []
-        self._passed: list[tuple[float, float]] = []  # way and turn, by stamps
+        self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
         self._sure: dict[bool, Fix] = {}
         self._refused: list[Fix] = []
 
@@ -61,12 +65,14 @@ class Plausibility:
             self._here = None
             return
         here = matrix(pose)
-        last = self._last if self._stamps else here
+        last = here if self._last is None else self._last
         self._way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
         self._turn_rad += angle(last[:3, :3].T @ here[:3, :3])
         self._here = self._last = here
-        self._stamps.append(stamp_ns)
-        self._passed.append((self._way_m, self._turn_rad))
+        if self._grows:
+            self._stamps.append(stamp_ns)
+            self._ways.append(self._way_m)
+            self._turns.append(self._turn_rad)
 
     def excess_m(
         self, place: Pose, place_base: Matrix, slack_m: float, own_stamp_ns: int | None
@@ -103,7 +109,7 @@ class Plausibility:
         if stamp_ns is None or not self._stamps:
             return None
         at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
-        return Fix(np.eye(4), there, *self._passed[at], 0)
+        return Fix(np.eye(4), there, self._ways[at], self._turns[at], 0)
 
     def _excess_m(self, fix: Fix, sure: Fix, slack_m: float) -> float:
         """Return by how much two links differ more than drift allows, where the robot is now."""
