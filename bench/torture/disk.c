@@ -3,7 +3,8 @@
 //
 // A disk that fails. Preloaded, it counts the calls that change a disk; once armed, the n-th of
 // them ends the process, before it or in the middle of it, or fails, or all from the n-th on fail.
-// Or all of them are recorded, so that a cut of the power can be replayed.
+// Or all of them are recorded, so that a cut of the power can be replayed. If DISK_SLOW_MS is set,
+// every sync takes up to so many milliseconds longer, as on a worn card.
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -13,6 +14,7 @@
 #include <limits.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
@@ -71,6 +73,11 @@ static int fails(int takes_room) {
   return 0;
 }
 
+static void crawl(void) {
+  const char *most_ms = getenv("DISK_SLOW_MS");
+  if (most_ms) usleep((useconds_t)(atol(most_ms) * 1000 * (random() / (double)RAND_MAX)));
+}
+
 static int is_torn(void) { return mode == TEAR && calls == victim; }
 
 #define REAL(name) \
@@ -104,8 +111,8 @@ WRITES(pwrite64, (int fd, const void *data, size_t n, off64_t at), at, real(fd, 
 CHANGES(ftruncate, (int fd, off_t size), note('t', file_of(fd), size, "", 0, 0), real(fd, size))
 CHANGES(ftruncate64, (int fd, off64_t size), note('t', file_of(fd), size, "", 0, 0),
         real(fd, size))
-CHANGES(fsync, (int fd), note('s', file_of(fd), 0, "", 0, 0), real(fd))
-CHANGES(fdatasync, (int fd), note('s', file_of(fd), 0, "", 0, 0), real(fd))
+CHANGES(fsync, (int fd), note('s', file_of(fd), 0, "", 0, 0), (crawl(), real(fd)))
+CHANGES(fdatasync, (int fd), note('s', file_of(fd), 0, "", 0, 0), (crawl(), real(fd)))
 CHANGES(unlink, (const char *path), note('u', 0, 0, path, 0, 0), real(path))
 CHANGES(unlinkat, (int folder, const char *path, int flags),
         note('u', 0, 0, place_of(folder, path), 0, 0), real(folder, path, flags))

@@ -110,8 +110,14 @@ class Robot:
 
 
 @contextmanager
-def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
-    """Start a node with these parameters, and end it with the block; its log is vpr_node.log."""
+def robot(
+    folder: Path, surroundings: Mapping[str, str] | None = None, **parameters: object
+) -> Iterator[Robot]:
+    """
+    Start a node with these parameters, and end it with the block; its log is vpr_node.log.
+
+    `surroundings` are added to its environment.
+    """
     own = environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)}
     os.environ.update({name: own[name] for name in own if name.startswith(('ROS_', 'FASTRTPS_'))})
     command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
@@ -121,7 +127,11 @@ def robot(folder: Path, **parameters: object) -> Iterator[Robot]:
     context.init()
     with (folder / 'vpr_node.log').open('ab') as log:
         process = subprocess.Popen(
-            command, env=own, cwd=folder, stdout=log, stderr=subprocess.STDOUT
+            command,
+            env=own | dict(surroundings or {}),
+            cwd=folder,
+            stdout=log,
+            stderr=subprocess.STDOUT,
         )
         one = None
         try:
