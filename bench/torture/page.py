@@ -18,8 +18,8 @@ _HEAD = """# Reliability
 Attacks on convseq_ros, and what came of them; written by `make torture`. An attack is a file of
 [bench/torture](../bench/torture). It is made in portions, each by the next seed:
 `python -m bench.torture NAME --seed N` makes a portion again, `--again --docs docs` those that
-broke. `make torture HOURS=24` goes on for a night (*not run*); this page is written after every portion, and
-`python -m bench.torture --docs docs --go-on` adds to what there is.
+broke. `make torture HOURS=24` goes on for a night (*not run*); this page is written after every
+portion, and `python -m bench.torture --docs docs --go-on` adds to what there is.
 
 | attack | what is done | what must hold | tries | survived | seeds | commits |
 |---|---|---|---|---|---|---|
