@@ -45,6 +45,11 @@ class ManagedNode(LifecycleNodeMixin, Node):
         """Offer `~/change_state` and the other services of a managed node."""
         LifecycleNodeMixin.__init__(self, enable_communication_interface=True)
 
+    def destroy_node(self) -> None:
+        """Leave the graph: rclpy's state machine would hold the node there."""
+        super().destroy_node()
+        self.__dict__.pop('_state_machine', None)
+
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Do what takes long."""
         self._own = frozenset(chain.from_iterable(self._made().values()))

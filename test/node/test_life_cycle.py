@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The managed node, over DDS: lifecycle_msgs' services, as a life cycle manager calls them."""
 
+import os
 import threading
 
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip('rclpy')
 from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.context import Context
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
@@ -138,3 +140,16 @@ def test_what_nobody_foresaw_leaves_no_map_behind_that_is_owned(managed, tmp_pat
         patched.setattr(vpr_node, 'Statistics', fail)
         assert not change(CONFIGURE) and state() == UNCONFIGURED
     assert change(CONFIGURE) and state() == INACTIVE
+
+
+def test_a_node_that_is_destroyed_leaves_the_graph(client):
+    context = Context()
+    context.init(domain_id=int(os.environ['ROS_DOMAIN_ID']))
+    node = vpr_node.VprNode(
+        context=context, cli_args=['--ros-args', '-r', '__node:=gone', '-p', 'lifecycle:=true']
+    )
+    client.wait_for(lambda: 'gone' in client.node.get_node_names())
+    node.destroy_node()
+    # The context, and with it the participant, lives on.
+    client.wait_for(lambda: 'gone' not in client.node.get_node_names(), timeout_s=10)
+    context.try_shutdown()
