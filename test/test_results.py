@@ -36,7 +36,7 @@ def test_columns_are_those_that_other_programs_read():
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
         'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
         'localization,localization_quality,relative_x_m,relative_y_m,relative_z_m,relative_qx,'
-        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m'
+        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m,session'
     )
 
 

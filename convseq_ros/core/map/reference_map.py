@@ -20,6 +20,7 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
 )
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,11 @@ class ReferenceMap:
 
     def __len__(self) -> int:
         return len(self.places)
+
+    @property
+    def bounds(self) -> SessionBounds:
+        """Where its sessions begin."""
+        return self._places.bounds
 
     @property
     def global_descriptors(self) -> npt.NDArray[np.float16]:
