@@ -85,7 +85,9 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
             rows = wait_for_rows(table, frames, _STALLED_S)
             _check(nodes, folder)
             if rows < frames:
-                raise ConvseqError(f'{rows} of {frames} frames were recognised; see {folder}/*.log')
+                raise ConvseqError(
+                    f'{rows} of {frames} frames were recognised; see {folder}/*.log'
+                )
 
 
 def _wait_for_back_end(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
