@@ -47,7 +47,7 @@ def test_another_machine_is_talked_to_by_tls_alone(tmp_path):
 
 def test_what_is_missing_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
-    with pytest.raises(FleetError, match='pip install.*distributed'):
+    with pytest.raises(FleetError, match=r'pip install.*distributed'):
         with connected(Cluster()):
             pass
 
