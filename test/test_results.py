@@ -73,6 +73,7 @@ def test_rows_round_trip(tmp_path):
                 '0.8000',
                 *('1.0000', '-0.2500', '0.0000', '0.000000', '0.000000', '0.000000', '1.000000'),
                 *('0.2000', '0.02000', ''),
+                '0',
             ),
             strict=True,
         )
@@ -80,7 +81,9 @@ def test_rows_round_trip(tmp_path):
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
     assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''
     assert skipped['localization'] == skipped['localization_quality'] == ''
-    assert skipped['best_index'] == '' and skipped['reason'] == 'uninformative'
+    assert (
+        skipped['best_index'] == skipped['session'] == '' and skipped['reason'] == 'uninformative'
+    )
 
 
 def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_path):
