@@ -6,7 +6,7 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.search import Shortlist
+from convseq_ros.core.sequence.shortlist import Shortlist
 import numpy as np
 import pytest
 
@@ -69,7 +69,9 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert late.argmax() == fresh.argmax() == 40
     rows = [coarse.update(described(place, 1), 60) for place in (50, 51)]
     rows.append(coarse.update(described(52, 1)))
-    assert 52 in Shortlist(12).update(rows[::-1], 10)
+    shortlist = Shortlist(12)
+    asked = shortlist.asked(rows[::-1], 10)
+    assert 52 in shortlist.update(asked, *coarse.sums([asked]), 10)
 
 
 def test_the_mean_follows_a_map_that_grows(described):
