@@ -84,8 +84,8 @@ def test_the_mean_follows_a_map_that_grows(described):
         coarse.update(query)
     fresh = CoarseScores(growing)
     fresh.update(query)
-    for name in ('_mean', '_variance'):
-        assert getattr(coarse, name) == pytest.approx(getattr(fresh, name), abs=5e-3)
+    for name in ('mean', 'variance'):
+        assert getattr(coarse._usual, name) == pytest.approx(getattr(fresh._usual, name), abs=5e-3)
     references, _, _ = standardised(growing.global_descriptors.astype(float))
     assert fresh._nearness.view == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
     assert coarse._nearness.view == pytest.approx(fresh._nearness.view, rel=0.05)

@@ -14,7 +14,7 @@ from typing import Any
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Rows, Values
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Values
 from convseq_ros.core.types import Indices
 import numpy as np
 
@@ -56,7 +56,7 @@ class Spread:
 class Asked:
     """Which sums are wanted: of some rows at a velocity, so many best and those of known ends."""
 
-    rows: Rows  # newest first
+    rows: Sequence[Any]  # newest first; of one map `Rows`, of a fleet what stands for them
     velocity: float
     most: int
     known: Indices  # ascending

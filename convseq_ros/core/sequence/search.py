@@ -12,7 +12,7 @@ from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.sequence.coarse_sums import Asked, enough, Sums
 from convseq_ros.core.sequence.diagonals import Rows, Values
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.sequence.shortlist import Shortlist, SHORTLIST
+from convseq_ros.core.sequence.shortlist import SHORTLIST, Shortlist
 from convseq_ros.core.sequence.velocity import ConstantVelocity, VelocitySearch
 from convseq_ros.core.types import Descriptor, Indices
 import numpy as np

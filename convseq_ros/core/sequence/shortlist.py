@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shortlist: which sequences get a full pair score, by sums of their coarse scores."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.coarse_sums import Asked, enough, Sums, top
-from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Rows, Values
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Values
 from convseq_ros.core.types import Indices
 import numpy as np
 
@@ -35,10 +37,10 @@ class Shortlist:
         self.reset()
 
     def reset(self) -> None:
-        self._newest: Values | None = None
+        self._newest: Any = None
         self._listed = self._verified = _NONE
 
-    def asked(self, rows: Rows, rival_distance: int, velocity: float = 1.0) -> Asked:
+    def asked(self, rows: Sequence[Any], rival_distance: int, velocity: float = 1.0) -> Asked:
         """Return which sums `update` needs."""
         known = np.union1d(*self._carried(rows, velocity))
         return Asked(rows, velocity, enough(self._length, rival_distance), known)
@@ -66,7 +68,7 @@ class Shortlist:
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
 
-    def _carried(self, rows: Rows, velocity: float) -> tuple[Indices, Indices]:
+    def _carried(self, rows: Sequence[Any], velocity: float) -> tuple[Indices, Indices]:
         """Return where diagonals that were listed, and verified, for an older frame end now."""
         for step, row in zip(diagonal(len(rows), velocity), rows, strict=True):
             if row is not None and row is self._newest:
