@@ -19,7 +19,6 @@ import tempfile
 import time
 from typing import Any
 
-from bench import material
 from convseq_ros import Config, Frame
 from convseq_ros.cli.fleet_build import build_one
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
@@ -34,6 +33,8 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
+
+from bench import material
 
 FRAMES = 200  # of the drive through the street
 WARM = 30  # first frames, which do not count: buffers and caches fill
