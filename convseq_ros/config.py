@@ -90,6 +90,11 @@ class MatchingConfig(Checked):
         'most 2.', low=0, high=256,
     )
 
+    @property
+    def is_coherent(self) -> bool:
+        """Whether pairs are matched by where regions went, not as in the paper."""
+        return self.matching == 'coherent'
+
 
 @dataclass(frozen=True, slots=True)
 class SequenceConfig(Checked):

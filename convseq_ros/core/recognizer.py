@@ -51,10 +51,9 @@ class PlaceRecognizer:
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        is_partial, compare = config.matching.matching == 'coherent', self.matcher.compared
-        self.buffer = QueryBuffer(self.matcher, is_partial, reference_map.bounds)
+        self.buffer = QueryBuffer(self.matcher, config.matching.is_coherent, reference_map.bounds)
         self._search = make_search(reference_map, config, coarse)
-        self._acceptance = Acceptance(config, reference_map, compare)
+        self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
         self._closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config, self._acceptance.places)
