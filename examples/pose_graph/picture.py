@@ -84,7 +84,7 @@ def _axes(figure: Any, cell: Any, title: str) -> Any:
 def _placed(
     odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
 ) -> list[tuple[int, int, bool]]:
-    """Return the keyframes of each closure, and whether it was kept; but of those outside the odometry."""
+    """Return the keyframes of closures within the odometry, and whether they were kept."""
     found = []
     for closure, inlier in zip(closures, kept, strict=True):
         query, reference = odometry.place(closure.query_ns), odometry.place(closure.reference_ns)
