@@ -11,16 +11,15 @@ from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
-from convseq_ros.node.services import SERVICE_QOS, Turn
+from convseq_ros.node.qos import LATCHED, SERVICE_QOS
+from convseq_ros.node.services import Turn
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _MOST_CALLS = 100  # that wait at a time, each for some 20 us a turn
 _LOCALISED = LocalizationState.LOCALISED
 
@@ -64,9 +63,9 @@ class Whereabouts:
         self._known = _Known(0, Localization(), None, '')
         self._given_up = False
         self._waiting = 0  # calls
-        self._state = node.create_publisher(DiagnosticStatus, '~/localization', _LATCHED)
+        self._state = node.create_publisher(DiagnosticStatus, '~/localization', LATCHED)
         self._initial_pose = (
-            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', _LATCHED)
+            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', LATCHED)
             if config.publish_initial_pose
             else None
         )
