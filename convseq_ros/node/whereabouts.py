@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-import math
 import time
 
 from convseq_ros.core.pose import PoseEstimate
@@ -158,15 +157,7 @@ class Whereabouts:
         text = f'place {now.reference_index}, quality {quality}; '
         if (found := known.estimate) is None:
             return f'{text}no pose: {known.remark}'
-        x, y, z = found.pose.position
-        qx, qy, qz, qw = found.pose.orientation
-        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-        sigma_m = math.sqrt(max(0.0, float(found.covariance[:2, :2].trace()) / 2))
-        sigma_rad = math.sqrt(max(0.0, float(found.covariance[5, 5])))
-        return (
-            f'{text}x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), yaw {yaw:.3f} rad '
-            f'(sigma {sigma_rad:.3f}) in frame {self.config.map_frame}{known.remark}'
-        )
+        return f'{text}{found} in frame {self.config.map_frame}{known.remark}'
 
 
 def _remark(match: Match, estimate: PoseEstimate | None) -> str:
