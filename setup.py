@@ -98,7 +98,7 @@ setup(
             'scikit-learn',
         ],
         # `make torture`; where there is no wheel, decoders are not fuzzed
-        'torture': ["atheris>=3; python_version < '3.15' and platform_machine == 'x86_64' and sys_platform == 'linux'"],
+        'torture': ["atheris>=3; platform_machine == 'x86_64' and python_version < '3.15'"],
         'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
         'dev': [
             'bandit>=1.7',
