@@ -8,7 +8,9 @@ input reaches. What breaks a decoder is kept in a folder of the system's for tem
 """
 
 from collections.abc import Iterator
+import contextlib
 import hashlib
+import io
 import json
 import mmap
 import os
@@ -26,7 +28,11 @@ import atheris
 
 from bench.torture.forked import MOST_BYTES, MOST_S
 
-with atheris.instrument_imports(include=['convseq_ros']):
+# It names every module that it instruments.
+with (
+    contextlib.redirect_stderr(io.StringIO()),
+    atheris.instrument_imports(include=['convseq_ros']),
+):
     from convseq_ros.errors import ConvseqError
 
     from bench.torture import decoders

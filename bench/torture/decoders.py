@@ -3,6 +3,7 @@
 """Every decoder of what others wrote, and small inputs of which all can be decoded."""
 
 from collections.abc import Callable
+import functools
 from functools import partial
 from pathlib import Path
 import sqlite3
@@ -14,7 +15,7 @@ from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report import read_runs
 from convseq_ros.evaluation.report.curves import read_curve
@@ -31,7 +32,7 @@ from convseq_ros.sources.raw_message import RawMessage
 import numpy as np
 
 from bench.torture import corpus
-from bench.torture.scenarios import drawn
+from bench.torture.scenarios import APART, drawn, ENCODING
 
 _SMALLEST_PAGE_BYTES = 512  # of SQLite: a map of few bytes has many of what can be wrong
 # What a text may hold where it should not, beside all that a fuzzer thinks of.
@@ -83,6 +84,7 @@ def decoders() -> dict[str, Decoder]:
     return found | {
         'recording folder': Decoder([_metadata()], _recording_folder),
         'map': Decoder([_map()], _in_file('map.db', _read_map)),
+        'log of a map': Decoder([_ahead()[1]], _map_and_log),
         'image mask': Decoder(
             [corpus.pictures()['png'][1]],
             _in_file('m.png', lambda path: with_mask_read(EncodingConfig(image_mask=str(path)))),
@@ -153,6 +155,25 @@ def _map() -> bytes:
         database.execute('VACUUM')
         database.close()
         return path.read_bytes()
+
+
+@functools.cache
+def _ahead() -> tuple[bytes, bytes]:
+    """Return a map as a crash leaves it, and the log with its last places."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'map.db')
+        path.write_bytes(_map())
+        with MapWriter(path, ENCODING, APART, append=True) as writer:
+            writer.write_ahead()
+            writer.copy(drawn(5), 5)
+            return path.read_bytes(), path.with_name('map.db-wal').read_bytes()
+
+
+def _map_and_log(data: bytes, folder: Path) -> None:
+    path = folder / 'map.db'
+    path.write_bytes(_ahead()[0])
+    path.with_name('map.db-wal').write_bytes(data)
+    _read_map(path)
 
 
 def _read_map(path: Path) -> None:
