@@ -99,6 +99,8 @@ setup(
             'scikit-image>=0.22',
             'scikit-learn',
         ],
+        # `make torture`; where there is no wheel, decoders are not fuzzed
+        'torture': ["atheris>=3; platform_machine == 'x86_64' and python_version < '3.15'"],
         'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
         'dev': [
             'bandit>=1.7',

@@ -3,7 +3,7 @@
 """
 Print what sessions of other light add to a map, and what knowing looks of a place is worth.
 
-Usage: python scripts/looks.py [--metres 300] [--towns 3], some fifteen minutes. Drawn towns are driven
+Usage: python scripts/looks.py [--metres 300] [--towns 1], five minutes a town. Drawn towns are driven
 by day, in the evening, under clouds and at night, up to 1 m to the side of one line; later drives
 by day, evening and night are recognised in maps of some of these sessions, without odometry. Right
 is within 5 m of where the camera is. `without looks` counts other looks of a place as its rivals.
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 import sys
+from typing import Any
 
 from convseq_ros import Config, Frame, PlaceRecognizer
 from convseq_ros.core.decision import neighbourhood
@@ -104,9 +105,9 @@ def main() -> int:
     """Draw, map, recognise, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--metres', type=int, default=300)
-    parser.add_argument('--towns', type=int, default=3)
+    parser.add_argument('--towns', type=int, default=1)
     chosen = parser.parse_args()
-    usual = neighbourhood.LOOKS
+    usual: Any = neighbourhood.LOOKS
     rules = {'': usual, ' without looks': replace(usual, asked=0)}
     found = {
         (own, query, rule): (Counts(), Counter[int]())
@@ -119,7 +120,7 @@ def main() -> int:
         lights = (*MAPPED, *QUERIES)
         drives = [driven(seed, *one, chosen.metres) for one in enumerate(lights)]
         for (own, query, rule), (counts, sessions) in found.items():
-            neighbourhood.LOOKS = rules[rule]
+            setattr(neighbourhood, 'LOOKS', rules[rule])  # noqa: B010
             reference_map = built([drives[MAPPED.index(light)] for light in own])
             shown = drives[len(MAPPED) + QUERIES.index(query)]
             sessions.update(count(reference_map, shown, counts))

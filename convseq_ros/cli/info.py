@@ -11,8 +11,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
-from convseq_ros.cli.sessions import printable
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader

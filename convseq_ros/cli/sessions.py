@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 
+from convseq_ros.cli.printable import printable
 from convseq_ros.cli.progress import progress
 from convseq_ros.core.map.editing import Part, Watch
 
@@ -51,8 +52,3 @@ def report(made: Sequence[tuple[Path, Sequence[Part]]], as_json: bool) -> int:
         for number, part in enumerate(parts):
             print(f'  {number} {printable(part.name)}: {len(part.places)} of {part.path}')
     return 0
-
-
-def printable(text: str) -> str:
-    """Return a stranger's words as a terminal may show them."""
-    return ''.join(one if one.isprintable() else '?' for one in text)

@@ -24,8 +24,9 @@ class MapBuilder:
 
     Places are those that online mode makes of the same frames; they are one session, which may
     have a `name`. What was added is safe after half a second, and at the end, also when the work
-    was interrupted. A new file is made unless `append`; no path makes a map in memory. MapError if a new file exists already, an existing one is
-    missing, damaged, made with other settings or added to by another, or the disk is full.
+    was interrupted. A new file is made unless `append`; no path makes a map in memory. MapError if
+    a new file exists already, an existing one is missing, damaged, made with other settings or
+    added to by another, or the disk is full.
     """
 
     def __init__(

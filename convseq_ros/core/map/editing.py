@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from convseq_ros.core.map.database import explained, open_to_write
+from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
 from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.opening import open_to_write
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
