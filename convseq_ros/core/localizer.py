@@ -9,6 +9,7 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
 
@@ -64,8 +65,11 @@ class Localizer:
     count.
     """
 
-    def __init__(self, places: Sequence[Place], config: Config) -> None:
+    def __init__(
+        self, places: Sequence[Place], config: Config, neighbourhood: Neighbourhood | None = None
+    ) -> None:
         self._places, self._config = places, config.localization
+        self._map = neighbourhood or Neighbourhood()
         self._near_places = config.acceptance.rival_distance
         self.reset()
 
@@ -153,13 +157,15 @@ class Localizer:
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:
         """Return whether the robot may have come from a sighting to a place."""
-        then, now = self._places[sighting.reference].pose, self._places[reference].pose
-        if then and now and odometry and sighting.odometry:
+        before = sighting.reference
+        then, now = self._places[before].pose, self._places[reference].pose
+        comparable = self._map.are_in_one_frame(before, reference)
+        if comparable and then and now and odometry and sighting.odometry:
             way_m = math.dist(odometry.position, sighting.odometry.position)
             return math.dist(then.position, now.position) <= LOCALIZER.near_m + way_m
         keyframes = self._keyframes - sighting.keyframe
         reach = self._near_places + LOCALIZER.places_a_keyframe * keyframes
-        return abs(reference - sighting.reference) <= reach
+        return self._map.is_near(reference, before, reach)
 
     def _problem(self) -> str:
         """Return why it is not localised."""
@@ -169,8 +175,9 @@ class Localizer:
         if last.reason in (Reason.NO_MAP, Reason.RECENT):
             return 'there is no map: no place of an earlier session may be matched'
         if last.reason is Reason.AMBIGUOUS and len(last.candidates) > 1:
-            first, second = (one.reference_index for one in last.candidates[:2])
-            return f'ambiguous between place {first} and place {second}'
+            first, *others = (one.reference_index for one in last.candidates)
+            rivals = (one for one in others if not self._map.is_near(first, one, 0))
+            return f'ambiguous between place {first} and place {next(rivals, others[0])}'
         if seen and self._keyframes - seen.keyframe < self._config.lost_keyframes:
             return (
                 f'too few frames: {seen.agreeing} of {self._config.localize_keyframes} matches '
