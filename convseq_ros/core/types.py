@@ -24,6 +24,12 @@ class Pose:
     orientation: Quaternion
 
 
+# How many coefficients OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
+COEFFICIENTS = {
+    'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
+}  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A camera as sensor_msgs/CameraInfo gives it: size, focal lengths, centre, distortion."""
@@ -34,7 +40,7 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion_model: str = ''  # plumb_bob, rational_polynomial or equidistant
+    distortion_model: str = ''  # of `COEFFICIENTS`; empty for none
     distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; none for none
     mount: Pose | None = None  # in the base, x along the lens; None if it is not known
 
