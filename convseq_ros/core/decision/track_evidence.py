@@ -78,7 +78,7 @@ class TrackEvidence:
             return None
         variance = self._variance + TRACK.prior_windows * TRACK.usual_scatter**2
         windows = self._windows + TRACK.prior_windows
-        return float(np.sqrt(variance / windows)) + TRACK.least_scatter
+        return math.sqrt(variance / windows) + TRACK.least_scatter
 
     def update(
         self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
@@ -127,7 +127,7 @@ class TrackEvidence:
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
-        if self.scatter is None:
+        if (scatter := self.scatter) is None:
             return None
         last = len(self._usual) - TRACK.border if velocity < 1.0 else math.inf
         if reference >= last:
@@ -135,7 +135,7 @@ class TrackEvidence:
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
         along = (one for one in self._along(frame, reference, velocity) if one.reference < last)
-        sums = sum(one.margin / self.scatter + one.verified for one in along)
+        sums = sum(one.margin / scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
         return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities
 
