@@ -133,6 +133,11 @@ class RelativePose:
     inliers: int  # correspondences that agree with it
 
     @property
+    def pose(self) -> Pose | None:
+        """Where the query's base was, if the position is known."""
+        return None if self.position_m is None else Pose(self.position_m, self.orientation)
+
+    @property
     def position_sigma_m(self) -> float | None:
         """Standard deviation of the position in its least sure direction, if it is known."""
         if self.position_m is None:

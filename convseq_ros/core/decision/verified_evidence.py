@@ -8,15 +8,13 @@ place is verified better than its rivals; and a few newest frames, or one, that 
 their own scores and by geometry are evidence alone, as soon as they come.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.geometry.verification import Verification
-
-Verify = Callable[[Sequence[int]], Mapping[int, Verification]]  # the newest frame and references
 
 
 @constants
