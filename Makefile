@@ -137,7 +137,7 @@ test-noble: .venv-noble/test.stamp
 
 .venv/test.stamp: $(SOURCES) | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,plot,slam,test,dev]'
+	.venv/$(INSTALL) '.[ros,plot,slam,test,dev,torture]'
 	touch $@ .venv/demo.stamp .venv/slam.stamp
 
 .venv-noble/test.stamp: $(SOURCES) test/noble-constraints.txt | .venv-noble/bin/python

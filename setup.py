@@ -83,10 +83,12 @@ setup(
         'evaluation': ['matplotlib>=3.6', 'scikit-image>=0.22'],  # plots, and the method hog
         'onnx': ['onnxruntime'],
         'watch': ['rich>=13'],  # convseq watch
+        'fleet': ['distributed>=2026.1'],  # convseq fleet
         'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
+            'distributed>=2026.1',
             'hypothesis>=6.98',
             'onnx',
             'onnxruntime',
@@ -97,6 +99,8 @@ setup(
             'scikit-image>=0.22',
             'scikit-learn',
         ],
+        # `make torture`; where there is no wheel, decoders are not fuzzed
+        'torture': ["atheris>=3; platform_machine == 'x86_64' and python_version < '3.15'"],
         'docs': ['mkdocs-material>=9.5', 'mkdocstrings[python]>=0.26'],
         'dev': [
             'bandit>=1.7',

@@ -21,3 +21,7 @@ class SourceError(ConvseqError):
 
 class MapError(ConvseqError):
     """A reference map is missing, foreign, damaged or made with other settings."""
+
+
+class FleetError(ConvseqError):
+    """A cluster cannot be reached, must not be, or none of its maps can be opened."""

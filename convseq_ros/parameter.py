@@ -133,7 +133,7 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         refuse_renamed(name)
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
+            near = difflib.get_close_matches(str(name), known, n=1)  # in YAML, 5 is a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
             raise ConfigError(f'unknown parameter {name!r}; {advice}')
 

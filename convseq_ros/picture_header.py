@@ -76,13 +76,15 @@ def _jpeg(data: bytes) -> Declared:
 def _png(data: bytes) -> Declared:
     at = 8
     for _ in range(_MOST_CHUNKS):
-        if at + _CHUNK_HEAD_BYTES > len(data) or data[at + 4 : at + 8] == b'IEND':
+        if at + _CHUNK_HEAD_BYTES > len(data):
             break
-        (length,) = struct.unpack_from('>I', data, at)
+        length, kind = struct.unpack_from('>I4s', data, at)
         at += _CHUNK_BYTES + length
         if at > len(data):
-            # OpenCV takes the memory before it looks whether so much is there.
+            # OpenCV takes the memory before it looks whether so much is there, also of an end.
             raise ValueError('a chunk is longer than the file')
+        if kind == b'IEND':
+            break
     else:
         raise ValueError('more chunks than any picture has')
     width, height = struct.unpack_from('>II', data, 16)

@@ -25,7 +25,10 @@ MOST_LINES = 300
 # Kernels apart, a file of the core is one noun that fits on few screens, the algorithm on one.
 MOST_LINES_OF_CORE = 220
 MOST_LINES_OF_THE_ALGORITHM = 150
-OPTIONAL = ('lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml', 'zstandard')
+OPTIONAL = (
+    'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml',
+    'zstandard',
+)  # fmt: skip
 STANDARD_ONLY = (
     'config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py', 'robot_config.py',
 )  # fmt: skip

@@ -25,6 +25,7 @@ COMMANDS = {
     'watch': 'see in a terminal what a running node recognises',
     'info': 'say what a map or a recording holds',
     'convert': 'bring a map of an older format up to date',
+    'fleet': 'build many maps in parallel, on this machine or a cluster of Dask',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'turn results into one page: tables, charts, pairs of images',

@@ -3,6 +3,7 @@
 """Build a reference map: `convseq build-map RECORDING MAP`."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -50,9 +51,19 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add_annotations(parser)
     parser.add_argument('--append', action='store_true', help='add to an existing map')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
+    add_settings(parser)
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Declare what decides which images become places, and how."""
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
     add_parameters(parser, 'motion', parameters(MotionConfig))
     add_parameters(parser, 'images', [*_encoding(), *parameters(ReadingConfig)])
+
+
+def chosen_settings(chosen: argparse.Namespace) -> Config:
+    """Return the configuration that these arguments ask for."""
+    return make_config(given(chosen, _asked()))
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -65,7 +76,7 @@ def run(chosen: argparse.Namespace) -> int:
         camera_info=chosen.camera_info,
         poses=chosen.poses,
         append=chosen.append,
-        config=make_config(given(chosen, _asked())),
+        config=chosen_settings(chosen),
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -92,9 +103,12 @@ def build(
     poses: Path | None = None,
     append: bool = False,
     config: Config = Config(),
+    tell: Callable[[str], None] | None = None,
 ) -> Built:
     """
     Build a map file, or add to one.
+
+    Warnings and a bar of progress go to standard error; or warnings alone to whom to `tell`.
 
     Raises
     ------
@@ -105,22 +119,22 @@ def build(
 
     """
     source = open_annotated(recording, topic, odom, camera_info, poses, config.reading)
-    started = time.monotonic()
+    started, say = time.monotonic(), tell or _warn
     builder = MapBuilder(path, config, append)
     frames = unreadable = with_pose = 0
     interrupted = False
     try:
         with builder:
-            for frame in progress(source, len(source), path.name):
+            for frame in source if tell else progress(source, len(source), path.name):
                 frames += 1
                 if frame.gray is None:
                     unreadable += 1
-                    print(f'warning: {frame.problem}', file=sys.stderr)
+                    say(frame.problem)
                 with_pose += builder.process(frame) and frame.pose is not None
     except KeyboardInterrupt:
         interrupted = True
     for warning in source.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
+        say(warning)
     if not builder.added:
         raise SourceError(f'{recording}: none of its {frames} images could be used')
     return Built(
@@ -134,6 +148,10 @@ def build(
         path.stat().st_size,
         interrupted,
     )
+
+
+def _warn(problem: str) -> None:
+    print(f'warning: {problem}', file=sys.stderr)
 
 
 def _why_no_pose(chosen: argparse.Namespace) -> str:

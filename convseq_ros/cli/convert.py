@@ -11,8 +11,9 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
-from convseq_ros.core.map.database import Database, explained, open_to_read
+from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.format import decode_cells, FORMAT_VERSION
+from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.replacing import replaced
 from convseq_ros.core.map.writer import MapWriter

@@ -9,7 +9,7 @@ from typing import TypeVar
 Item = TypeVar('Item')
 
 
-def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames') -> Iterator[Item]:
     """Yield the items; a terminal shows how far, how fast and how long still."""
     if not sys.stderr.isatty():
         yield from items
@@ -19,4 +19,4 @@ def progress(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     except ImportError:
         yield from items
         return
-    yield from tqdm(items, what, total, unit=' frames', dynamic_ncols=True)
+    yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)

@@ -13,6 +13,7 @@ from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder, pictures_in
+from convseq_ros.sources.natural_order import natural_key
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_camera, read_poses, Recording
@@ -140,6 +141,33 @@ def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
 def _refuse_topic(path: Path, what: str, topic: str) -> None:
     if topic:
         raise SourceError(f'{path}: {what} has no topic {topic!r}; leave it out')
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """
+    Return the recordings, videos and folders of pictures that lie in a folder, bag2 before bag10.
+
+    SourceError if it cannot be read, there are none, or it is itself a recording or of pictures.
+    """
+    refuse_irregular(folder)
+    try:
+        found = sorted(folder.iterdir(), key=natural_key)
+        if pictures_in(folder) or folder / 'metadata.yaml' in found:
+            raise SourceError(f'{folder}: is a recording itself; name the folder that it lies in')
+    except OSError as error:
+        raise SourceError(f'{folder}: {error.strerror}; check the path') from None
+    recordings = [one for one in found if not one.name.startswith('.') and _is_recording(one)]
+    if not recordings:
+        raise SourceError(
+            f'{folder}: no recordings in it: no .mcap, .db3, .bag or video, no folder of pictures'
+        )
+    return recordings
+
+
+def _is_recording(path: Path) -> bool:
+    if path.is_dir():
+        return holds_recording(path) or bool(pictures_in(path))
+    return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def holds_recording(folder: Path) -> bool:

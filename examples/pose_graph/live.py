@@ -70,29 +70,32 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
     with (
         running('pose_graph', graph, folder, _END_S) as back_end,
         running('false_closures', liar, folder, _END_S) as injector,
-        running('vpr_node', vpr, folder, _END_S) as node,
+        running('player', player, folder, _END_S) as playing,
     ):
-        nodes = {'pose_graph': back_end, 'false_closures': injector, 'vpr_node': node}
-        _wait_for_back_end(nodes, folder)
-        # The player waits for vpr_node by itself.
-        with running('player', player, folder, _END_S) as playing:
+        nodes = {'pose_graph': back_end, 'false_closures': injector}
+        _wait_for_back_end({**nodes, 'player': playing}, folder)
+        # The player waits for vpr_node, which therefore comes last: all hear its first message.
+        with running('vpr_node', vpr, folder, _END_S) as node:
+            nodes['vpr_node'] = node
             while playing.poll() is None:
                 _check(nodes, folder)
                 time.sleep(_POLL_S)
-        if playing.returncode:
-            raise ConvseqError(f'the player failed; see {folder / "player.log"}')
-        rows = wait_for_rows(table, frames, _STALLED_S)
-        _check(nodes, folder)
-        if rows < frames:
-            raise ConvseqError(f'{rows} of {frames} frames were recognised; see {folder}/*.log')
+            if playing.returncode:
+                raise ConvseqError(f'the player failed; see {folder / "player.log"}')
+            rows = wait_for_rows(table, frames, _STALLED_S)
+            _check(nodes, folder)
+            if rows < frames:
+                raise ConvseqError(
+                    f'{rows} of {frames} frames were recognised; see {folder}/*.log'
+                )
 
 
 def _wait_for_back_end(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
     until_s = time.monotonic() + _STALLED_S
-    while 'listening' not in (folder / 'pose_graph.log').read_text():
+    while 'hears odometry' not in (folder / 'pose_graph.log').read_text():
         _check(processes, folder)
         if time.monotonic() > until_s:
-            raise ConvseqError(f'pose_graph does not listen; see {folder / "pose_graph.log"}')
+            raise ConvseqError(f'pose_graph hears nothing; see {folder / "pose_graph.log"}')
         time.sleep(_POLL_S)
 
 

@@ -31,6 +31,7 @@ try:
     from nav_msgs.msg import Odometry as OdometryMessage
     from nav_msgs.msg import Path as PathMessage
     import rclpy
+    from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
     from rclpy.executors import ExternalShutdownException
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
@@ -95,6 +96,7 @@ class PoseGraphNode(Node):
             'odom',
             self._on_odometry,
             QoSProfile(depth=_DEPTH),
+            event_callbacks=SubscriptionEventCallbacks(matched=self._on_matched),
             qos_overriding_options=overrides,
         )
         self.create_subscription(
@@ -113,7 +115,7 @@ class PoseGraphNode(Node):
                 PointCloud2, 'closure', self._on_measured, QoSProfile(depth=_DEPTH)
             )
         self.create_timer(self._declared('period_s', 1.0), self._work)
-        self.get_logger().info('listening to odometry and closures')
+        self.get_logger().info('waits for odometry and closures')
 
     def finish(self) -> None:
         """Optimise once more, with all that has come, and write the result file."""
@@ -126,6 +128,10 @@ class PoseGraphNode(Node):
 
     def _declared(self, name: str, default: Any) -> Any:
         return self.declare_parameter(name, default).value
+
+    def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
+        if info.current_count_change > 0:
+            self.get_logger().info('hears odometry')
 
     def _on_odometry(self, message: OdometryMessage) -> None:
         pose = _pose(message.pose.pose)

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A short part of what `make torture` gives to all that reads; and it sees what is wrong."""
 
+import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -11,12 +13,15 @@ import pytest
 
 from bench.soak import growth, Sample
 from bench.torture import forked, fuzz
+from bench.torture.decoders import Decoder
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize('name', ['hostile_files', 'fuzz'])
 def test_reading_survives_a_short_part_of_the_torture(name):
+    if name == 'fuzz' and fuzz.MISSING:
+        pytest.skip(fuzz.MISSING)
     command = [sys.executable, '-m', 'bench.torture', name, '--short']
     done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -48,21 +53,21 @@ def test_the_oracle_sees_what_is_wrong(monkeypatch):
     assert 'took more than' in forked.problem_of(lambda: time.sleep(60), most_s=0.2)
 
 
-def test_the_fuzzer_goes_on_behind_a_crash(tmp_path):
-    def decode(number, _):
-        if number == 3:
-            import os
+def test_the_fuzzer_goes_on_behind_what_breaks_a_decoder(tmp_path, monkeypatch):
+    pytest.importorskip('atheris', reason=fuzz.MISSING)
+    from bench.torture import _fuzzer
 
-            os.kill(os.getpid(), 9)
-        assert number != 5
-
-    target = fuzz.Target(lambda draw: int(draw), decode)
-    numbers = iter(range(100))
-    target = target._replace(make=lambda _: next(numbers))
-    tries = list(fuzz._batch('numbers', target, range(8), 0, tmp_path))
-    assert len(tries) == 8
-    broken = [one.name for one in tries if one.problem]
-    assert 'numbers 3' in broken and len(broken) >= 2
+    ends = {b'!0': fails, b'!1': lambda: os.kill(os.getpid(), signal.SIGKILL), b'!2': burns}
+    monkeypatch.setattr(_fuzzer, '_FOUND', tmp_path / 'found')
+    monkeypatch.setattr(_fuzzer, 'MOST_S', 0.3)
+    for data, end in ends.items():
+        known = {'a b': Decoder([data], lambda given, _, end=end: given[:1] == b'!' and end())}
+        monkeypatch.setattr(_fuzzer.decoders, 'decoders', lambda known=known: known)
+        executions, problem = next(_fuzzer.fuzz('a b', 100, 0, tmp_path))
+        assert executions < 100 and Path(problem.split('; ')[-1]).read_bytes() == data
+    known = {'holds': Decoder([b'0'], lambda *_: None)}
+    monkeypatch.setattr(_fuzzer.decoders, 'decoders', lambda: known)
+    assert [*_fuzzer.fuzz('holds', 50, 0, tmp_path)] == [(50, '')]
 
 
 def test_growth_is_told_from_places():

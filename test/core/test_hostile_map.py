@@ -10,8 +10,8 @@ import sqlite3
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map import database as module
-from convseq_ros.core.map import reader
+from convseq_ros.core.map import database as limits
+from convseq_ros.core.map import opening, reader
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
@@ -95,7 +95,7 @@ def test_a_view_that_never_ends_is_not_read(path, table):
 
 
 def test_a_statement_that_never_ends_is_ended(path, monkeypatch):
-    monkeypatch.setattr(module, '_LIMIT_S', 0.05)
+    monkeypatch.setattr(limits, '_LIMIT_S', 0.05)
     database = Database(path, 'ro')
     with pytest.raises(MapError, match=r'map.db: damaged map \(a statement took more than'):
         with explained(path):
@@ -291,15 +291,15 @@ def test_the_journal_of_the_old_map_does_not_spoil_the_one_that_replaces_it(cras
 
 def test_a_copy_of_what_changes_meanwhile_is_not_read(crashed, monkeypatch):
     """Another program mends the map, and replaces it, while its journal is copied."""
-    copy = module.shutil.copyfile
+    copy = opening.shutil.copyfile
 
     def copy_slowly(source, target):
-        monkeypatch.setattr(module.shutil, 'copyfile', copy)
+        monkeypatch.setattr(opening.shutil, 'copyfile', copy)
         found = copy(source, target)
         save_map(grown(30), crashed)
         return found
 
-    monkeypatch.setattr(module.shutil, 'copyfile', copy_slowly)
+    monkeypatch.setattr(opening.shutil, 'copyfile', copy_slowly)
     opened = open_map(crashed)
     assert len(opened) == 30
     assert all((opened.packed(index) == cells(index)).all() for index in range(30))
@@ -365,7 +365,7 @@ def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_
 
 
 def test_a_read_only_file_is_not_called_a_full_disk(path, monkeypatch):
-    monkeypatch.setattr(module.sqlite3, 'connect', read_only(sqlite3.connect))
+    monkeypatch.setattr(opening.sqlite3, 'connect', read_only(sqlite3.connect))
     with MapWriter(path, ENCODING, KeyframeConfig(), append=True) as writer:
         with pytest.raises(MapError, match=r'map.db: is read-only .*make it and its folder writ'):
             writer.copy(grown(21), 21)

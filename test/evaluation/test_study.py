@@ -168,6 +168,8 @@ def test_the_studies_of_the_paper_are_ready_made(tmp_path):
         ('sets: []', 'says no sets'),
         ('sets: street.yaml', 'sets is not a list'),
         ('sets: [street.yaml]\nvary: {k: [1]}', "unknown parameter 'k'"),
+        ('sets: [street.yaml]\nvary: {&k : [1]}', 'unknown parameter None'),
+        ('sets: [street.yaml]\nvary: {5: [1]}', 'unknown parameter 5'),
         ('sets: [street.yaml]\nvary: {fixed_length: 3}', 'vary is not'),
         ('sets: [street.yaml]\nvary: {fixed_length: [-1]}', 'fixed_length: -1 is outside'),
         ('sets: [street.yaml]\nchange: {darken: [a lot]}', 'is not a number'),

@@ -86,11 +86,12 @@ def test_a_tile_that_is_larger_than_its_picture_counts(decoded):
     assert not decoded
 
 
+@pytest.mark.parametrize('kind', [b'IDAT', b'IEND'])
 @pytest.mark.parametrize('left', [8, 10, 12, 10**6])
 @pytest.mark.parametrize('length', [2**31 - 1, 2**32 - 1, 100_000])
-def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(length, left, decoded):
+def test_a_chunk_of_a_png_that_is_longer_than_the_file_is_not_decoded(kind, length, left, decoded):
     data = picture('png')
-    at = data.index(b'IDAT') - 4
+    at = data.index(kind) - 4
     data = data[:at] + (length.to_bytes(4, 'big') + data[at + 4 :])[:left]
     with pytest.raises(ImageError, match='cannot be decoded'):
         decode_picture(data)

@@ -83,6 +83,7 @@ class Autosave(NoAutosave):
             self.reference_map = self._writer.reader.reference_map()
             self._file = path.stat().st_ino
             self.committed = self._writer.committed
+            self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
         self._error: MapError | None = None  # to be told
@@ -120,6 +121,8 @@ class Autosave(NoAutosave):
         self._thread.join()
         with self._opened:
             self.flush()
+            if self._is_in_place():
+                self._writer.journal()
             if not (self.committed or self._keeps_empty) and self._writer.is_new:
                 self._refuse_replaced()
                 self._path.unlink()
@@ -143,9 +146,14 @@ class Autosave(NoAutosave):
             self._writer.copy(self.reference_map, stop)
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
+            self._writer.settle()
+
+    def _is_in_place(self) -> bool:
+        with suppress(OSError):
+            return self._path.stat().st_ino == self._file
+        return False
 
     def _refuse_replaced(self) -> None:
-        with suppress(OSError):
-            if self._path.stat().st_ino == self._file:
-                return
+        if self._is_in_place():
+            return
         raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')

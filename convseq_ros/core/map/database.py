@@ -4,15 +4,12 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-import os
 from pathlib import Path
-import shutil
 import sqlite3
-import tempfile
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, PAGE_BYTES, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -27,11 +24,7 @@ _LIMIT_S = 2.0  # of the processor's time, for a statement; 1,024 rows take some
 _PATIENCE_S = 10.0  # for who holds the file; a slow card may take seconds to sync
 _STEPS = 20_000  # of SQLite's machine, between two looks at the clock: some .4 ms
 _MOST_SAID = 200  # characters of an error
-_TRIES = 5  # to read what a crash left behind while another program mends it
-# The end of a journal that names further files, which SQLite would delete.
-_NAMES_OTHERS = bytes.fromhex('d9d505f920a163d7')
-EMPTY = 'is empty, no map yet'
-_DAMAGED = 'damaged map ({}); build it again'
+DAMAGED = 'damaged map ({}); build it again'
 _READ = 'cannot be read ({}); is the disk failing?'
 _WENT_WRONG = {  # by result code of SQLite, extended or primary
     sqlite3.SQLITE_NOTADB: 'not a convseq map',
@@ -44,7 +37,7 @@ _WENT_WRONG = {  # by result code of SQLite, extended or primary
     sqlite3.SQLITE_IOERR: 'cannot write ({}); is the disk full, or failing?',
     sqlite3.SQLITE_IOERR_READ: _READ,
     sqlite3.SQLITE_IOERR_SHORT_READ: _READ,
-    sqlite3.SQLITE_INTERRUPT: _DAMAGED.format(f'a statement took more than {_LIMIT_S:g} s'),
+    sqlite3.SQLITE_INTERRUPT: DAMAGED.format(f'a statement took more than {_LIMIT_S:g} s'),
 }
 
 
@@ -102,6 +95,40 @@ class Database:
         with suppress(sqlite3.Error):
             self._database.rollback()
 
+    def write_ahead(self) -> bool:
+        """
+        Have commits go to a log beside the file, so that no reader waits for one.
+
+        Return False if that fails, as where programs share no memory; what failed is to be closed.
+        Nothing changes while another program reads.
+        """
+        try:
+            self._journal_mode('WAL')
+            self.begin()
+        except sqlite3.Error:
+            return False
+        self.roll_back()
+        return True
+
+    def journal(self) -> None:
+        """Have commits go to the file, and all of the log; the log is gone if nobody reads."""
+        if not self._journal_mode('DELETE'):
+            self.settle()
+
+    def settle(self) -> None:
+        """Have the file hold what the log does, and the log nothing; later if readers are busy."""
+        self.rows('PRAGMA wal_checkpoint(TRUNCATE)')
+
+    def _journal_mode(self, mode: str) -> bool:
+        """Return whether a mode was taken, which needs a moment without readers."""
+        try:
+            self.rows(f'PRAGMA journal_mode = {mode}')
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:
+                return False
+            raise
+        return True
+
     def check(
         self, path: Path, version: int = FORMAT_VERSION, schema: Mapping[str, str | None] = SCHEMA
     ) -> None:
@@ -129,85 +156,7 @@ def explained(path: Path) -> Iterator[None]:
         raise MapError(f'{path}: cannot be read ({error.strerror})') from error
     except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
         code = getattr(error, 'sqlite_errorcode', 0)
-        words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, _DAMAGED)
+        words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, DAMAGED)
         # A stranger's words may be long, and more than text to a terminal.
         said = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
         raise MapError(f'{path}: {words.format(said)}') from error
-
-
-def open_to_read(path: Path) -> Database:
-    """Return a map file that is not changed; if a crash left it with a journal, a mended copy."""
-    if path.is_dir():
-        raise MapError(f'{path}: is a folder; name the map file in it')
-    if not path.is_file():
-        raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
-    for last in range(_TRIES, 0, -1):
-        database = Database(path, 'ro')
-        try:
-            pages = database.number('PRAGMA page_count')
-            if path.stat().st_size < pages * database.number('PRAGMA page_size'):
-                raise MapError(f'{path}: {_DAMAGED.format("cut short")}')
-            if not pages:
-                raise MapError(f'{path}: {EMPTY}; make one with `convseq build-map RECORDING MAP`')
-            return database
-        except sqlite3.OperationalError:
-            database.close()
-            if not _journal(path).exists() or last == 1:
-                raise
-            if mended := _mended_copy(path):
-                return mended
-        except BaseException:
-            database.close()
-            raise
-    raise AssertionError('the last try returns or raises')
-
-
-def open_to_write(path: Path) -> Database:
-    """Return a map file, mended if a crash left it with a journal, or a new one without pages."""
-    if path.exists() and not path.is_file():
-        raise MapError(f'{path}: is no file; name the map file')
-    _refuse_other_files(path)
-    database = Database(path, 'rwc')
-    # The folder is synced as well, so that a power cut does not bring a journal back to life.
-    for pragma in (f'page_size = {PAGE_BYTES}', 'journal_mode = DELETE', 'synchronous = EXTRA'):
-        database.rows(f'PRAGMA {pragma}')
-    return database
-
-
-def _journal(path: Path) -> Path:
-    return path.with_name(path.name + '-journal')
-
-
-def _mended_copy(path: Path) -> Database | None:
-    """Return a copy without what was not committed; None if the file changed meanwhile."""
-    _refuse_other_files(path)
-
-    def state() -> list[tuple[int, int, int]]:
-        found = [os.stat(one) for one in (path, _journal(path))]
-        return [(each.st_ino, each.st_size, each.st_mtime_ns) for each in found]
-
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, 'map')
-        try:
-            before = state()
-            shutil.copyfile(_journal(path), _journal(copy))
-            shutil.copyfile(path, copy)
-            if state() != before:
-                return None
-        except FileNotFoundError:
-            return None
-        database = Database(copy, 'rw')
-        try:
-            if not database.number('PRAGMA page_count'):
-                raise MapError(f'{path}: {EMPTY}; make one with `convseq build-map RECORDING MAP`')
-        except BaseException:
-            database.close()
-            raise
-    return database
-
-
-def _refuse_other_files(path: Path) -> None:
-    with suppress(FileNotFoundError), _journal(path).open('rb') as journal:
-        journal.seek(max(0, journal.seek(0, os.SEEK_END) - len(_NAMES_OTHERS)))
-        if journal.read() == _NAMES_OTHERS:
-            raise MapError(f'{_journal(path)}: names other files, and no map does; delete it')

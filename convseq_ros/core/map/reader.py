@@ -14,8 +14,9 @@ import weakref
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.core.map.database import explained, open_to_read, Rows
+from convseq_ros.core.map.database import explained, Rows
 from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
+from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -57,9 +58,7 @@ class MapReader:
     ) -> None:
         self._path, self._lock = path, Lock()
         with explained(path):
-            self._database = open_to_read(path)
-            # A thread may still read when the process ends; what is only read needs no closing.
-            weakref.finalize(self, self._database.close).atexit = False
+            self._open()
             self._database.check(path)
             self._about = {name: value for name, value, _ in self._sound('about')}
             self.settings = Settings.of_rows(self._about)
@@ -70,6 +69,21 @@ class MapReader:
         self.encoding = replace(asked, resize=own.resize, image_mask=own.image_mask)
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
+
+    def _open(self) -> None:
+        self._database = open_to_read(self._path)
+        # A thread may still read when the process ends; what is only read needs no closing.
+        weakref.finalize(self, self._database.close).atexit = False
+
+    @contextmanager
+    def released(self) -> Iterator[None]:
+        """Let go of the file, so that it may be kept in another way; who reads waits."""
+        with explained(self._path), self._lock:
+            self._database.close()
+            try:
+                yield
+            finally:
+                self._open()
 
     def __len__(self) -> int:
         with self._at_one_moment():

@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
+import sqlite3
 from typing import Self
 from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.core.map.database import EMPTY, explained, open_to_write
+from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import (
     APPLICATION_ID,
     FORMAT_VERSION,
@@ -19,6 +20,7 @@ from convseq_ros.core.map.format import (
     SCHEMA,
     Settings,
 )
+from convseq_ros.core.map.opening import EMPTY, open_to_write
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -158,6 +160,23 @@ class MapWriter:
         with explained(self._path):
             self._database.commit()
         self.committed = self._count
+
+    def write_ahead(self) -> None:
+        """Have no reader wait for a commit until `journal`, where that is possible."""
+        with self.reader.released():
+            if not self._database.write_ahead():
+                self._database.close()
+                self._database = open_to_write(self._path)
+
+    def settle(self) -> None:
+        """Have the file alone hold all that was committed, soon, if it was written ahead."""
+        with suppress(sqlite3.Error):  # it is safe; if the disk fails, the next commit says so
+            self._database.settle()
+
+    def journal(self) -> None:
+        """Have the file alone hold all, with nothing beside it."""
+        with self.reader.released():
+            self._database.journal()
 
     def close(self) -> None:
         """Close the file without a commit."""

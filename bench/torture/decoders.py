@@ -1,0 +1,297 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every decoder of what others wrote, and small inputs of which all can be decoded."""
+
+from collections.abc import Callable
+import functools
+from functools import partial
+from pathlib import Path
+import sqlite3
+import tempfile
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.writer import MapWriter, save_map
+from convseq_ros.evaluation.data_set import read_data_set
+from convseq_ros.evaluation.report import read_runs
+from convseq_ros.evaluation.report.curves import read_curve
+from convseq_ros.evaluation.study import read_study
+from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.results import COLUMNS, read_results
+from convseq_ros.sources import open_source
+from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import camera_from_info
+from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture, ENCODINGS
+from convseq_ros.sources.pose_file import read_pose_file
+from convseq_ros.sources.pose_track import pose_from_message
+from convseq_ros.sources.raw_message import RawMessage
+import numpy as np
+
+from bench.torture import corpus
+from bench.torture.scenarios import APART, drawn, ENCODING
+
+_SMALLEST_PAGE_BYTES = 512  # of SQLite: a map of few bytes has many of what can be wrong
+# What a text may hold where it should not, beside all that a fuzzer thinks of.
+WORDS = ['9' * 30, *'-1 1e308 nan inf 1e99999999 [] {} 0x ~ &a *a !!'.split()]
+
+
+class Decoder(NamedTuple):
+    """
+    A decoder.
+
+    Parameters
+    ----------
+    samples : list of bytes
+        What it can decode.
+    decode : callable
+        Decodes anything, in a folder that is empty.
+
+    """
+
+    samples: list[bytes]
+    decode: Callable[[bytes, Path], object]
+
+
+def decoders() -> dict[str, Decoder]:
+    """Return every decoder, by name."""
+    found: dict[str, Decoder] = {}
+    for kind, (_, data) in corpus.pictures().items():
+        found[f'picture {kind}'] = Decoder([data], lambda given, _: decode_picture(given))
+    for name, decode in {
+        'Image': decode_image,
+        'CompressedImage': decode_compressed,
+        'CameraInfo': camera_from_info,
+        'PoseStamped': lambda message: pose_from_message(message.pose),
+    }.items():
+        kind = f'{"geometry" if "Pose" in name else "sensor"}_msgs/msg/{name}'
+        found[f'message {name}'] = Decoder(
+            [corpus.cdr(kind)],
+            lambda given, _, kind=kind, decode=decode: decode(RawMessage(0, kind, given).decode()),
+        )
+    found['fields of an image'] = Decoder(
+        [bytes(100)], lambda given, _: decode_image(_image_fields(given))
+    )
+    found['fields of a camera_info'] = Decoder(
+        [bytes(100)], lambda given, _: camera_from_info(_camera_fields(given))
+    )
+    for kind, (name, files) in corpus.recordings().items():
+        if '' in files:
+            found[f'recording {kind}'] = Decoder([files['']], partial(_recording, name))
+    return found | {
+        'recording folder': Decoder([_metadata()], _recording_folder),
+        'map': Decoder([_map()], _in_file('map.db', _read_map)),
+        'log of a map': Decoder([_ahead()[1]], _map_and_log),
+        'image mask': Decoder(
+            [corpus.pictures()['png'][1]],
+            _in_file('m.png', lambda path: with_mask_read(EncodingConfig(image_mask=str(path)))),
+        ),
+        'parameter file': Decoder([_PARAMETERS], _in_file('my.yaml', read_parameter_file)),
+        'data set': Decoder(
+            [_DATA_SET], _in_file('set.yaml', lambda path: read_data_set(path, path.parent))
+        ),
+        'study': Decoder([_STUDY], _in_file('s.yaml', lambda path: read_study(path, path.parent))),
+        'camera file': Decoder(
+            [_CAMERA, b'P0: ' + b'1 ' * 12],
+            _in_file('camera.yaml', lambda path: read_camera_file(path, 48, 64)),
+        ),
+        'pose file': Decoder(
+            [b'# t x y z\n' + b'1.5 1 2 3 0 0 0 1\n' * 3, b'1 0 0 0 0 1 0 0 0 0 1 0\n' * 3],
+            _in_file('poses.txt', lambda path: read_pose_file(path, 3)(0, 1_500_000_000)),
+        ),
+        'truth of pairs': Decoder(
+            [b'query,reference,tolerance\n0,1 2,1\na.jpg,b.jpg,0\n'],
+            _in_file('t.csv', lambda path: read_pairs(path, ['a.jpg'], ['b.jpg'])),
+        ),
+        'truth of positions': Decoder(
+            [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n'],
+            _in_file('t.csv', lambda path: read_positions(path, 'query', 2)),
+        ),
+        'truth of NumPy': Decoder(
+            _arrays(), _in_file('t.npy', lambda path: read_npy(path, (3, 3)))
+        ),
+        'result table': Decoder([_table()], _in_file('result.csv', read_results)),
+        'run folder': Decoder(
+            [bytes([number]) + content for number, content in enumerate(_run().values())],
+            _run_folder,
+        ),
+    }
+
+
+def _in_file(name: str, read: Callable[[Path], object]) -> Callable[[bytes, Path], object]:
+    def decode(data: bytes, folder: Path) -> object:
+        (folder / name).write_bytes(data)
+        return read(folder / name)
+
+    return decode
+
+
+def _recording(name: str, data: bytes, folder: Path) -> None:
+    (folder / name).write_bytes(data)
+    for _ in open_source(folder / name):
+        pass
+
+
+def _metadata() -> bytes:
+    return corpus.recordings()['folder mcap'][1]['metadata.yaml']
+
+
+def _recording_folder(data: bytes, folder: Path) -> None:
+    path = corpus.put('folder mcap', folder)
+    (path / 'metadata.yaml').write_bytes(data)
+    for _ in open_source(path):
+        pass
+
+
+def _map() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'map.db')
+        save_map(drawn(3), path)
+        database = sqlite3.connect(path, isolation_level=None)
+        database.execute(f'PRAGMA page_size = {_SMALLEST_PAGE_BYTES}')
+        database.execute('VACUUM')
+        database.close()
+        return path.read_bytes()
+
+
+@functools.cache
+def _ahead() -> tuple[bytes, bytes]:
+    """Return a map as a crash leaves it, and the log with its last places."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'map.db')
+        path.write_bytes(_map())
+        with MapWriter(path, ENCODING, APART, append=True) as writer:
+            writer.write_ahead()
+            writer.copy(drawn(5), 5)
+            return path.read_bytes(), path.with_name('map.db-wal').read_bytes()
+
+
+def _map_and_log(data: bytes, folder: Path) -> None:
+    path = folder / 'map.db'
+    path.write_bytes(_ahead()[0])
+    path.with_name('map.db-wal').write_bytes(data)
+    _read_map(path)
+
+
+def _read_map(path: Path) -> None:
+    reader = MapReader(path)
+    reader.about()
+    found = reader.reference_map()
+    found.pictures(range(len(found)), with_images=True)
+
+
+def _run() -> dict[str, bytes]:
+    """Return the files of a folder of results, by name."""
+    return {
+        'set/method/summary.json': b'{"set": "set", "method": "method", "accuracy_matched": 0.5}',
+        'set/method/frames.csv': _table(),
+        'set/method/curve.csv': b'threshold,precision,recall\n0.5,1,0.25\n',
+        'set/method/scores.npy': _arrays()[0],
+        'set/set.json': b'{"name": "set", "queries": 3, "references": 3}',
+    }
+
+
+def _run_folder(data: bytes, folder: Path) -> None:
+    """Have one file of a run, which the first byte chooses, hold the rest."""
+    files = _run()
+    if data:
+        files[[*files][data[0] % len(files)]] = data[1:]
+    (folder / 'set' / 'method').mkdir(parents=True)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    for one in read_runs([folder]):
+        one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one.folder)
+
+
+def _provider(data: bytes) -> Any:
+    import atheris  # who has none fuzzes nothing
+
+    return atheris.FuzzedDataProvider(data)
+
+
+def _image_fields(data: bytes) -> Any:
+    draw = _provider(data)
+
+    def side() -> int:
+        return draw.PickValueInList([0, 1, 2, 3, 47, 48, 65_536, 2**31 - 1, 2**32 - 1])
+
+    width = side()
+    return SimpleNamespace(
+        height=side(),
+        width=width,
+        encoding=draw.PickValueInList([*ENCODINGS, '', 'mono8 ', '32FC1', 'x' * 1000]),
+        is_bigendian=draw.ConsumeIntInRange(0, 255),
+        step=draw.PickValueInList([0, 1, width, 2 * width, 3 * width, 2**32 - 1]),
+        data=bytes(draw.PickValueInList([0, 1, 100, 48 * 47, 3 * 48 * 48])),
+    )
+
+
+def _camera_fields(data: bytes) -> Any:
+    draw = _provider(data)
+
+    def number() -> float:
+        known = [0.0, -1.0, 1e-300, 1.0, 320.0, 1e308, float('inf'), float('nan')]
+        return draw.PickValueInList(known) if draw.ConsumeBool() else draw.ConsumeFloat()
+
+    def whole() -> int:
+        return draw.PickValueInList([0, 1, 2, 640, 2**32 - 1])
+
+    part = SimpleNamespace(width=whole(), height=whole(), x_offset=whole(), y_offset=whole())
+    return SimpleNamespace(
+        k=[number() for _ in range(9)],
+        p=[number() for _ in range(12)],
+        width=whole(),
+        height=whole(),
+        roi=part,
+        binning_x=whole(),
+        binning_y=whole(),
+        d=[number() for _ in range(draw.ConsumeIntInRange(0, 14))],
+        distortion_model=draw.PickValueInList(['plumb_bob', 'equidistant', '', 'x']),
+    )
+
+
+def _arrays() -> list[bytes]:
+    """Return .npy files of truth: pairs, a matrix, and VPR-Bench's array of objects."""
+    objects = np.empty((3, 2), object)
+    for number in range(3):
+        objects[number] = number, [number, number + 1]
+    made = []
+    with tempfile.TemporaryDirectory() as folder:
+        for array in (np.zeros((3, 2), np.int64), np.eye(3, dtype=np.bool_), objects):
+            np.save(Path(folder, 'a.npy'), array, allow_pickle=True)
+            made.append(Path(folder, 'a.npy').read_bytes())
+    return made
+
+
+def _table() -> bytes:
+    row = ','.join('0.5' if 'score' in name else '1' for name in COLUMNS)
+    return f'{",".join(COLUMNS)}\n{row}\n{row}\n'.encode()
+
+
+_PARAMETERS = b"""/**:
+  ros__parameters:
+    matching: coherent
+    max_length: 25
+    closure_interval_s: 0.5
+    subtract_background: true
+"""
+_DATA_SET = b"""name: street
+query: {path: query, count: 3}
+reference: {path: reference, topic: /camera}
+truth: {kind: table, path: truth.csv, tolerance: 2}
+published: {netvlad: scores.npy}
+"""
+_STUDY = b"""name: lengths
+sets: [street_night]
+methods: [convseq, seqslam-k10]
+vary: {max_length: [5, 25]}
+change: {noise: [1, 2.5]}
+"""
+_CAMERA = b"""image_width: 64
+image_height: 48
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 32, 0, 50, 24, 0, 0, 1]}
+projection_matrix: {rows: 3, cols: 4, data: [50, 0, 32, 0, 0, 50, 24, 0, 0, 0, 1, 0]}
+"""

@@ -1,0 +1,160 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a fleet works: in processes of this machine, or on a cluster that is running.
+
+Dask unpickles what its peers send, so whoever reaches a scheduler or worker runs code there. Own
+processes listen on 127.0.0.1 only; a cluster elsewhere is talked to by TLS alone.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, ExitStack
+from dataclasses import dataclass
+import ipaddress
+import logging
+from pathlib import Path
+import tempfile
+from typing import Any
+
+from convseq_ros import __version__
+from convseq_ros.errors import FleetError
+from convseq_ros.installing import pip_install
+
+_ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
+# Python that a worker runs first.
+_LEAVES_CTRL_C_TO_US = 'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)'
+_LOCAL = {
+    # Maps and cells are numbers that hardly shrink.
+    'distributed.comm.compression': False,
+    # A worker that is busy in C for long does not answer; it is not dead.
+    'distributed.scheduler.worker-ttl': '5 minutes',
+    'distributed.admin.tick.limit': '60s',
+    # No pages: the port that Dask opens for them answers nothing.
+    'distributed.scheduler.http.routes': [],
+    'distributed.worker.http.routes': [],
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Which workers to use; `workers` processes of this machine, if no scheduler is named."""
+
+    scheduler: str = ''  # tcp://host:port or tls://host:port
+    workers: int = 1
+    tls_ca: Path | None = None  # three files, PEM
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+
+@contextmanager
+def connected(cluster: Cluster) -> Iterator[Any]:
+    """
+    Yield a `distributed.Client` of a cluster; processes of this machine end with it.
+
+    Raises
+    ------
+    FleetError
+        If Dask is not installed, the scheduler's address is none or not allowed without TLS, it
+        does not answer, or its workers have another version of this package, or none.
+
+    """
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        raise FleetError(f'a fleet needs dask.distributed; {pip_install("distributed")}') from None
+    address, security = checked_address(cluster), None
+    if address.startswith('tls:'):
+        security = distributed.Security(
+            tls_ca_file=str(cluster.tls_ca),
+            tls_client_cert=str(cluster.tls_cert),
+            tls_client_key=str(cluster.tls_key),
+            require_encryption=True,
+        )
+    with ExitStack() as opened:
+        opened.enter_context(dask.config.set(_LOCAL))
+        if not address:
+            folder = opened.enter_context(tempfile.TemporaryDirectory())
+            address = opened.enter_context(
+                distributed.LocalCluster(
+                    n_workers=cluster.workers,
+                    threads_per_worker=1,
+                    host='127.0.0.1',
+                    dashboard_address=None,
+                    scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
+                    silence_logs=logging.CRITICAL,
+                    memory_limit=0,
+                    local_directory=folder,
+                    preload=_LEAVES_CTRL_C_TO_US,
+                )
+            )
+        try:
+            client = distributed.Client(address, security=security, timeout=_ANSWERS_WITHIN_S)
+        except (OSError, ValueError) as error:
+            what = ' '.join(str(error).split())[:200]
+            raise FleetError(f'{cluster.scheduler}: no scheduler answers ({what})') from None
+        opened.enter_context(client)
+        if cluster.scheduler:
+            _refuse_foreign(client, cluster.scheduler)
+        yield client
+
+
+def checked_address(cluster: Cluster) -> str:
+    """
+    Return the address of a scheduler as Dask wants it, or an empty one if none is named.
+
+    FleetError if it is no address, or not of this machine and there are no files for TLS.
+    """
+    said = cluster.scheduler
+    files = cluster.tls_ca, cluster.tls_cert, cluster.tls_key
+    if not said:
+        if any(files):
+            raise FleetError('--tls-ca, --tls-cert and --tls-key are for a --scheduler; name it')
+        return ''
+    protocol, _, where = said.partition('://')
+    host, _, port = where.rpartition(':')
+    if protocol not in ('tcp', 'tls') or not host or not port.isdecimal():
+        raise FleetError(f'{said}: no address of a scheduler; give tcp://host:port')
+    if all(files):
+        for file in files:
+            if not (file and file.is_file()):
+                raise FleetError(f'{file}: no such file; --tls-ca, --tls-cert, --tls-key are PEM')
+        return f'tls://{where}'
+    if any(files) or protocol == 'tls':
+        raise FleetError(f'{said}: TLS needs all of --tls-ca, --tls-cert and --tls-key')
+    if not _is_of_this_machine(host):
+        raise FleetError(
+            f'{said}: is not this machine, and Dask runs what its peers send: give --tls-ca, '
+            '--tls-cert and --tls-key'
+        )
+    return said
+
+
+def _is_of_this_machine(host: str) -> bool:
+    if host == 'localhost':
+        return True
+    try:
+        return ipaddress.ip_address(host.strip('[]')).is_loopback
+    except ValueError:
+        return False
+
+
+def version() -> str:
+    """Return this package's version, as a worker sees it."""
+    return __version__
+
+
+def _refuse_foreign(client: Any, scheduler: str) -> None:
+    """FleetError unless all workers have this package in this version."""
+    try:
+        found = client.run(version)
+    except ImportError as error:
+        raise FleetError(f'{scheduler}: a worker lacks this package ({error})') from None
+    if not found:
+        raise FleetError(f'{scheduler}: has no workers; start some: dask worker {scheduler}')
+    for worker, own in found.items():
+        if own != __version__:
+            raise FleetError(
+                f'{scheduler}: worker {worker} has convseq_ros {own}, this is {__version__}; '
+                'install the same'
+            )

@@ -1,0 +1,67 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which schedulers are talked to, and how."""
+
+import sys
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+from convseq_ros.errors import FleetError
+from convseq_ros.fleet.cluster import checked_address, Cluster, connected
+import pytest
+
+
+@pytest.mark.parametrize(
+    'address', ['tcp://127.0.0.1:8786', 'tcp://localhost:8786', 'tcp://[::1]:8786']
+)
+def test_this_machine_is_talked_to_without_question(address):
+    assert checked_address(Cluster(address)) == address
+
+
+@pytest.mark.parametrize(
+    'address', ['tcp://10.0.0.1:8786', 'tcp://robot:8786', 'tcp://0.0.0.0:8786', 'tcp://[::]:1']
+)
+def test_another_machine_is_refused_without_tls(address):
+    with pytest.raises(FleetError, match='--tls-ca, --tls-cert and --tls-key'):
+        checked_address(Cluster(address))
+
+
+@pytest.mark.parametrize('address', ['8786', 'http://127.0.0.1:8786', 'tcp://host', 'tcp://:1'])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(FleetError, match='no address of a scheduler'):
+        checked_address(Cluster(address))
+
+
+def test_another_machine_is_talked_to_by_tls_alone(tmp_path):
+    files = [tmp_path / name for name in ('ca.pem', 'cert.pem', 'key.pem')]
+    for file in files:
+        file.touch()
+    address = 'tls://10.0.0.1:8786'
+    assert checked_address(Cluster('tcp://10.0.0.1:8786', 1, *files)) == address
+    files[2].unlink()
+    with pytest.raises(FleetError, match=r'key\.pem: no such file'):
+        checked_address(Cluster(address, 1, *files))
+    with pytest.raises(FleetError, match='TLS needs all'):
+        checked_address(Cluster(address, 1, *files[:2]))
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    with pytest.raises(FleetError, match=r'pip install.*distributed'):
+        with connected(Cluster()):
+            pass
+
+
+def test_a_cluster_of_this_machine_hears_this_machine_only(client):
+    addresses = [client.scheduler.address, *client.scheduler_info()['workers']]
+    assert len(addresses) == 3
+    assert all(one.startswith('tcp://127.0.0.1:') for one in addresses)
+    host, port = client.run_on_scheduler(
+        lambda dask_scheduler: (
+            dask_scheduler.http_server.address,
+            dask_scheduler.http_server.port,
+        )
+    )
+    assert host == '127.0.0.1'
+    with pytest.raises(HTTPError, match='404'):
+        urlopen(f'http://127.0.0.1:{port}/status')

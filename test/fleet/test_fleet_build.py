@@ -1,0 +1,130 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`convseq fleet build`: a map of each recording, whole or not at all."""
+
+import json
+import os
+from pathlib import Path
+import shutil
+import signal
+
+from convseq_ros.cli import fleet_build, main
+from convseq_ros.config import Config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.replacing import replaced
+from convseq_ros.errors import FleetError
+from convseq_ros.fleet.jobs import done
+import numpy as np
+import pytest
+
+SETTINGS = '--keyframe-overlap', '1'
+
+
+@pytest.fixture
+def build(scheduler, capsys):
+    """Return a way to run the command and get its exit code, its result and what it says."""
+
+    def run(folder, maps, *args):
+        where = '--scheduler', scheduler, '--json', *SETTINGS, *args
+        code = main(['fleet', 'build', str(folder), '-o', str(maps), *where])
+        printed = capsys.readouterr()
+        return code, json.loads(printed.out) if printed.out else None, printed.err
+
+    return run
+
+
+def test_maps_are_those_of_build_map_and_are_kept(recordings, tmp_path, build, capsys):
+    maps = tmp_path / 'maps'
+    code, told, _ = build(recordings, maps)
+    assert code == 0 and len(told['built']) == 3
+    names = ['drive_0.db', 'drive_1.db', 'drive_2.db']
+    assert sorted(path.name for path in maps.iterdir()) == names
+    main(['build-map', str(recordings / 'drive_1'), str(tmp_path / 'one.db'), *SETTINGS])
+    capsys.readouterr()
+    alone, of_fleet = open_map(tmp_path / 'one.db'), open_map(maps / 'drive_1.db')
+    assert len(alone) == len(of_fleet) > 0
+    assert [*alone.places] == [*of_fleet.places]
+    for index in range(len(alone)):
+        assert np.array_equal(alone.packed(index), of_fleet.packed(index))
+    # What is finished is kept; what is missing is made.
+    (maps / 'drive_2.db').unlink()
+    before = (maps / 'drive_0.db').stat().st_mtime_ns
+    code, told, _ = build(recordings, maps)
+    assert code == 0
+    assert [Path(one['map']).name for one in told['built']] == ['drive_2.db']
+    assert len(told['kept']) == 2
+    assert (maps / 'drive_0.db').stat().st_mtime_ns == before
+    # Other settings do not agree, and nobody's map is lost.
+    code, told, said = build(recordings, maps, '--image-size-px', '256')
+    assert code == 1 and len(told['failed']) == 3
+    assert 'made with image_size_px 512, asked for 256' in said
+    assert (maps / 'drive_0.db').stat().st_mtime_ns == before
+
+
+def test_one_bad_recording_costs_itself_alone(recordings, tmp_path, build):
+    folder, maps = tmp_path / 'some', tmp_path / 'maps'
+    shutil.copytree(recordings / 'drive_0', folder / 'good')
+    (folder / 'bad').mkdir()
+    (folder / 'bad' / '0.png').write_bytes(b'no picture')
+    code, told, said = build(folder, maps)
+    assert code == 1
+    assert [Path(one['map']).name for one in told['built']] == ['good.db']
+    assert 'bad.db' in said and 'not a readable picture' in said
+    assert len(said.splitlines()) == 1
+    assert [path.name for path in maps.iterdir()] == ['good.db']
+
+
+@pytest.mark.parametrize(
+    ('names', 'problem'),
+    [
+        (['a.mcap', 'a.bag'], 'its map would have the name of that of a.bag; rename one'),
+        (['a.txt'], 'no recordings in it'),
+        (['a.png'], 'is a recording itself'),
+    ],
+)
+def test_a_folder_that_cannot_be_meant_is_refused(tmp_path, capsys, names, problem):
+    for name in names:
+        (tmp_path / name).touch()
+    assert main(['fleet', 'build', str(tmp_path), '-o', str(tmp_path / 'maps')]) == 1
+    assert problem in capsys.readouterr().err
+    assert not (tmp_path / 'maps').exists()
+
+
+def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
+    died = tmp_path / 'died'
+    jobs = {
+        name: (recordings / name, tmp_path / f'{name}.db', '', '', '', Config())
+        for name in ('drive_0', 'drive_1')
+    }
+
+    def work(recording, path, *others):
+        if recording.name == 'drive_1' and not died.exists():
+            died.touch()
+            with replaced(path) as part:
+                part.touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+        return fleet_build.build_one(recording, path, *others)
+
+    found = dict(done(client, work, jobs))
+    assert died.exists()
+    assert {name: built.references for name, (built, _) in found.items()} == {
+        name: len(open_map(path)) for name, (_, path, *_) in jobs.items()
+    }
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['died', 'drive_0.db', 'drive_1.db']
+
+
+def test_who_kills_every_worker_is_given_up(client):
+    def allow(failures, dask_scheduler=None):
+        before, dask_scheduler.allowed_failures = dask_scheduler.allowed_failures, failures
+        return before
+
+    def work():
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    before = client.run_on_scheduler(allow, 0)
+    try:
+        ((name, error),) = done(client, work, {'it': ()})
+    finally:
+        client.run_on_scheduler(allow, before)
+    assert name == 'it' and isinstance(error, FleetError)
+    assert 'its worker died 1 times' in str(error)
