@@ -113,9 +113,7 @@ class Localizer:
         seen, problem = self._seen, self._problem()
         recent = seen and self._keyframes - seen.keyframe < self._config.lost_keyframes
         if seen and recent and self._keyframes > self._lost_at:
-            return Localization(
-                LocalizationState.CANDIDATE, seen.quality, seen.reference, problem
-            )
+            return Localization(LocalizationState.CANDIDATE, seen.quality, seen.reference, problem)
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
