@@ -27,9 +27,9 @@ portion, and `python -m bench.torture --docs docs --go-on` adds to what there is
 _TRIES = """
 Each file says how many tries `make torture` makes; the table says how many were made. For `fuzz`
 they are of all decoders together, {fuzz}; more come by
-`python -m bench.torture fuzz --count 200000 --docs docs --go-on`, and one decoder is fuzzed by
-`python -m bench.torture._fuzzer 20000 16 /tmp map` (it needs `pip install '.[torture]'`). Inputs that
-break one are kept in the folder `convseq_fuzz` of the system's for temporary files, and become tests.
+`python -m bench.torture fuzz --count 200000 --docs docs --go-on`. One decoder is fuzzed by
+`python -m bench.torture._fuzzer 20000 16 /tmp map`, which needs `pip install '.[torture]'`.
+Inputs that break one are kept in `convseq_fuzz`, where temporary files are, and become tests.
 """
 _SOAK = """
 ## Soak
