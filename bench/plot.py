@@ -92,22 +92,7 @@ def draw_cost(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
 
 
 def draw_stages(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
-    """
-    Draw where the time of a frame goes, a bar for each size of the map.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Findings of the part `stages`.
-    path : Path
-        The PNG.
-
-    Returns
-    -------
-    bool
-        False if there is nothing to draw.
-
-    """
+    """Draw where the time of a frame goes, by findings of the part `stages`; as `draw_cost`."""
     known = [row for row in rows if row['value'] is not None]
     if not known:
         return False

@@ -9,8 +9,9 @@ from pathlib import Path
 import threading
 import time
 
-from convseq_ros.cli.processes import own_domain
+from convseq_ros.cli.processes import environment
 from convseq_ros.errors import ConvseqError
+from convseq_ros.node.conversions import stamp_to_ns
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -23,7 +24,6 @@ TOPIC = '/bench/image'
 _PATIENCE_S = 60.0
 _LAST_ANSWERS_S = 2.0
 _TICKS_S = os.sysconf('SC_CLK_TCK')
-_PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds_large_images.xml'
 
 
 @dataclass(slots=True)
@@ -124,8 +124,8 @@ class Probe:
         self._publisher.publish(message)
 
     def _on_answer(self, message: PointCloud2) -> None:
-        now_ns, stamp = time.perf_counter_ns(), message.header.stamp
-        sent_ns = self._sent_ns.pop(stamp.sec * 10**9 + stamp.nanosec, None)
+        now_ns = time.perf_counter_ns()
+        sent_ns = self._sent_ns.pop(stamp_to_ns(message.header.stamp), None)
         if sent_ns is not None:
             self._run.latencies_ms.append((now_ns - sent_ns) / 1e6)
 
@@ -135,10 +135,7 @@ class Probe:
 
 def isolate(folder: Path) -> None:
     """Keep probe and node, which inherits it, among themselves; before rclpy is initialised."""
-    os.environ['ROS_DOMAIN_ID'] = str(own_domain())
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_LOG_DIR'] = str(folder / 'log')
-    os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(_PROFILE))
+    os.environ.update(environment(folder))
 
 
 def _message(image: npt.NDArray[np.uint8]) -> Image:

@@ -28,6 +28,7 @@ from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
+from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.route import Route
 import numpy as np
@@ -80,8 +81,7 @@ class Clock:
         return float(np.median(took)), max(took)
 
     def _on_answer(self, message: PointCloud2) -> None:
-        stamp = message.header.stamp
-        sent_s = self._sent.pop(stamp.sec * 10**9 + stamp.nanosec, None)
+        sent_s = self._sent.pop(stamp_to_ns(message.header.stamp), None)
         if sent_s is not None:
             self._took_ms.append((time.monotonic() - sent_s) * 1e3)
 

@@ -28,26 +28,24 @@ OTHERS = {
     'namespace': 'of the node and its topics',
     'use_sim_time': 'true if a recording is played with /clock',
 }
+ARGUMENTS = TOPICS | PARAMETERS | OTHERS
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node and its arguments."""
-    known = TOPICS | PARAMETERS | OTHERS
-    _refuse_unknown(known)
+    _refuse_unknown()
     share = Path(get_package_share_directory('convseq_ros'))
     defaults = {'params_file': str(share / 'config' / 'vpr_node.yaml'), 'use_sim_time': 'false'}
     arguments = [
         DeclareLaunchArgument(name, default_value=defaults.get(name, ''), description=text)
-        for name, text in known.items()
+        for name, text in ARGUMENTS.items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=_node)])
 
 
 def _node(context: Any) -> list[Node]:
     """Return the node, once it is known which arguments were given."""
-    given = {
-        name: LaunchConfiguration(name).perform(context) for name in TOPICS | PARAMETERS | OTHERS
-    }
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     topics = {name: given[name] for name in TOPICS if given[name]}
     if 'image' in topics:
         topics['image/compressed'] = topics['image'] + '/compressed'
@@ -67,10 +65,13 @@ def _node(context: Any) -> list[Node]:
     return [node]
 
 
-def _refuse_unknown(known: dict[str, str]) -> None:
+def _refuse_unknown() -> None:
     """Raise ValueError for arguments that `ros2 launch` was given for this file and has not."""
     here = [at for at, word in enumerate(sys.argv) if Path(word).name == Path(__file__).name]
     words = sys.argv[here[0] :] if here else []  # another launch file has arguments of its own
-    unknown = [word for word in words if ':=' in word and word.partition(':=')[0] not in known]
+    given = [word for word in words if ':=' in word]
+    unknown = [word for word in given if word.partition(':=')[0] not in ARGUMENTS]
     if unknown:
-        raise ValueError(f'no such argument: {", ".join(unknown)}; there are {", ".join(known)}')
+        raise ValueError(
+            f'no such argument: {", ".join(unknown)}; there are {", ".join(ARGUMENTS)}'
+        )

@@ -140,7 +140,6 @@ def kidnappings(
         for frame, descriptor in with_odometry(stamped[here.frames or BEFORE : BEFORE], odometer):
             recognizer.process(frame, descriptor)
         if recognizer.localizer.localization.state is not LocalizationState.LOCALISED:
-            rng.integers(0, 1)
             continue
         odometer.lift()
         noticed = None

@@ -4,7 +4,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-import importlib.util
 import os
 from pathlib import Path
 import subprocess
@@ -16,15 +15,14 @@ import numpy as np
 
 from bench.finding import at_most, Finding
 from bench.material import keyframe_map, read_drive
-from bench.parts.node import running_node
+from bench.parts.node import largest_map, probed, without_ros
 from bench.work import Work
 
 if TYPE_CHECKING:
     from bench.probe import Run
 
-_SIZE = 10_000
 _RATE_HZ = 30
-_SECONDS, _WARM_SECONDS = 10, 3
+_SECONDS = 10
 _NEIGHBOURS = 2
 _MOST_PERCENT, _MOST_P95_MS = 25, 30
 _SPINNING = 'sum(number * number for number in iter(int, 1))'
@@ -33,29 +31,21 @@ _JOULES = Path('/sys/class/powercap/intel-rapl:0/energy_uj')  # of all cores tog
 
 def measure(work: Work) -> list[Finding]:
     """Drive past a node alone, and beside two programs that take what they get."""
-    size = max(size for size in work.sizes if size <= _SIZE)
+    size = largest_map(work)
     what = f'drive of 10 m/s, {_RATE_HZ} Hz, 8 keyframes a second, R = {size:,}'
-    if importlib.util.find_spec('rclpy') is None:
-        return [Finding(what=what, side='vpr_node', threads=work.threads, note='no ROS here')]
-    from bench.probe import isolate, Probe
-
-    isolate(work.folder)
+    if no_ros := without_ros(work, what):
+        return no_ros
     findings = []
     seconds = 1 if work.quick else _SECONDS
-    with running_node(work, keyframe_map(work.folder, size)) as process:
-        probe = Probe(read_drive(work.folder, seconds * _RATE_HZ))
-        try:
-            probe.wait()
-            probe.publish(_RATE_HZ, 1 if work.quick else _WARM_SECONDS, process.pid)
-            for neighbours in (0, _NEIGHBOURS):
-                with _busy(neighbours):
-                    before = _joules()
-                    run = probe.publish(_RATE_HZ, seconds, process.pid)
-                    after = _joules()
-                joules = None if before is None or after is None else after - before
-                findings.append(_told(work, what, neighbours, run, joules))
-        finally:
-            probe.close()
+    images = read_drive(work.folder, seconds * _RATE_HZ)
+    with probed(work, keyframe_map(work.folder, size), images, _RATE_HZ) as publish:
+        for neighbours in (0, _NEIGHBOURS):
+            with _busy(neighbours):
+                before = _joules()
+                run = publish(_RATE_HZ, seconds)
+                after = _joules()
+            joules = None if before is None or after is None else after - before
+            findings.append(_told(work, what, neighbours, run, joules))
     return findings
 
 

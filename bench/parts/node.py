@@ -2,18 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The live node: raw images of 640 x 480 over DDS, from published image to published answer."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 import importlib.util
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+from convseq_ros.cli.processes import end
 from convseq_ros.errors import ConvseqError
 import numpy as np
+import numpy.typing as npt
 
 from bench.finding import at_most, Finding
 from bench.part import BLAS
@@ -26,31 +28,57 @@ _SIZE = 10_000
 _RATES_HZ = 10, 20, 30
 _SECONDS = 10
 _WARM_SECONDS = 3
+_END_S = 10.0
 _WANTED_HZ = 30
 _MOST_P95_MS = {1: 60, 2: 40}
 
 
 def measure(work: Work) -> list[Finding]:
     """Send images at three rates to a node that has one core, or as many as are allowed."""
-    size = max(size for size in work.sizes if size <= _SIZE)
+    size = largest_map(work)
     what = f'node, 640 x 480 raw, R = {size:,}'
-    if importlib.util.find_spec('rclpy') is None:
-        return [Finding(what=what, side='vpr_node', threads=work.threads, note='no ROS here')]
+    if no_ros := without_ros(work, what):
+        return no_ros
+    findings = []
+    with probed(work, work.map_path(size), work.images, _RATES_HZ[0]) as publish:
+        for rate_hz in _RATES_HZ[:1] if work.quick else _RATES_HZ:
+            run = publish(rate_hz, 1 if work.quick else _SECONDS)
+            findings.append(_told(work, f'{what}, {rate_hz} Hz', rate_hz, run))
+    return findings
+
+
+def largest_map(work: Work) -> int:
+    """Return the size of the map that a live node is measured with."""
+    return max(size for size in work.sizes if size <= _SIZE)
+
+
+def without_ros(work: Work, what: str) -> list[Finding]:
+    """Return what there is to say where a node cannot run; nothing where it can."""
+    if importlib.util.find_spec('rclpy') is not None:
+        return []
+    return [Finding(what=what, side='vpr_node', threads=work.threads, note='no ROS here')]
+
+
+@contextmanager
+def probed(
+    work: Work, path: Path, images: npt.NDArray[np.uint8], rate_hz: float
+) -> Iterator[Callable[[float, float], 'Run']]:
+    """
+    Run the node with a map, warmed up by images at a rate.
+
+    Yields what publishes them at a rate in Hz for some seconds, and returns what came of it.
+    """
     from bench.probe import isolate, Probe
 
     isolate(work.folder)
-    findings = []
-    with running_node(work, work.map_path(size)) as process:
-        probe = Probe(work.images)
+    with _running_node(work, path) as process:
+        probe = Probe(images)
         try:
             probe.wait()
-            probe.publish(10, 1 if work.quick else _WARM_SECONDS, process.pid)
-            for rate_hz in _RATES_HZ[:1] if work.quick else _RATES_HZ:
-                run = probe.publish(rate_hz, 1 if work.quick else _SECONDS, process.pid)
-                findings.append(_told(work, f'{what}, {rate_hz} Hz', rate_hz, run))
+            probe.publish(rate_hz, 1 if work.quick else _WARM_SECONDS, process.pid)
+            yield partial(probe.publish, pid=process.pid)
         finally:
             probe.close()
-    return findings
 
 
 def _told(work: Work, what: str, rate_hz: int, run: 'Run') -> Finding:
@@ -83,7 +111,7 @@ def _environment() -> dict[str, str]:
 
 
 @contextmanager
-def running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
+def _running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run the node with a map on the first cores; the probe may use the others."""
     from bench.probe import TOPIC
 
@@ -112,9 +140,4 @@ def running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
             yield process
         finally:
             os.sched_setaffinity(0, cores)
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            end(process, _END_S)

@@ -118,8 +118,8 @@ def robot(
 
     `surroundings` are added to its environment.
     """
-    own = environment(folder) | {'PYTHONPATH': os.pathsep.join(sys.path)}
-    os.environ.update({name: own[name] for name in own if name.startswith(('ROS_', 'FASTRTPS_'))})
+    os.environ.update(environment(folder))
+    own = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     command = [sys.executable, '-m', 'convseq_ros.node', '--ros-args']
     for name, value in parameters.items():
         command += ['-p', f'{name}:={str(value).lower() if value in (True, False) else value}']

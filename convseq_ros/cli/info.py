@@ -9,6 +9,7 @@ import json
 import math
 from pathlib import Path
 
+from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.reader import MapReader
@@ -71,4 +72,4 @@ def _readable(name: str, fact: object) -> str:
     if isinstance(fact, float):
         return f'{fact:.1f}'
     text = ', '.join(fact) if isinstance(fact, list) else str(fact)
-    return ''.join(one if one.isprintable() else '?' for one in text)
+    return printable(text)

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a recording to a real node, each in a process of its own, over DDS."""
 
-import importlib.util
 from pathlib import Path
 import subprocess
 import sys
 
-from convseq_ros.cli.processes import environment, running, wait_for_rows
+from convseq_ros.cli.processes import environment, need_ros, running, wait_for_rows
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import NEEDS_ROS
 from convseq_ros.results import read_results
 
 _END_S = 10.0
@@ -54,8 +52,7 @@ def recognise_live(
         If ROS is absent, or one of the two processes fails.
 
     """
-    if importlib.util.find_spec('rclpy') is None:
-        raise ConvseqError(NEEDS_ROS)
+    need_ros()
     table = folder / 'live.csv'
     parameters = flatten(config) | {
         'map_path': str(map_path.absolute()),

@@ -5,7 +5,6 @@
 import argparse
 from collections.abc import Sequence
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -50,12 +49,13 @@ def run(chosen: argparse.Namespace) -> int:
         recognizer = session.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
         matches = [recognizer.process(frame) for frame in frames]
-        answer = _answer(matches, recognizer)
+        found = _pose(matches, recognizer)
+        answer = _answer(matches, recognizer, found)
         if chosen.picture:
             _draw(chosen.picture, frames[-1], matches[-1], recognizer)
     finally:
         session.close()
-    print(json.dumps(answer) if chosen.json else _told(answer))
+    print(json.dumps(answer) if chosen.json else _told(answer, found))
     return 0
 
 
@@ -75,7 +75,24 @@ def _frames(
     return frames
 
 
-def _answer(matches: Sequence[Match], recognizer: PlaceRecognizer) -> dict[str, Any]:
+def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate | None:
+    """Return where the camera is, if that is known and places have poses."""
+    known = matches[-1].localization
+    if known is None or known.reference_index is None:
+        return None
+    sure = next(one for one in reversed(matches) if one.accepted)
+    return estimate_pose(
+        recognizer.reference_map.places,
+        known.reference_index,
+        yaw_rad=sure.relative_yaw_rad,
+        row=recognizer.buffer.row if sure is matches[-1] else None,
+        relative=sure.relative_pose,
+    )
+
+
+def _answer(
+    matches: Sequence[Match], recognizer: PlaceRecognizer, found: PoseEstimate | None
+) -> dict[str, Any]:
     known = matches[-1].localization or Localization()
     index = known.reference_index
     answer: dict[str, Any] = {
@@ -85,21 +102,11 @@ def _answer(matches: Sequence[Match], recognizer: PlaceRecognizer) -> dict[str, 
         'problem': known.problem,
         'reason': matches[-1].reason.value,
         'images': len(matches),
-        'pose': None,
+        'pose': _numbers(found) if found else None,
     }
     if index is not None:
         place = recognizer.reference_map.places[index]
         answer |= {'stamp_ns': place.stamp_ns, 'source': place.source}
-        sure = next(one for one in reversed(matches) if one.accepted)
-        newest = recognizer.buffer.row if sure is matches[-1] else None
-        found = estimate_pose(
-            recognizer.reference_map.places,
-            index,
-            yaw_rad=sure.relative_yaw_rad,
-            row=newest,
-            relative=sure.relative_pose,
-        )
-        answer['pose'] = found and _numbers(found)
     return answer
 
 
@@ -111,7 +118,7 @@ def _numbers(found: PoseEstimate) -> dict[str, Any]:
     }
 
 
-def _told(answer: dict[str, Any]) -> str:
+def _told(answer: dict[str, Any], found: PoseEstimate | None) -> str:
     if answer['place'] is None:
         return f'{answer["state"]}: {answer["problem"]}'
     quality = 'not known' if answer['quality'] is None else f'{answer["quality"]:.2f}'
@@ -119,17 +126,10 @@ def _told(answer: dict[str, Any]) -> str:
     if answer['problem']:
         lines[0] += f' ({answer["problem"]})'
     lines.append(f'taken at {answer["stamp_ns"]} ns, from {answer["source"]}')
-    if answer['pose'] is None:
+    if found is None:
         lines.append('no pose: the map has none; build it with --odom or --poses')
     else:
-        x, y, z = answer['pose']['position_m']
-        qx, qy, qz, qw = answer['pose']['orientation']
-        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-        variances = answer['pose']['covariance'][::7]
-        lines.append(
-            f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {math.sqrt(sum(variances[:2]) / 2):.2f}), '
-            f'yaw {yaw:.3f} rad (sigma {math.sqrt(variances[5]):.3f}), as the map gives poses'
-        )
+        lines.append(f'{found}, as the map gives poses')
     return '\n'.join(lines)
 
 

@@ -5,6 +5,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
@@ -12,8 +13,11 @@ import socket
 import subprocess
 import sys
 import time
+from typing import NoReturn
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.installing import NEEDS_ROS
+from convseq_ros.process import SIGNALS
 from convseq_ros.results import read_results
 
 _HIGHEST_DOMAIN = 101
@@ -71,6 +75,30 @@ def environment(folder: Path) -> dict[str, str]:
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(folder / 'log'),
     }
+
+
+def need_ros(what: str = '') -> None:
+    """Raise ConvseqError, with what needs ROS and what to type, if it is not there."""
+    if find_spec('rclpy') is None:
+        raise ConvseqError(f'{what}: {NEEDS_ROS}' if what else NEEDS_ROS)
+
+
+def become(module: str, arguments: Sequence[str], **variables: str) -> NoReturn:
+    """
+    Replace this process by a node's, with these variables in its environment.
+
+    Raises
+    ------
+    ConvseqError
+        If ROS is not installed or not sourced.
+
+    """
+    need_ros()
+    sys.stdout.flush()
+    # Until the node stands by, signals wait: a new Python dies of them, and says so at length.
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    command = [sys.executable, '-m', module, *arguments]
+    os.execve(sys.executable, command, {**os.environ, **variables})
 
 
 @contextmanager

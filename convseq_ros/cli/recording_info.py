@@ -6,6 +6,7 @@ from pathlib import Path
 import shlex
 from typing import Any
 
+from convseq_ros.cli.printable import printable
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.storage import is_storage_file, open_storage
 from convseq_ros.sources.topics import CAMERA_TYPES, IMAGE_TYPES, merge_topics, POSE_TYPES, Topic
@@ -70,7 +71,9 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
     commands = f'convseq build-map {shlex.quote(facts["recording"])} map.db'
     if 'topics' in facts:
         lines[0] += f', {facts["seconds"]:.1f} s'
-        shown = [(_shown(each['topic']), _shown(each['type']), each) for each in facts['topics']]
+        shown = [
+            (printable(each['topic']), printable(each['type']), each) for each in facts['topics']
+        ]
         width = max((len(topic) for topic, *_ in shown), default=0)
         for topic, kind, each in shown:
             rate = '' if each['rate_hz'] is None else f', {each["rate_hz"]:g} Hz'
@@ -93,11 +96,6 @@ def recording_lines(facts: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _shown(text: str) -> str:
-    """Return a stranger's words without what is more than text to a terminal."""
-    return ''.join(one if one.isprintable() else '?' for one in text)
-
-
 def quoted(name: str) -> str:
     """Return a stranger's name as one word of a shell, whatever is in it."""
-    return shlex.quote(_shown(name))
+    return shlex.quote(printable(name))

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from importlib import import_module
-from importlib.util import find_spec
 import json
 from pathlib import Path
 import statistics
@@ -16,13 +15,13 @@ import time
 from typing import Any
 
 from convseq_ros.cli.options import add_annotations, add_config, chosen_config
+from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
-from convseq_ros.errors import ConvseqError, MapError
-from convseq_ros.installing import NEEDS_ROS
+from convseq_ros.errors import MapError
 from convseq_ros.results import ResultWriter
 from convseq_ros.sources import open_annotated, Source
 
@@ -110,8 +109,7 @@ def run(chosen: argparse.Namespace) -> int:
 def _opened(path: Path) -> Iterator[Listener]:
     """Open a table or, by its name, a recording; yield what writes to it."""
     if path.suffix == '.mcap':
-        if find_spec('rclpy') is None:
-            raise ConvseqError(f'{path}: {NEEDS_ROS}')
+        need_ros(str(path))
         # By its name, because commands run without ROS.
         with import_module('convseq_ros.node.result_recording').ResultRecording(path) as recording:
             yield recording.write

@@ -4,16 +4,14 @@
 
 from collections.abc import Sequence
 from importlib.util import find_spec
-import os
-import signal
-import sys
+from typing import NoReturn
 
+from convseq_ros.cli.processes import become
 from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import NEEDS_ROS, pip_install
-from convseq_ros.process import SIGNALS
+from convseq_ros.installing import pip_install
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str]) -> NoReturn:
     """
     Become the watcher, which is a ROS node; it reads the arguments.
 
@@ -23,10 +21,6 @@ def main(arguments: Sequence[str]) -> int:
         If ROS or rich is not installed.
 
     """
-    if find_spec('rclpy') is None:
-        raise ConvseqError(NEEDS_ROS)
     if find_spec('rich') is None:
         raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
-    sys.stdout.flush()
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-    os.execv(sys.executable, [sys.executable, '-m', 'convseq_ros.node.watch', *arguments])
+    become('convseq_ros.node.watch', arguments)

@@ -35,6 +35,18 @@ class PoseEstimate:
     pose: Pose  # in the frame of the map
     covariance: Matrix  # (6, 6), of x, y, z in metres and of turns about these axes in radians
 
+    def __str__(self) -> str:
+        """Return it for people; the first sigma is by the mean of the variances of x and y."""
+        x, y, z = self.pose.position
+        variance_m2 = float(self.covariance[:2, :2].trace()) / 2
+        sigma_m, sigma_rad = (
+            math.sqrt(max(0.0, one)) for one in (variance_m2, float(self.covariance[5, 5]))
+        )
+        return (
+            f'x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), '
+            f'yaw {_yaw(self.pose):.3f} rad (sigma {sigma_rad:.3f})'
+        )
+
 
 def estimate_pose(
     places: Sequence[Place],

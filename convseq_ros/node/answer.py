@@ -3,19 +3,17 @@
 """All that is said of a frame, and of the map, each in one message that anybody can read."""
 
 from collections.abc import Mapping
-import time
 
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match
 from convseq_ros.node.conversions import match_header, stamp_from_ns
+from convseq_ros.node.map_news import MapNews
+from convseq_ros.node.qos import LATCHED
 from convseq_ros.results import row
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header
-
-_PERIOD_S = 5.0
 
 
 def answer_message(
@@ -56,20 +54,16 @@ class MapInfo:
     """
 
     def __init__(self, node: Node) -> None:
-        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._publisher = node.create_publisher(DiagnosticArray, '~/map_info', qos)
-        self._told: tuple[ReferenceMap | None, int, float] = None, 0, 0.0
+        self._publisher = node.create_publisher(DiagnosticArray, '~/map_info', LATCHED)
+        self._news = MapNews()
         self._counted, self._posed = 0, 0
 
     def follow(self, reference_map: ReferenceMap, frame_id: str) -> None:
         """Tell, if there is news, and at most every 5 s of the same map."""
-        told, length, told_s = self._told
-        now_s = time.monotonic()
-        if reference_map is told and (len(reference_map) == length or now_s - told_s < _PERIOD_S):
-            return
-        if reference_map is not told:
+        if reference_map is not self._news.told:
             self._counted = self._posed = 0
-        self._told = reference_map, len(reference_map), now_s
+        if not self._news.update(reference_map):
+            return
         new = reference_map.places[self._counted : len(reference_map)]
         self._counted += len(new)
         self._posed += sum(place.pose is not None for place in new)

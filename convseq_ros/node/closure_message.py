@@ -7,16 +7,15 @@ A PointCloud2 of one point, whose fields have names, types and sizes, so that a 
 or C++ takes them by name (docs/backends/README.md), and new fields can be added at the end.
 """
 
-from array import array
 import math
 from uuid import UUID
 
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match, RelativePose, UNKNOWN_M2
-from convseq_ros.node.conversions import match_header, stamp_from_ns
+from convseq_ros.node.conversions import cloud_message, match_header, stamp_from_ns
 import numpy as np
 import numpy.typing as npt
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 
 LAYOUT = 1  # of the fields below; it changes when one goes or means something else
 # Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
@@ -50,13 +49,6 @@ CLOSURE = np.dtype(
 )
 """The one row of `~/closure`."""
 
-_KINDS = {
-    'f8': PointField.FLOAT64,
-    'f4': PointField.FLOAT32,
-    'u4': PointField.UINT32,
-    'i4': PointField.INT32,
-    'u1': PointField.UINT8,
-}
 _NOTHING = UUID(int=0)
 
 
@@ -92,27 +84,7 @@ def closure_message(
     if session_start < len(reference_map):
         newest = reference_map.places[len(reference_map) - 1]
         row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
-    return PointCloud2(
-        header=match_header(match, frame_id),
-        height=1,
-        width=1,
-        fields=closure_fields(),
-        is_bigendian=False,
-        point_step=CLOSURE.itemsize,
-        row_step=CLOSURE.itemsize,
-        data=array('B', row.tobytes()),
-        is_dense=False,
-    )
-
-
-def closure_fields() -> list[PointField]:
-    """Return how a closure describes itself."""
-    fields = []
-    for name, (kind, offset, *_) in (CLOSURE.fields or {}).items():
-        datatype = _KINDS[kind.base.str[1:]]
-        count = math.prod(kind.shape)
-        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=count))
-    return fields
+    return cloud_message(row, match_header(match, frame_id), is_dense=False)
 
 
 def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:

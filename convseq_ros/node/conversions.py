@@ -36,7 +36,13 @@ CANDIDATE = np.dtype(
 )
 """One row of `~/candidates`."""
 
-_FIELD_TYPES = {'f4': PointField.FLOAT32, 'u4': PointField.UINT32, 'i4': PointField.INT32}
+_FIELD_TYPES = {
+    'f8': PointField.FLOAT64,
+    'f4': PointField.FLOAT32,
+    'u4': PointField.UINT32,
+    'i4': PointField.INT32,
+    'u1': PointField.UINT8,
+}
 
 
 def stamp_to_ns(stamp: Time) -> int:
@@ -74,17 +80,8 @@ def candidates_message(
         index, score = candidate.reference_index, candidate.score
         length = match.sequence_length
         rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec)
-    return PointCloud2(
-        header=match_header(match, frame_id),
-        height=1,
-        width=len(rows),
-        fields=_candidate_fields(),
-        is_bigendian=False,
-        point_step=CANDIDATE.itemsize,
-        row_step=rows.nbytes,
-        data=array('B', rows.tobytes()),
-        is_dense=all(poses[one.reference_index] for one in match.candidates),
-    )
+    is_dense = all(poses[one.reference_index] for one in match.candidates)
+    return cloud_message(rows, match_header(match, frame_id), is_dense)
 
 
 def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
@@ -102,7 +99,7 @@ def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
         If the message has other fields.
 
     """
-    if message.is_bigendian or message.fields != _candidate_fields():
+    if message.is_bigendian or message.fields != cloud_fields(CANDIDATE):
         names = ', '.join(item.name for item in message.fields)
         raise ValueError(f'expected the fields {", ".join(CANDIDATE.names or ())}, got {names}')
     return np.frombuffer(bytes(message.data), CANDIDATE)
@@ -193,8 +190,42 @@ def match_header(match: Match, frame_id: str) -> Header:
     return Header(stamp=stamp_from_ns(match.query_stamp_ns), frame_id=frame_id)
 
 
-def _candidate_fields() -> list[PointField]:
-    return [
-        PointField(name=name, offset=offset, datatype=_FIELD_TYPES[kind.str[1:]], count=1)
-        for name, (kind, offset, *_) in (CANDIDATE.fields or {}).items()
-    ]
+def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) -> PointCloud2:
+    """
+    Return rows as a message, one point each.
+
+    Parameters
+    ----------
+    rows : structured ndarray, shape (points,)
+        Little-endian.
+    header : Header
+        Stamp and frame.
+    is_dense : bool
+        Whether no number is NaN.
+
+    """
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=len(rows),
+        fields=cloud_fields(rows.dtype),
+        is_bigendian=False,
+        point_step=rows.dtype.itemsize,
+        row_step=rows.nbytes,
+        data=array('B', rows.tobytes()),
+        is_dense=is_dense,
+    )
+
+
+def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
+    """Return how the points of a message describe themselves."""
+    fields = []
+    for name, (kind, offset, *_) in (row.fields or {}).items():
+        datatype, count = _FIELD_TYPES[kind.base.str[1:]], math.prod(kind.shape)
+        fields.append(PointField(name=name, offset=offset, datatype=datatype, count=count))
+    return fields
+
+
+def type_name(kind: type) -> str:
+    """Return the name of a message's type on the ROS graph, such as sensor_msgs/msg/Image."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

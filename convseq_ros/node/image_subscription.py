@@ -5,14 +5,14 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
+from convseq_ros.node.conversions import type_name
 from convseq_ros.node.subscription import FollowingSubscription
-from convseq_ros.node.topic_finder import cameras
+from convseq_ros.node.topic_finder import cameras, COMPRESSED
 from convseq_ros.node_config import NodeConfig
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
 ImageMessage: TypeAlias = Image | CompressedImage
-_SUFFIX = '/compressed'
 _FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
 _TYPES = {'raw': Image, 'compressed': CompressedImage}
 
@@ -45,8 +45,8 @@ class ImageSubscription:
         self._transport = config.image_transport
         self._subscription: FollowingSubscription | None = None
         self._topic = node.resolve_topic_name('image')
-        if config.image_transport == 'compressed' and not self._topic.endswith(_SUFFIX):
-            self._topic += _SUFFIX
+        if config.image_transport == 'compressed' and not self._topic.endswith(COMPRESSED):
+            self._topic += COMPRESSED
 
     def start(self) -> None:
         """Begin to listen."""
@@ -64,7 +64,7 @@ class ImageSubscription:
         is_listening = self._subscription is not None
         self.stop()
         self._topic = topic
-        self._transport = 'compressed' if topic.endswith(_SUFFIX) else 'raw'
+        self._transport = 'compressed' if topic.endswith(COMPRESSED) else 'raw'
         if is_listening:
             self.start()
 
@@ -96,27 +96,27 @@ class ImageSubscription:
         wanted = _TYPES[self._transport]
         if not types:
             return self._advice_for_silence()
-        if _type_name(wanted) in types:
+        if type_name(wanted) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
-        remedy = f'remap `image` to a topic of {_type_name(wanted)}'
-        if self._transport == 'raw' and _type_name(CompressedImage) in types:
-            if self.topic.endswith(_SUFFIX):
+        remedy = f'remap `image` to a topic of {type_name(wanted)}'
+        if self._transport == 'raw' and type_name(CompressedImage) in types:
+            if self.topic.endswith(COMPRESSED):
                 remedy = 'set image_transport to compressed'
             else:
                 remedy = (
-                    f'publish it on {self.topic}{_SUFFIX} and set image_transport to compressed'
+                    f'publish it on {self.topic}{COMPRESSED} and set image_transport to compressed'
                 )
-        elif self._transport == 'compressed' and _type_name(Image) in types:
+        elif self._transport == 'compressed' and type_name(Image) in types:
             remedy = 'set image_transport to raw'
         return f'{self.topic} carries {", ".join(sorted(set(types)))}; {remedy}'
 
     def _advice_for_silence(self) -> str:
         text = f'{self.topic} has no publisher'
         if self._transport == 'raw':
-            other, transport = self.topic + _SUFFIX, 'compressed'
+            other, transport = self.topic + COMPRESSED, 'compressed'
         else:
-            other, transport = self.topic.removesuffix(_SUFFIX), 'raw'
-        if _type_name(_TYPES[transport]) in self._published(other):
+            other, transport = self.topic.removesuffix(COMPRESSED), 'raw'
+        if type_name(_TYPES[transport]) in self._published(other):
             return f'{text}, but {other} has: set image_transport to {transport}'
         found = cameras(self._node)
         names = ' or '.join(f'-r image:={topic}' for topic in found) or '-r image:=TOPIC'
@@ -124,8 +124,3 @@ class ImageSubscription:
 
     def _published(self, topic: str) -> list[str]:
         return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
-
-
-def _type_name(kind: type) -> str:
-    """Return the name that the ROS graph uses, such as sensor_msgs/msg/Image."""
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'

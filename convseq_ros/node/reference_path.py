@@ -5,18 +5,17 @@
 from bisect import bisect_left
 from collections.abc import Sequence
 import math
-import time
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.node.conversions import pose_only_message, stamp_from_ns
+from convseq_ros.node.map_news import MapNews
+from convseq_ros.node.qos import LATCHED
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header
 
-_PERIOD_S = 5.0
 _MOST_POSES = 5000
 
 
@@ -32,20 +31,16 @@ class ReferencePath:
     """
 
     def __init__(self, node: Node) -> None:
-        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._publisher = node.create_publisher(Path, '~/reference_path', qos)
-        self._told: tuple[ReferenceMap | None, int, float] = None, 0, 0.0
+        self._publisher = node.create_publisher(Path, '~/reference_path', LATCHED)
+        self._news = MapNews()
 
     def follow(self, reference_map: ReferenceMap, frame_id: str) -> None:
         """Publish the map's path if there is news; nothing if it has no poses."""
-        told, length, told_s = self._told
-        now_s = time.monotonic()
-        if reference_map is told and (len(reference_map) == length or now_s - told_s < _PERIOD_S):
-            return
-        self._told = reference_map, len(reference_map), now_s
-        message = path_message(reference_map, frame_id)
-        if message.poses or told is not None:
-            self._publisher.publish(message)
+        is_first = self._news.told is None
+        if self._news.update(reference_map):
+            message = path_message(reference_map, frame_id)
+            if message.poses or not is_first:
+                self._publisher.publish(message)
 
 
 def path_message(reference_map: ReferenceMap, frame_id: str) -> Path:

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
+from convseq_ros.node.conversions import type_name
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.results import complete_or_absent
@@ -56,7 +57,7 @@ class ResultRecording:
 
     def create_publisher(self, kind: type, topic: str, _qos: Any) -> '_Channel':
         """Return what writes instead of publishing."""
-        name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+        name = type_name(kind)
         described, _ = typestore().generate_msgdef(name, ros_version=2)
         schema = self._writer.register_schema(name, 'ros2msg', described.encode())
         return _Channel(

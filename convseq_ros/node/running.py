@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the process of a node runs, from ROS's first moment to the exit code."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from ctypes import CDLL
 import os
@@ -44,17 +44,24 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
 
 
 def _run(make_node: Callable[[], Node]) -> None:
-    executor = SingleThreadedExecutor()
     node = make_node()
-    ending = threading.Event()
-    hand_over(ending.set)
-    executor.add_node(node)
     try:
-        # A signal does not wake the executor: it looks up now and then.
-        while ok() and not ending.is_set():
-            executor.spin_once(timeout_sec=_LOOK_UP_S)
+        for _ in turns(node):
+            pass
     finally:
         node.destroy_node()
+
+
+def turns(node: Node) -> Iterator[None]:
+    """Serve a node until a signal comes or ROS is shut down; yield after every turn."""
+    ending = threading.Event()
+    hand_over(ending.set)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    # A signal does not wake the executor: it looks up now and then.
+    while ok() and not ending.is_set():
+        executor.spin_once(timeout_sec=_LOOK_UP_S)
+        yield
 
 
 def _have_memory_returned() -> None:

@@ -8,13 +8,7 @@ import threading
 import time
 from typing import TypeVar
 
-from rclpy.qos import QoSProfile
-
 Result = TypeVar('Result')
-
-# Requests, and answers that are not acknowledged yet, of all callers together; with the usual 10,
-# most calls of a quick caller are lost while a frame keeps the processor busy.
-SERVICE_QOS = QoSProfile(depth=1000)
 
 _POLL_S = 0.005
 

@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from shlex import quote
 
+from convseq_ros.node.conversions import type_name
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -13,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 _LOOK_S = 1.0
 _LOOKS = 2  # alike, one after another, before it is believed: who is there is learnt by and by
-_COMPRESSED = '/compressed'
+COMPRESSED = '/compressed'  # ends the name of the topic beside raw images
 
 
 class TopicFinder:
@@ -47,7 +48,7 @@ class TopicFinder:
 
     def _look(self) -> None:
         if self._node.count_publishers(self._default) or self._node.count_publishers(
-            self._default + _COMPRESSED
+            self._default + COMPRESSED
         ):
             self._looks = 0
             return
@@ -74,12 +75,12 @@ def cameras(node: Node) -> list[str]:
     """Return topics of images that others publish; raw ones stand for their compressed ones."""
     raw = topics_of(node, Image)
     compressed = topics_of(node, CompressedImage)
-    return sorted({*raw, *(one for one in compressed if one.removesuffix(_COMPRESSED) not in raw)})
+    return sorted({*raw, *(one for one in compressed if one.removesuffix(COMPRESSED) not in raw)})
 
 
 def topics_of(node: Node, *kinds: type) -> list[str]:
     """Return topics of some types that others publish."""
-    names = {f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}' for kind in kinds}
+    names = {type_name(kind) for kind in kinds}
     own = node.get_fully_qualified_name() + '/'
     return sorted(
         topic
@@ -92,7 +93,7 @@ def _beside(node: Node, image: str) -> dict[str, str]:
     """Return the camera's description and the odometry that there are, unless they are named."""
     found = {}
     infos, odometries = topics_of(node, CameraInfo), topics_of(node, Odometry)
-    own = f'{image.removesuffix(_COMPRESSED).rpartition("/")[0]}/camera_info'
+    own = f'{image.removesuffix(COMPRESSED).rpartition("/")[0]}/camera_info'
     infos = [own] if own in infos else infos
     for what, topics in (('camera_info', infos), ('odom', odometries)):
         default = f'{node.get_namespace().rstrip("/")}/{what}'

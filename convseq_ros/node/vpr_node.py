@@ -26,10 +26,10 @@ from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
+from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.services import SERVICE_QOS
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.topic_finder import TopicFinder

@@ -6,11 +6,10 @@ import argparse
 from collections import Counter, deque
 from pathlib import Path
 import sys
-import threading
 import time
 from typing import Any
 
-from convseq_ros.process import hand_over, run_node, stand
+from convseq_ros.process import run_node, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -19,17 +18,18 @@ if __name__ == '__main__':
 from convseq_ros.config import ReadingConfig
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.node.running import turns
 from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.node.topic_finder import COMPRESSED
 from convseq_ros.sources.images import decode_compressed, decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import numpy.typing as npt
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, remove_ros_args, try_shutdown
+from rclpy.utilities import remove_ros_args, try_shutdown
 from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -39,7 +39,7 @@ from rich.text import Text
 from sensor_msgs.msg import CompressedImage, Image
 
 _PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one over the other
-_LOOK_UP_S = 0.1
+_SHOWN_EVERY_S = 0.2
 _RATE_FRAMES = 20
 _COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'}
 
@@ -67,7 +67,7 @@ class Watcher(Node):
         topic = f'{options.node}/answer'
         FollowingSubscription(self, DiagnosticArray, topic, self._on_answer, _RATE_FRAMES)
         if options.topic:
-            is_compressed = options.topic.endswith('/compressed')
+            is_compressed = options.topic.endswith(COMPRESSED)
             kind = CompressedImage if is_compressed else Image
             FollowingSubscription(self, kind, options.topic, self._on_image, 1)
         self._waiting = f'waiting for {topic}'
@@ -152,15 +152,14 @@ def main(args: list[str] | None = None) -> int:
     except ConvseqError as error:
         print(f'convseq watch: {error}', file=sys.stderr)
         return 1
-    ending = threading.Event()
-    hand_over(ending.set)
-    executor = SingleThreadedExecutor()
-    executor.add_node(watcher)
+    shown_s = 0.0
     try:
-        with Live(watcher.view(), console=Console(), refresh_per_second=5) as live:
-            while ok() and not ending.is_set():
-                executor.spin_once(timeout_sec=_LOOK_UP_S)
-                live.update(watcher.view())
+        with Live(watcher.view(), console=Console(), auto_refresh=False) as live:
+            for _ in turns(watcher):
+                if time.monotonic() - shown_s >= _SHOWN_EVERY_S:
+                    live.update(watcher.view(), refresh=True)
+                    shown_s = time.monotonic()
+            live.update(watcher.view())
     finally:
         try_shutdown()
     return 0

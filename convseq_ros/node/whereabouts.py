@@ -4,23 +4,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-import math
 import time
 
 from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
-from convseq_ros.node.services import SERVICE_QOS, Turn
+from convseq_ros.node.qos import LATCHED, SERVICE_QOS
+from convseq_ros.node.services import Turn
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _MOST_CALLS = 100  # that wait at a time, each for some 20 us a turn
 _LOCALISED = LocalizationState.LOCALISED
 
@@ -64,9 +62,9 @@ class Whereabouts:
         self._known = _Known(0, Localization(), None, '')
         self._given_up = False
         self._waiting = 0  # calls
-        self._state = node.create_publisher(DiagnosticStatus, '~/localization', _LATCHED)
+        self._state = node.create_publisher(DiagnosticStatus, '~/localization', LATCHED)
         self._initial_pose = (
-            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', _LATCHED)
+            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', LATCHED)
             if config.publish_initial_pose
             else None
         )
@@ -159,15 +157,7 @@ class Whereabouts:
         text = f'place {now.reference_index}, quality {quality}; '
         if (found := known.estimate) is None:
             return f'{text}no pose: {known.remark}'
-        x, y, z = found.pose.position
-        qx, qy, qz, qw = found.pose.orientation
-        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-        sigma_m = math.sqrt(max(0.0, float(found.covariance[:2, :2].trace()) / 2))
-        sigma_rad = math.sqrt(max(0.0, float(found.covariance[5, 5])))
-        return (
-            f'{text}x {x:.2f} y {y:.2f} z {z:.2f} m (sigma {sigma_m:.2f}), yaw {yaw:.3f} rad '
-            f'(sigma {sigma_rad:.3f}) in frame {self.config.map_frame}{known.remark}'
-        )
+        return f'{text}{found} in frame {self.config.map_frame}{known.remark}'
 
 
 def _remark(match: Match, estimate: PoseEstimate | None) -> str:

@@ -45,9 +45,7 @@ def draw_picture(
     )
     real = true_path(solution, truth)
     before_m, after_m = error_m(solution, truth, before=True), error_m(solution, truth)
-    places = [
-        tuple(odometry.place(stamp_ns)[0] for stamp_ns in closure[:2]) for closure in closures
-    ]
+    drawn = _placed(odometry, closures, solution.kept)
     panels = (
         (solution.before, _BEFORE, f'odometry alone: {before_m:.1f} m off, and what it was told'),
         (solution.after, _AFTER, f'corrected by the closures: {after_m:.1f} m off'),
@@ -57,7 +55,7 @@ def draw_picture(
         moved = aligned(poses[:, :2], real)
         axes.plot(*real.T, color=_TRUE, linewidth=5, alpha=0.28, solid_capstyle='round')
         axes.plot(*moved.T, color=colour, linewidth=1.8)
-        _draw_closures(axes, moved, places, solution.kept)
+        _draw_closures(axes, moved, drawn)
         axes.plot(*moved[0], 'o', color=_PALE, markersize=7)
         axes.set_aspect('equal', adjustable='datalim')
     _legend(figure, solution.kept)
@@ -83,13 +81,22 @@ def _axes(figure: Any, cell: Any, title: str) -> Any:
     return axes
 
 
+def _placed(
+    odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
+) -> list[tuple[int, int, bool]]:
+    """Return the keyframes of closures within the odometry, and whether they were kept."""
+    found = []
+    for closure, inlier in zip(closures, kept, strict=True):
+        query, reference = odometry.place(closure.query_ns), odometry.place(closure.reference_ns)
+        if query and reference:
+            found.append((query[0], reference[0], inlier))
+    return found
+
+
 def _draw_closures(
-    axes: Any,
-    path: npt.NDArray[np.float64],
-    places: Sequence[tuple[int, ...]],
-    kept: Sequence[bool],
+    axes: Any, path: npt.NDArray[np.float64], closures: Sequence[tuple[int, int, bool]]
 ) -> None:
-    for (query, reference), inlier in zip(places, kept, strict=True):
+    for query, reference, inlier in closures:
         ends = path[[query, reference]]
         if inlier:
             axes.plot(*ends.T, '-o', color=_KEPT, linewidth=1.3, markersize=3.5, zorder=4)

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
-from comparison import compare, draw_false, error_m
+from comparison import compare, draw_false, error_m, Trial
 from graph import Closure, Noise, Odometry, optimise, Pose
 import gtsam
 from incremental import Incremental
@@ -234,3 +234,15 @@ def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
     assert before[0] > 2.0 and after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
     assert after == pytest.approx(errors['closures of vpr_node, GNC'], abs=0.01)
     assert 'passed twice' in _table(errors, compare(odometry, closures, truth, COUNTS, 1), 16)
+
+
+def test_the_picture_leaves_out_a_closure_outside_the_odometry(tmp_path):
+    pytest.importorskip('matplotlib')
+    from picture import draw_picture
+
+    odometry, truth = square()
+    closures = [Closure(40 * SECOND, 0), Closure(39 * SECOND, -SECOND)]
+    trials = [Trial(count, way, (1.0,), (1,), (0,)) for count in COUNTS for way in (False, True)]
+    path = tmp_path / 'a.png'
+    draw_picture(path, odometry, optimise(odometry, closures), closures, truth, trials, '')
+    assert path.stat().st_size > 5000

@@ -14,7 +14,7 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
-from convseq_ros.node import reference_path
+from convseq_ros.node import map_news
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
 from convseq_ros.node.reference_path import path_message, ReferencePath
@@ -149,7 +149,7 @@ def test_a_path_has_the_poses_and_stamps_of_the_places():
 
 def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
     now_s = 100.0
-    monkeypatch.setattr(reference_path.time, 'monotonic', lambda: now_s)
+    monkeypatch.setattr(map_news.time, 'monotonic', lambda: now_s)
     node = Mock()
     publish = node.create_publisher.return_value.publish
     path, reference_map = ReferencePath(node), map_of(pose(0))

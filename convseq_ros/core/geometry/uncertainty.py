@@ -16,9 +16,9 @@ import numpy as np
 class ERROR:
     """Fitted on drawn streets by day, in the evening and at night (scripts/relative_pose.py)."""
 
-    # Times least squares' deviations, over the share of regions that agree: neighbouring regions
-    # err alike, and where few agree the field is bad.
-    scatter: float = 2.15
+    # Times least squares' deviations, over the square of the share of regions that agree:
+    # neighbouring regions err alike, and where few agree the field is bad.
+    scatter: float = 1.7
     # Of the way, along every axis, at a way as long as the baseline, with the cube of their ratio:
     # a field so far apart is wrong where least squares is sure (4 frames of road_1 and road_2).
     far: float = 0.05
@@ -47,7 +47,7 @@ def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> Relati
     slopes[:3, :3] = turn @ arm
     slopes[:3, 3:] = slopes[3:, :3] = -turn
     way_m = float(np.linalg.norm(lens[:3, 3]))
-    scatter = ERROR.scatter / found.share
+    scatter = ERROR.scatter / found.share**2
     far_m = ERROR.far * way_m * (way_m / found.baseline_m) ** 3
     floor = np.diag([ERROR.position_m**2 + far_m**2] * 3 + [ERROR.turn_rad**2] * 3)
     covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
