@@ -92,7 +92,6 @@ class MatchingConfig(Checked):
 
     @property
     def is_coherent(self) -> bool:
-        """Whether pairs are matched by where regions went, not as in the paper."""
         return self.matching == 'coherent'
 
 
