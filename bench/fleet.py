@@ -10,6 +10,7 @@ street, which is driven again in the evening, the others its images with other g
 
 import argparse
 from collections.abc import Mapping
+from contextlib import ExitStack
 import json
 import os
 from pathlib import Path
@@ -48,7 +49,9 @@ def write_like(first: Path, path: Path, count: int, seed: int) -> int:
     known, rng = open_map(first), np.random.default_rng(seed)
     kinds = rng.choice(len(known), min(KINDS, len(known)), replace=False).tolist()
     packed, descriptors = known.packed_of(kinds), known.global_descriptors[kinds]
-    with MapWriter(path, EncodingConfig(), EVERY_FRAME) as writer:
+    part = path.with_suffix('.part')
+    part.unlink(missing_ok=True)
+    with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
         for index in range(count):
             like = index % len(kinds)
             noise = rng.standard_normal(descriptors.shape[1], np.float32)
@@ -57,6 +60,7 @@ def write_like(first: Path, path: Path, count: int, seed: int) -> int:
             writer.add(place, Picture(packed[like]), descriptor.astype(np.float16))
             if index % 1000 == 999:
                 writer.commit()
+    part.rename(path)
     return count
 
 
@@ -72,10 +76,14 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     material.prepare(folder, (each,), FRAMES)
     first = material.map_path(folder, each)
     paths = [folder / f'other-{number}.db' for number in range(1, chosen.maps)]
-    with connected(Cluster(workers=chosen.workers)) as client:
-        jobs = {path.name: (first, path, each, at) for at, path in enumerate(paths)}
-        for name, _ in done(client, write_like, jobs):
-            print(name, file=sys.stderr)
+    jobs = {path.name: (first, path, each, at) for at, path in enumerate(paths)}
+    jobs = {name: job for name, job in jobs.items() if not job[1].exists()}
+    if jobs:
+        with connected(Cluster(workers=chosen.workers)) as client:
+            for name, _ in done(client, write_like, jobs):
+                print(name, file=sys.stderr)
+    if chosen.draw_only:
+        return {}
     with connected(Cluster(workers=chosen.workers)) as client:
         before = client.run(resident_mb)
         started = time.monotonic()
@@ -127,10 +135,14 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     """Measure the same recordings on one worker and on some."""
     for number in range(RECORDINGS):
         own = folder / 'recordings' / f'drive_{number:02}'
+        if own.exists():
+            continue
         own.mkdir(parents=True)
         street = Street(length_m=IMAGES + 60, seed=number)
         for at, shot in enumerate(draw(street, Drive(num_frames=IMAGES, seed=number))):
             cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
+    if chosen.draw_only:
+        return {}
     took_s = {}
     for workers in (1, chosen.workers, 1, chosen.workers):
         maps = Path(tempfile.mkdtemp(dir=folder))
@@ -164,9 +176,15 @@ def main() -> int:
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)
     parser.add_argument('--workers', type=int, default=2)
+    parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
+    parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')
     chosen = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix='convseq_fleet_') as folder:
-        print(json.dumps({'frames': frames, 'build': build}[chosen.what](chosen, Path(folder))))
+    with ExitStack() as opened:
+        folder = chosen.folder or Path(
+            opened.enter_context(tempfile.TemporaryDirectory(prefix='convseq_fleet_'))
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        print(json.dumps({'frames': frames, 'build': build}[chosen.what](chosen, folder)))
     return 0
 
 
