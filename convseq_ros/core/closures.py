@@ -54,7 +54,9 @@ class Closures:
             # At the place itself, if that is all that is known.
             moved = matrix(pose.pose) if pose and pose.pose else np.eye(4)
             said = place.pose, moved, self._slack_m(best.reference_index, pose)
-            excess_m = self._plausibility.excess_m(*said, own_ns)
+            session = self._map.sessions[place.session]
+            of = session.frame or session.id  # a frame without a name is the session's own
+            excess_m = self._plausibility.excess_m(*said, own_ns, of)
             if excess_m is not None:
                 return replace(match, reason=Reason.IMPLAUSIBLE, implausible_m=excess_m)
         status = Status.ACCEPTED if is_accepted else Status.REJECTED
@@ -65,6 +67,7 @@ class Closures:
         if pose is not None and (sigma_m := pose.position_sigma_m) is not None:
             return max(SLACK.least_m, SLACK.sigmas * sigma_m)
         places = self._map.places
-        near = [places[at].pose for at in (index - 1, index, index + 1) if 0 <= at < len(places)]
+        around = self._map.bounds.around(index, 1)
+        near = [places[at].pose for at in around if at < len(places)]
         known = [one.position for one in near if one is not None]
         return SLACK.places * max(math.dist(a, b) for a in known for b in known)

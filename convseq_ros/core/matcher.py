@@ -131,6 +131,20 @@ class Matcher:
                 found[index] = verify(query.arranged, reference, shift)
         return found
 
+    def compared(self, index: int, others: Sequence[int]) -> dict[int, Verification]:
+        """Return what geometry says of a reference and others, as `verified` of a query."""
+        pair, cells = self._exact.pair, self._map.cells(index)
+        if not (pair.project and pair.subtract and self._to_verify and cells.any()):
+            return {}
+        shown = pair.subtract(
+            pair.project(self._background.normalize(cells)), self._background.of_map
+        )
+        every = np.full(cells.shape[:2], ENTROPY.max_bits)  # a map does not say what is salient
+        salient = np.ones((len(cells) - 1) ** 2, bool)
+        descriptor = Descriptor(cells, salient, every, 1.0)
+        query = self._fast.pair.extract(descriptor, self._least_bits, shown)
+        return self.verified(Features(query, None, arranged(shown[0])), others)
+
     def arranged(self, index: int) -> Arranged | None:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""
         return self._to_verify.of([index])[0] if self._to_verify else None

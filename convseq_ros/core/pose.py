@@ -79,7 +79,7 @@ def estimate_pose(
         return _measured(pose, relative.pose, relative.covariance, covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
-    alike = [pose, *(other for at in _as_good(index, row) if (other := places[at].pose))]
+    alike = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
     offsets = np.array([np.subtract(other.position, pose.position) for other in alike])
     turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in alike])
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
@@ -113,24 +113,26 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
 def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Matrix:
     """Return the way to the nearer of the next places, on either side, that lie elsewhere."""
     ways: list[Matrix] = []
-    for side in _sides(index, len(places)):
+    for side in _sides(places, index, len(places)):
         poses = (other for at in side if (other := places[at].pose))
         offsets = (np.subtract(other.position, here.position) for other in poses)
         ways += islice((way for way in offsets if math.hypot(*way) > _SAME_SPOT_M), 1)
     return min(ways, key=lambda way: float(way @ way), default=np.zeros(3))
 
 
-def _sides(index: int, count: int) -> tuple[range, range]:
-    """Return the places before and after one, outwards, as far as one looks."""
+def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator[int]]:
+    """Yield the places of a session before and after one, outwards, as far as one looks."""
     before = range(index - 1, max(index - _LOOK, 0) - 1, -1)
-    return before, range(index + 1, min(index + _LOOK + 1, count))
+    session = places[index].session
+    for side in (before, range(index + 1, min(index + _LOOK + 1, count))):
+        yield takewhile(lambda at: places[at].session == session, side)
 
 
-def _as_good(index: int, row: Row | None) -> Iterator[int]:
+def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[int]:
     """Yield the neighbours, without a break, that score nearly as well."""
     if row is not None and index < len(row) and row[index] > 0:
         least = _AS_GOOD * float(row[index])
-        for side in _sides(index, len(row)):
+        for side in _sides(places, index, len(row)):
             yield from takewhile(lambda at: float(row[at]) >= least, side)
 
 

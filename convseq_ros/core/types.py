@@ -111,6 +111,7 @@ class Candidate:
     score: float  # of the sequence, in [0, 1]
     shift: Shift | None = None  # rows and columns, in cells, from query to reference, if known
     inliers: int | None = None  # regions that moved alike from query to reference, if verified
+    session: int = 0  # of those of the map, the one that took the place
 
 
 Candidates = tuple[Candidate, ...]  # best first
