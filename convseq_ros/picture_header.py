@@ -52,7 +52,7 @@ def declared(data: bytes) -> Declared | None:
         if re.match(magic, data, re.DOTALL):
             try:
                 return read(data)
-            except (struct.error, LookupError, ValueError):
+            except (struct.error, LookupError, OverflowError, ValueError):
                 return None
     return None
 

@@ -3,10 +3,11 @@
 """
 Print what sessions of other light add to a map, and what knowing looks of a place is worth.
 
-Usage: python scripts/looks.py [--metres 300] [--towns 1], 5 minutes a town. Drawn towns are driven
-by day, in the evening, under clouds and at night, up to 1 m to the side of one line; later drives
-by day, evening and night are recognised in maps of some of these sessions, without odometry. Right
-is within 5 m of where the camera is. `without looks` counts other looks of a place as its rivals.
+Usage: python scripts/looks.py [--metres 300] [--towns 1], five minutes a town. Drawn towns are
+driven by day, in the evening, under clouds and at night, up to 1 m to the side of one line;
+later drives by day, evening and night are recognised in maps of some of these sessions, without
+odometry. Right is within 5 m of where the camera is. `without looks` counts other looks of a place
+as its rivals.
 """
 
 import argparse

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from io import StringIO
 import json
+import os
 from pathlib import Path
 import random
 import sqlite3
@@ -13,19 +14,19 @@ import tempfile
 
 from convseq_ros.cli import main as convseq
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import MapWriter, save_map
 import cv2
 import numpy as np
 
 from bench.torture.attack import Try
 from bench.torture.forked import problem_of
-from bench.torture.scenarios import drawn
+from bench.torture.scenarios import APART, drawn, ENCODING
 
 ABOUT = (
     'A map with triggers, endless views, further tables, indices out of reach, values of '
     'gigabytes, numbers that are none, JSON nested 100,000 deep, a file that is mostly holes, '
-    'pages that lead to each other, or a journal that names another file; `info`, `replay` '
-    'preloaded and online, `build-map --append` and `convert`'
+    'pages that lead to each other, a journal that names another file, a log of another map, or '
+    'pipes; `info`, `replay` preloaded and online, `build-map --append` and `convert`'
 )
 ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched'
 COUNT, PORTION, SHORT, SEED = 1_000, 100, 12, 16
@@ -192,10 +193,33 @@ def _journal(path: Path, draw: random.Random) -> None:
 
 def _wal(path: Path, draw: random.Random) -> None:
     """Say that the file has a log, and lay one beside it."""
+    _say_ahead(path)
+    path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
+
+
+def _log_of_another(path: Path, draw: random.Random) -> None:
+    """Lay a sound log of another map beside the file, whether or not that says it has one."""
+    other = path.with_name('other.db')
+    with MapWriter(other, ENCODING, APART) as writer:
+        writer.write_ahead()
+        writer.copy(drawn(draw.randint(1, 2 * _PLACES), 1), 1)
+        log = other.with_name('other.db-wal').read_bytes()
+    path.with_name('map.db-wal').write_bytes(log)
+    if draw.random() < 0.5:
+        _say_ahead(path)
+
+
+def _pipe(path: Path, draw: random.Random) -> None:
+    """Have a pipe beside the file, for which a reader would wait."""
+    os.mkfifo(path.with_name(f'map.db-{draw.choice(("wal", "journal", "shm"))}'))
+    if draw.random() < 0.5:
+        _say_ahead(path)
+
+
+def _say_ahead(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[18:20] = b'\2\2'
     path.write_bytes(data)
-    path.with_name('map.db-wal').write_bytes(draw.choice((b'', draw.randbytes(5000))))
 
 
 def _camera(draw: random.Random) -> str:
@@ -251,4 +275,6 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'pages': _pages,
     'journal': _journal,
     'log': _wal,
+    'log of another': _log_of_another,
+    'pipe': _pipe,
 }

@@ -48,6 +48,7 @@ class _Sighting:
     reference: int
     odometry: Pose | None  # of that frame
     confidence: float | None
+    quality: float | None  # that not both are false, this match and the one that agrees before it
     agreeing: int  # sure matches that agree on where it is, one after another, up to this one
 
 
@@ -107,25 +108,26 @@ class Localizer:
         """What is known now."""
         if home := self._home:
             doubt = self._against / self._config.lost_keyframes
-            sure = None if home.confidence is None else home.confidence * (1 - doubt)
+            sure = None if home.quality is None else home.quality * (1 - doubt)
             return Localization(LocalizationState.LOCALISED, sure, home.reference)
         seen, problem = self._seen, self._problem()
         recent = seen and self._keyframes - seen.keyframe < self._config.lost_keyframes
         if seen and recent and self._keyframes > self._lost_at:
-            return Localization(
-                LocalizationState.CANDIDATE, seen.confidence, seen.reference, problem
-            )
+            return Localization(LocalizationState.CANDIDATE, seen.quality, seen.reference, problem)
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
         best = match.best
         if best is None or match.reason not in _SURE or best.reference_index >= known:
             return None
-        before, count = self._seen, 1
+        before, count, sure = self._seen, 1, match.confidence
         if before and self._keyframes - before.keyframe < LOCALIZER.silent_keyframes:
             if self._agree(before, best.reference_index, odometry):
                 count += before.agreeing
-        return _Sighting(self._keyframes, best.reference_index, odometry, match.confidence, count)
+                sure = _either(before.confidence, sure)
+        return _Sighting(
+            self._keyframes, best.reference_index, odometry, match.confidence, sure, count
+        )
 
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
@@ -184,6 +186,11 @@ class Localizer:
             return f'too few frames: {count} that show anything new, and more make a sequence'
         told = ', '.join(f'{number} {one}' for one, number in self._reasons.most_common())
         return f'nothing recognised in {count} keyframes ({told})'
+
+
+def _either(first: float | None, second: float | None) -> float | None:
+    """Return how sure it is that one of two is true, if they err apart; None if one is unknown."""
+    return None if first is None or second is None else 1 - (1 - first) * (1 - second)
 
 
 def _mixed(usual: float | None, inliers: int | None) -> float | None:

@@ -85,12 +85,9 @@ class Matcher:
         return Features(fast, exact, arranged(shown[0]) if self._to_verify and shown else None)
 
     def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
-        return arranged(self._shown(cells, background))
-
-    def _shown(self, cells: Cells, background: Regions | None) -> Regions:
         pair = self._exact.pair
         assert pair.project and pair.subtract
-        return pair.subtract(pair.project(cells), background)[0]
+        return arranged(pair.subtract(pair.project(cells), background)[0])
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""

@@ -14,18 +14,15 @@ from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.rigid import cross, matrix, pose_of
+from convseq_ros.core.rigid import cross, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
-import numpy.typing as npt
 
 # Engineering, not studied.
 _LOOK = 10  # places to either side
 _SAME_SPOT_M = 1e-3  # no further apart, a robot stood
 _AS_GOOD = 0.9  # of the place's own pair score
 _UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
-
-Matrix = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +75,8 @@ def estimate_pose(
     if pose is None:
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
-    if relative is not None and relative.position_m is not None:
-        return _measured(
-            pose, Pose(relative.position_m, relative.orientation), relative, covariance
-        )
+    if relative is not None and relative.pose:
+        return _measured(pose, relative.pose, relative.covariance, covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
     alike = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
@@ -94,13 +89,13 @@ def estimate_pose(
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
 
 
-def _measured(place: Pose, moved: Pose, relative: RelativePose, of_map: Matrix) -> PoseEstimate:
+def _measured(place: Pose, moved: Pose, own: Matrix, of_map: Matrix) -> PoseEstimate:
     """Return the pose at a place, moved from there; errors of the place's heading have an arm."""
     there, way = matrix(place), matrix(moved)
     arm, turn = np.eye(6), np.zeros((6, 6))
     arm[:3, 3:] = -cross(there[:3, :3] @ way[:3, 3])
     turn[:3, :3] = turn[3:, 3:] = there[:3, :3]
-    covariance = arm @ of_map @ arm.T + turn @ relative.covariance @ turn.T
+    covariance = arm @ of_map @ arm.T + turn @ own @ turn.T
     return PoseEstimate(pose_of(there @ way), covariance)
 
 

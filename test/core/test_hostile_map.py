@@ -116,6 +116,19 @@ def test_a_last_index_out_of_reach_takes_no_memory(path, index):
     assert 'damaged map (' in refusal(open_map, path)
 
 
+def test_a_row_that_declares_more_than_there_is_memory_for_is_damage(path):
+    database = sqlite3.connect(path, isolation_level=None)
+    database.execute('PRAGMA page_size = 512')
+    database.execute('VACUUM')
+    database.close()
+    content = bytearray(path.read_bytes())
+    at = content.index(b'tool') - 5  # the length of a row of `about`, and of its parts
+    content[at : at + 7] = 7 * b'\xff'
+    path.write_bytes(content)
+    with pytest.raises(MapError, match='damaged map'):
+        open_map(path)
+
+
 def test_a_value_larger_than_an_image_takes_no_memory(path):
     change(path, 'UPDATE pictures SET thumbnail = zeroblob(200000000) WHERE reference_index = 3')
     opened = open_map(path)

@@ -103,6 +103,7 @@ def test_what_stands_behind_the_end_of_a_png_is_none_of_its_chunks():
 
 
 NO_SIZES = [b'P6 x', b'P5 -8 8 255 ', b'P5 6_4 8 255 ', b'P5 ' + b'9' * 400 + b' 8 255 ']
+NO_SIZES += [b'II+\0' + b'\xff' * 63]  # a BigTIFF whose tags lie beyond 2^63
 
 
 @pytest.mark.parametrize('data', [b'', b'GIF89a', b'\xff\xd8\xff', b'BM', b'II*\0', *NO_SIZES])

@@ -81,7 +81,7 @@ class TrackEvidence:
             return None
         variance = self._variance + TRACK.prior_windows * TRACK.usual_scatter**2
         windows = self._windows + TRACK.prior_windows
-        return float(np.sqrt(variance / windows)) + TRACK.least_scatter
+        return math.sqrt(variance / windows) + TRACK.least_scatter
 
     def update(
         self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
@@ -132,7 +132,7 @@ class TrackEvidence:
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
-        if self.scatter is None:
+        if (scatter := self.scatter) is None:
             return None
         if velocity < 1.0 and self._is_last(reference):
             return 0.0
@@ -143,7 +143,7 @@ class TrackEvidence:
             for one in self._along(frame, reference, velocity)
             if velocity >= 1.0 or not self._is_last(one.reference)
         )
-        sums = sum(one.margin / self.scatter + one.verified for one in along)
+        sums = sum(one.margin / scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
         return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities
 

@@ -154,6 +154,9 @@ def explained(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise MapError(f'{path}: cannot be read ({error.strerror})') from error
+    except MemoryError as error:
+        what = 'a row that takes more memory than there is'
+        raise MapError(f'{path}: {DAMAGED.format(what)}') from error
     except (sqlite3.Error, OverflowError, RecursionError, ValueError, TypeError) as error:
         code = getattr(error, 'sqlite_errorcode', 0)
         words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, DAMAGED)
