@@ -101,12 +101,16 @@ def read_array(path: Path, name: str = '') -> npt.NDArray[Any]:
         ) from None
 
 
-def _array(file: Any, path: Path) -> npt.NDArray[Any]:
+def read_array_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return the shape, whether columns come first, and the type that a .npy file declares."""
     version = np.lib.format.read_magic(file)
-    read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
-        version, np.lib.format.read_array_header_2_0
-    )
-    shape, is_fortran, dtype = read(file)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(file)
+    return np.lib.format.read_array_header_2_0(file)
+
+
+def _array(file: Any, path: Path) -> npt.NDArray[Any]:
+    shape, is_fortran, dtype = read_array_header(file)
     size = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
         raise ValueError('it holds objects')

@@ -171,6 +171,7 @@ def gardens_point(folder: Path) -> None:
         (frame, describe(frame.gray)) for frame in sides['day_left'] if frame.gray is not None
     ]
     right = wrong = 0
+    quality = 0.0
     for begin in range(len(shown) - 4):
         recognizer.reset()
         for number, (frame, descriptor) in enumerate(shown[begin : begin + 5], begin):
@@ -178,9 +179,13 @@ def gardens_point(folder: Path) -> None:
             if now and now.state is LocalizationState.LOCALISED:
                 is_right = abs(numbers[now.reference_index or 0] - number) <= RIGHT_FRAMES
                 right, wrong = right + is_right, wrong + (not is_right)
+                quality += now.quality or 0.0
                 break
     count = len(shown) - 4
-    print(f'Gardens Point, {count} starts, 5 frames: right {right / count:.3f}, wrong {wrong}')
+    print(
+        f'Gardens Point, {count} starts, 5 frames: right {right / count:.3f}, wrong {wrong}, '
+        f'quality {quality / max(1, right + wrong):.2f}'
+    )
 
 
 def told(name: str, outcomes: Sequence[Outcome]) -> None:

@@ -36,7 +36,7 @@ def test_columns_are_those_that_other_programs_read():
         'confidence,sequence_length,best_index,best_score,shift_rows,shift_cols,pairs_scored,'
         'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
         'localization,localization_quality,relative_x_m,relative_y_m,relative_z_m,relative_qx,'
-        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m'
+        'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m,session'
     )
 
 
@@ -73,6 +73,7 @@ def test_rows_round_trip(tmp_path):
                 '0.8000',
                 *('1.0000', '-0.2500', '0.0000', '0.000000', '0.000000', '0.000000', '1.000000'),
                 *('0.2000', '0.02000', ''),
+                '0',
             ),
             strict=True,
         )
@@ -80,7 +81,9 @@ def test_rows_round_trip(tmp_path):
     assert rejected['reference_index'] == rejected['score'] == rejected['confidence'] == ''
     assert rejected['best_index'] == '4' and rejected['relative_yaw_rad'] == ''
     assert skipped['localization'] == skipped['localization_quality'] == ''
-    assert skipped['best_index'] == '' and skipped['reason'] == 'uninformative'
+    assert (
+        skipped['best_index'] == skipped['session'] == '' and skipped['reason'] == 'uninformative'
+    )
 
 
 def test_a_table_under_its_own_name_is_complete_and_an_error_loses_no_row(tmp_path):

@@ -49,7 +49,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('map', type=Path, help='map file to make')
     parser.add_argument('--topic', default='', help='image topic, if there are several')
     add_annotations(parser)
-    parser.add_argument('--append', action='store_true', help='add to an existing map')
+    parser.add_argument('--append', action='store_true', help='add a session to an existing map')
+    parser.add_argument('--session', help='what to call it; by default as the recording')
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_settings(parser)
 
@@ -76,6 +77,7 @@ def run(chosen: argparse.Namespace) -> int:
         camera_info=chosen.camera_info,
         poses=chosen.poses,
         append=chosen.append,
+        session=chosen.session,
         config=chosen_settings(chosen),
     )
     if chosen.json:
@@ -102,6 +104,7 @@ def build(
     camera_info: str = '',
     poses: Path | None = None,
     append: bool = False,
+    session: str | None = None,
     config: Config = Config(),
     tell: Callable[[str], None] | None = None,
 ) -> Built:
@@ -120,7 +123,8 @@ def build(
     """
     source = open_annotated(recording, topic, odom, camera_info, poses, config.reading)
     started, say = time.monotonic(), tell or _warn
-    builder = MapBuilder(path, config, append)
+    name = recording.stem if session is None else session
+    builder = MapBuilder(path, config, append, name)
     frames = unreadable = with_pose = 0
     interrupted = False
     try:

@@ -4,13 +4,12 @@
 
 import argparse
 from collections.abc import Sequence
-import csv
-from dataclasses import dataclass
 from pathlib import Path
 import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
+from convseq_ros.cli.demo_drives import drawn_drives, Drives, given_drives
 from convseq_ros.cli.live import recognise_live
 from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.output_folder import make_empty
@@ -18,13 +17,9 @@ from convseq_ros.cli.replay import replay
 from convseq_ros.cli.side_topics import side_topics
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.plots import demo_picture
 from convseq_ros.results import row
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.light import LIGHTS
-from convseq_ros.simulation.recording import nearest_reference, write_recording
-from convseq_ros.simulation.street import Street
 from convseq_ros.sources import open_annotated, open_source
 import numpy as np
 import numpy.typing as npt
@@ -34,28 +29,6 @@ _MARKER = '.convseq-demo'
 _COMPARED = (
     'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Drives:
-    """
-    Two drives along the same places.
-
-    Parameters
-    ----------
-    reference, query : Path
-        Recordings or folders of images.
-    truth : ndarray of int64, shape (Q,)
-        The right reference of each query; -1 where it is not known.
-    told : str
-        Where they come from, for the heading.
-
-    """
-
-    reference: Path
-    query: Path
-    truth: npt.NDArray[np.int64]
-    told: str
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +53,11 @@ def run(chosen: argparse.Namespace) -> int:
     """Map the first drive, recognise the second one live and offline, and show both."""
     folder, config = chosen.output, chosen_config(chosen)
     make_empty(folder, _MARKER)
-    drives = _given_drives(chosen.data) if chosen.data else _drawn_drives(chosen, folder)
+    if chosen.data:
+        drives = given_drives(chosen.data)
+    else:
+        _say('drawing a street and driving along it twice')
+        drives = drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
     build(drives.reference, map_path, odom=side_topics(drives.reference).odom, config=config)
@@ -113,69 +90,6 @@ def run(chosen: argparse.Namespace) -> int:
     _draw(picture, drives, live, scores)
     print(f'\nresults  {folder / "live.csv"}\npicture  {picture}')
     return 0
-
-
-def _drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
-    _say('drawing a street and driving along it twice')
-    street = Street(length_m=chosen.frames * max(1.0, chosen.speed / 10) + 60, seed=7)
-    first = Drive(num_frames=chosen.frames + 10)
-    second = Drive(
-        num_frames=chosen.frames,
-        start_m=3.4,
-        speed_mps=chosen.speed,
-        seed=5,
-        lane_offset_m=chosen.lane_offset,
-        light=chosen.light,
-        start_ns=first.start_ns + 3600 * 10**9,
-    )
-    distances = []
-    for name, drive in (('first', first), ('second', second)):
-        shots = draw(street, drive)
-        write_recording(folder / name, shots, info_topic='/camera/camera_info')
-        distances.append([drive.distance_m(index) for index in range(drive.num_frames)])
-    truth = nearest_reference(np.array(distances[1]), np.array(distances[0]))
-    told = (
-        f'A drawn street: mapped by day, driven again in the {chosen.light}, '
-        f'{abs(first.lane_offset_m - chosen.lane_offset):.1f} m to the side.'
-    )
-    return Drives(folder / 'first', folder / 'second', truth, told)
-
-
-def _given_drives(data: Path) -> Drives:
-    if not data.is_dir():
-        raise SourceError(f'{data}: no such folder')
-    found = []
-    for path in sorted(data.iterdir()):
-        try:
-            found.append((path, len(open_source(path))))
-        except ConvseqError:
-            continue
-    if len(found) != 2:
-        names = ', '.join(path.name for path, _ in found) or 'none'
-        raise SourceError(
-            f'{data}: needs two drives (folders of images or recordings); found {names}'
-        )
-    (query, queries), (reference, references) = found
-    told = (
-        f'{data}: {query.name} ({queries} images) recognised in {reference.name} ({references}).'
-    )
-    return Drives(reference, query, _given_truth(data, queries, references), told)
-
-
-def _given_truth(data: Path, queries: int, references: int) -> npt.NDArray[np.int64]:
-    """Read ground_truth.csv; without it, equally long drives are taken as frame by frame."""
-    file = data / 'ground_truth.csv'
-    if not file.is_file():
-        known = np.arange(queries) if queries == references else np.full(queries, -1)
-        return known.astype(np.int64)
-    truth = np.full(queries, -1, np.int64)
-    try:
-        with file.open(newline='', encoding='utf-8') as lines:
-            for line in csv.DictReader(lines):
-                truth[int(line['query'])] = int(line['reference'])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise SourceError(f'{file}: expected columns query,reference ({error})') from None
-    return truth
 
 
 def _table(

@@ -4,14 +4,17 @@
 
 import argparse
 from datetime import datetime, UTC
-from itertools import pairwise
+from itertools import groupby, pairwise
 import json
 import math
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
 from convseq_ros.core.map.format import FORMAT_VERSION
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 
@@ -48,21 +51,34 @@ def run(chosen: argparse.Namespace) -> int:
 def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
     """Return counts, time span and the length of the drives' paths through the poses."""
     places = list(reference_map.places)
-    known = [place for place in places if place.pose]
-    ways = [
-        math.dist(one.pose.position, other.pose.position)
-        for one, other in pairwise(known)
-        if one.pose and other.pose and one.session == other.session
+    of_session = {number: [*some] for number, some in groupby(places, attrgetter('session'))}
+    sessions = [
+        {
+            'session': number,
+            'name': session.name,
+            'id': session.id,
+            'start_ns': session.start_ns,
+            **_describe_drive(of_session.get(number, [])),
+            'camera': bool(session.camera),
+            'frame': session.frame,
+        }
+        for number, session in enumerate(reference_map.sessions)
     ]
     return {
         'references': len(places),
         'first_stamp_ns': places[0].stamp_ns if places else None,
         'last_stamp_ns': places[-1].stamp_ns if places else None,
         'sources': sorted({place.source for place in places})[:5],
-        'sessions': len(reference_map.sessions),
-        'with_pose': len(known),
-        'path_m': sum(ways, 0.0),
+        'with_pose': sum(place.pose is not None for place in places),
+        'path_m': sum((one['path_m'] for one in sessions), 0.0),
+        'sessions': sessions,
     }
+
+
+def _describe_drive(places: list[Place]) -> dict[str, Any]:
+    known = [place.pose.position for place in places if place.pose]
+    ways = [math.dist(*both) for both in pairwise(known)]
+    return {'references': len(places), 'with_pose': len(known), 'path_m': sum(ways, 0.0)}
 
 
 def _readable(name: str, fact: object) -> str:
@@ -71,5 +87,17 @@ def _readable(name: str, fact: object) -> str:
         return f'{fact}  ({time:%Y-%m-%d %H:%M:%S} UTC)'
     if isinstance(fact, float):
         return f'{fact:.1f}'
-    text = ', '.join(fact) if isinstance(fact, list) else str(fact)
-    return printable(text)
+    if name == 'sessions' and isinstance(fact, list):
+        return '\n'.join([str(len(fact)), *(f'  {_line(session)}' for session in fact)])
+    return printable(', '.join(fact) if isinstance(fact, list) else str(fact))
+
+
+def _line(session: dict[str, Any]) -> str:
+    time = datetime.fromtimestamp(session['start_ns'] / 1e9, UTC)
+    with_pose = f', {session["with_pose"]} with a pose' if session['with_pose'] else ''
+    frame = f' in {printable(session["frame"])}' if session['frame'] else ''
+    return (
+        f'{session["session"]} {printable(session["name"] or "(no name)")}: '
+        f'{session["references"]} references{with_pose}{frame}, {session["path_m"]:.1f} m, '
+        f'from {time:%Y-%m-%d %H:%M:%S} UTC, id {printable(session["id"])}'
+    )

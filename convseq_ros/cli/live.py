@@ -6,7 +6,13 @@ from pathlib import Path
 import subprocess
 import sys
 
-from convseq_ros.cli.processes import environment, need_ros, running, wait_for_rows
+from convseq_ros.cli.processes import (
+    environment,
+    need_ros,
+    player_arguments,
+    running,
+    wait_for_rows,
+)
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConvseqError
 from convseq_ros.results import read_results
@@ -69,20 +75,7 @@ def recognise_live(
         '--ros-args',
         *(part for each in settings for part in ('-p', each)),
     ]
-    player = [
-        sys.executable,
-        '-m',
-        'convseq_ros.node.player',
-        str(recording),
-        '--rate',
-        f'{rate:g}',
-        '--odom',
-        odom,
-        '--camera-info',
-        camera_info,
-        '--wait-subscribers',
-        '60',
-    ]
+    player = [sys.executable, *player_arguments(recording, rate, odom, camera_info)]
     with running('vpr_node', node, folder, _END_S) as process:
         played = subprocess.run(player, env=environment(folder), check=False)
         if played.returncode or process.poll() is not None:

@@ -22,6 +22,7 @@ from convseq_ros.results import read_results
 
 _HIGHEST_DOMAIN = 101
 _POLL_S = 0.1
+_NODE_STARTS_S = '60'
 _VARIABLE, _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'fastdds_large_images.xml'
 
 
@@ -99,6 +100,25 @@ def become(module: str, arguments: Sequence[str], **variables: str) -> NoReturn:
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     command = [sys.executable, '-m', module, *arguments]
     os.execve(sys.executable, command, {**os.environ, **variables})
+
+
+def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) -> list[str]:
+    """
+    Return Python's arguments to play a recording, once a node listens.
+
+    Parameters
+    ----------
+    recording : Path
+        Its only image topic, or a folder of images.
+    rate : float
+        Seconds of the recording in a second.
+    odom, camera_info : str
+        Topics that are played as well; empty for none.
+
+    """
+    what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
+    topics = ['--odom', odom, '--camera-info', camera_info]
+    return [*what, *topics, '--wait-subscribers', _NODE_STARTS_S]
 
 
 @contextmanager

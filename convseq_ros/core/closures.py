@@ -11,8 +11,8 @@ from convseq_ros.core.decision.plausibility import Plausibility
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.relative_pose import RelativePoses
-from convseq_ros.core.rigid import Matrix, matrix
-from convseq_ros.core.types import Frame, Match, Pose, Reason, RelativePose, Status
+from convseq_ros.core.rigid import matrix
+from convseq_ros.core.types import Frame, Match, Reason, RelativePose, Status
 import numpy as np
 
 
@@ -51,8 +51,12 @@ class Closures:
         place = self._map.places[best.reference_index]
         own_ns = place.stamp_ns if best.reference_index >= session_start else None
         if place.pose is not None:
-            said = place.pose, _matrix(pose), self._slack_m(best.reference_index, pose)
-            excess_m = self._plausibility.excess_m(*said, own_ns)
+            # At the place itself, if that is all that is known.
+            moved = matrix(pose.pose) if pose and pose.pose else np.eye(4)
+            said = place.pose, moved, self._slack_m(best.reference_index, pose)
+            session = self._map.sessions[place.session]
+            of = session.frame or session.id  # a frame without a name is the session's own
+            excess_m = self._plausibility.excess_m(*said, own_ns, of)
             if excess_m is not None:
                 return replace(match, reason=Reason.IMPLAUSIBLE, implausible_m=excess_m)
         status = Status.ACCEPTED if is_accepted else Status.REJECTED
@@ -60,16 +64,10 @@ class Closures:
 
     def _slack_m(self, index: int, pose: RelativePose | None) -> float:
         """Return by how much a match may be off."""
-        if pose is not None and pose.position_m is not None:
-            return max(SLACK.least_m, SLACK.sigmas * (pose.position_sigma_m or 0.0))
+        if pose is not None and (sigma_m := pose.position_sigma_m) is not None:
+            return max(SLACK.least_m, SLACK.sigmas * sigma_m)
         places = self._map.places
-        near = [places[at].pose for at in (index - 1, index, index + 1) if 0 <= at < len(places)]
+        around = self._map.bounds.around(index, 1)
+        near = [places[at].pose for at in around if at < len(places)]
         known = [one.position for one in near if one is not None]
         return SLACK.places * max(math.dist(a, b) for a in known for b in known)
-
-
-def _matrix(pose: RelativePose | None) -> Matrix:
-    """Return where a query is in its place: at the place itself, if that is all that is known."""
-    if pose is None or pose.position_m is None:
-        return np.eye(4)
-    return matrix(Pose(pose.position_m, pose.orientation))

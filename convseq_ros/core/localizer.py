@@ -9,6 +9,7 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
 
@@ -47,6 +48,7 @@ class _Sighting:
     reference: int
     odometry: Pose | None  # of that frame
     confidence: float | None
+    quality: float | None  # that not both are false, this match and the one that agrees before it
     agreeing: int  # sure matches that agree on where it is, one after another, up to this one
 
 
@@ -63,8 +65,11 @@ class Localizer:
     count.
     """
 
-    def __init__(self, places: Sequence[Place], config: Config) -> None:
+    def __init__(
+        self, places: Sequence[Place], config: Config, neighbourhood: Neighbourhood | None = None
+    ) -> None:
         self._places, self._config = places, config.localization
+        self._map = neighbourhood or Neighbourhood()
         self._near_places = config.acceptance.rival_distance
         self.reset()
 
@@ -103,25 +108,26 @@ class Localizer:
         """What is known now."""
         if home := self._home:
             doubt = self._against / self._config.lost_keyframes
-            sure = None if home.confidence is None else home.confidence * (1 - doubt)
+            sure = None if home.quality is None else home.quality * (1 - doubt)
             return Localization(LocalizationState.LOCALISED, sure, home.reference)
         seen, problem = self._seen, self._problem()
         recent = seen and self._keyframes - seen.keyframe < self._config.lost_keyframes
         if seen and recent and self._keyframes > self._lost_at:
-            return Localization(
-                LocalizationState.CANDIDATE, seen.confidence, seen.reference, problem
-            )
+            return Localization(LocalizationState.CANDIDATE, seen.quality, seen.reference, problem)
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
         best = match.best
         if best is None or match.reason not in _SURE or best.reference_index >= known:
             return None
-        before, count = self._seen, 1
+        before, count, sure = self._seen, 1, match.confidence
         if before and self._keyframes - before.keyframe < LOCALIZER.silent_keyframes:
             if self._agree(before, best.reference_index, odometry):
                 count += before.agreeing
-        return _Sighting(self._keyframes, best.reference_index, odometry, match.confidence, count)
+                sure = _either(before.confidence, sure)
+        return _Sighting(
+            self._keyframes, best.reference_index, odometry, match.confidence, sure, count
+        )
 
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
@@ -149,13 +155,15 @@ class Localizer:
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:
         """Return whether the robot may have come from a sighting to a place."""
-        then, now = self._places[sighting.reference].pose, self._places[reference].pose
-        if then and now and odometry and sighting.odometry:
+        before = sighting.reference
+        then, now = self._places[before].pose, self._places[reference].pose
+        comparable = self._map.are_in_one_frame(before, reference)
+        if comparable and then and now and odometry and sighting.odometry:
             way_m = math.dist(odometry.position, sighting.odometry.position)
             return math.dist(then.position, now.position) <= LOCALIZER.near_m + way_m
         keyframes = self._keyframes - sighting.keyframe
         reach = self._near_places + LOCALIZER.places_a_keyframe * keyframes
-        return abs(reference - sighting.reference) <= reach
+        return self._map.is_near(reference, before, reach)
 
     def _problem(self) -> str:
         """Return why it is not localised."""
@@ -165,8 +173,9 @@ class Localizer:
         if last.reason in (Reason.NO_MAP, Reason.RECENT):
             return 'there is no map: no place of an earlier session may be matched'
         if last.reason is Reason.AMBIGUOUS and len(last.candidates) > 1:
-            first, second = (one.reference_index for one in last.candidates[:2])
-            return f'ambiguous between place {first} and place {second}'
+            first, *others = (one.reference_index for one in last.candidates)
+            rivals = (one for one in others if not self._map.is_near(first, one, 0))
+            return f'ambiguous between place {first} and place {next(rivals, others[0])}'
         if seen and self._keyframes - seen.keyframe < self._config.lost_keyframes:
             return (
                 f'too few frames: {seen.agreeing} of {self._config.localize_keyframes} matches '
@@ -177,6 +186,11 @@ class Localizer:
             return f'too few frames: {count} that show anything new, and more make a sequence'
         told = ', '.join(f'{number} {one}' for one, number in self._reasons.most_common())
         return f'nothing recognised in {count} keyframes ({told})'
+
+
+def _either(first: float | None, second: float | None) -> float | None:
+    """Return how sure it is that one of two is true, if they err apart; None if one is unknown."""
+    return None if first is None or second is None else 1 - (1 - first) * (1 - second)
 
 
 def _mixed(usual: float | None, inliers: int | None) -> float | None:

@@ -85,12 +85,9 @@ class Matcher:
         return Features(fast, exact, arranged(shown[0]) if self._to_verify and shown else None)
 
     def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
-        return arranged(self._shown(cells, background))
-
-    def _shown(self, cells: Cells, background: Regions | None) -> Regions:
         pair = self._exact.pair
         assert pair.project and pair.subtract
-        return pair.subtract(pair.project(cells), background)[0]
+        return arranged(pair.subtract(pair.project(cells), background)[0])
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -133,6 +130,20 @@ class Matcher:
             if shift is not None and reference is not None:
                 found[index] = verify(query.arranged, reference, shift)
         return found
+
+    def compared(self, index: int, others: Sequence[int]) -> dict[int, Verification]:
+        """Return what geometry says of a reference and others, as `verified` of a query."""
+        pair, cells = self._exact.pair, self._map.cells(index)
+        if not (pair.project and pair.subtract and self._to_verify and cells.any()):
+            return {}
+        shown = pair.subtract(
+            pair.project(self._background.normalize(cells)), self._background.of_map
+        )
+        every = np.full(cells.shape[:2], ENTROPY.max_bits)  # a map does not say what is salient
+        salient = np.ones((len(cells) - 1) ** 2, bool)
+        descriptor = Descriptor(cells, salient, every, 1.0)
+        query = self._fast.pair.extract(descriptor, self._least_bits, shown)
+        return self.verified(Features(query, None, arranged(shown[0])), others)
 
     def arranged(self, index: int) -> Arranged | None:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""

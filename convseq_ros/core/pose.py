@@ -14,18 +14,15 @@ from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.rigid import cross, matrix, pose_of
+from convseq_ros.core.rigid import cross, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
-import numpy.typing as npt
 
 # Engineering, not studied.
 _LOOK = 10  # places to either side
 _SAME_SPOT_M = 1e-3  # no further apart, a robot stood
 _AS_GOOD = 0.9  # of the place's own pair score
 _UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
-
-Matrix = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +75,11 @@ def estimate_pose(
     if pose is None:
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
-    if relative is not None and relative.position_m is not None:
-        return _measured(
-            pose, Pose(relative.position_m, relative.orientation), relative, covariance
-        )
+    if relative is not None and relative.pose:
+        return _measured(pose, relative.pose, relative.covariance, covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
-    alike = [pose, *(other for at in _as_good(index, row) if (other := places[at].pose))]
+    alike = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
     offsets = np.array([np.subtract(other.position, pose.position) for other in alike])
     turns = np.array([math.remainder(_yaw(other) - _yaw(pose), math.tau) for other in alike])
     covariance[:3, :3] += offsets.T @ offsets / len(offsets)
@@ -94,13 +89,13 @@ def estimate_pose(
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
 
 
-def _measured(place: Pose, moved: Pose, relative: RelativePose, of_map: Matrix) -> PoseEstimate:
+def _measured(place: Pose, moved: Pose, own: Matrix, of_map: Matrix) -> PoseEstimate:
     """Return the pose at a place, moved from there; errors of the place's heading have an arm."""
     there, way = matrix(place), matrix(moved)
     arm, turn = np.eye(6), np.zeros((6, 6))
     arm[:3, 3:] = -cross(there[:3, :3] @ way[:3, 3])
     turn[:3, :3] = turn[3:, 3:] = there[:3, :3]
-    covariance = arm @ of_map @ arm.T + turn @ relative.covariance @ turn.T
+    covariance = arm @ of_map @ arm.T + turn @ own @ turn.T
     return PoseEstimate(pose_of(there @ way), covariance)
 
 
@@ -118,24 +113,26 @@ def turned(pose: Pose, yaw_rad: float) -> Pose:
 def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Matrix:
     """Return the way to the nearer of the next places, on either side, that lie elsewhere."""
     ways: list[Matrix] = []
-    for side in _sides(index, len(places)):
+    for side in _sides(places, index, len(places)):
         poses = (other for at in side if (other := places[at].pose))
         offsets = (np.subtract(other.position, here.position) for other in poses)
         ways += islice((way for way in offsets if math.hypot(*way) > _SAME_SPOT_M), 1)
     return min(ways, key=lambda way: float(way @ way), default=np.zeros(3))
 
 
-def _sides(index: int, count: int) -> tuple[range, range]:
-    """Return the places before and after one, outwards, as far as one looks."""
+def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator[int]]:
+    """Yield the places of a session before and after one, outwards, as far as one looks."""
     before = range(index - 1, max(index - _LOOK, 0) - 1, -1)
-    return before, range(index + 1, min(index + _LOOK + 1, count))
+    session = places[index].session
+    for side in (before, range(index + 1, min(index + _LOOK + 1, count))):
+        yield takewhile(lambda at: places[at].session == session, side)
 
 
-def _as_good(index: int, row: Row | None) -> Iterator[int]:
+def _as_good(places: Sequence[Place], index: int, row: Row | None) -> Iterator[int]:
     """Yield the neighbours, without a break, that score nearly as well."""
     if row is not None and index < len(row) and row[index] > 0:
         least = _AS_GOOD * float(row[index])
-        for side in _sides(index, len(row)):
+        for side in _sides(places, index, len(row)):
             yield from takewhile(lambda at: float(row[at]) >= least, side)
 
 

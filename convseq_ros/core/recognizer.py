@@ -50,11 +50,13 @@ class PlaceRecognizer:
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        self.buffer = QueryBuffer(self.matcher, config.matching.matching == 'coherent')
-        self._search, self._acceptance = make_search(reference_map, config), Acceptance(config)
+        is_partial, compare = config.matching.matching == 'coherent', self.matcher.compared
+        self.buffer = QueryBuffer(self.matcher, is_partial, reference_map.bounds)
+        self._search = make_search(reference_map, config)
+        self._acceptance = Acceptance(config, reference_map, compare)
         self._closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
-        self.localizer = Localizer(reference_map.places, config)
+        self.localizer = Localizer(reference_map.places, config, self._acceptance.places)
         self._last: Match | None = None
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
@@ -109,9 +111,8 @@ class PlaceRecognizer:
         if (features := buffer.newest.features) is None or not usable:
             return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
         # III-E, III-F: information gain and entropy choose the length k; ours: or what there is.
-        described = [one.descriptor for one in buffer.outward]
-        length = choose_length(described, self._similarity, config.sequence)
-        count = length or (len(described) if acceptance.verifies else None)
+        length = choose_length(buffer.descriptors, self._similarity, config.sequence)
+        count = length or (len(buffer) if acceptance.verifies else None)
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals, own = config.acceptance.rival_distance, self.mapping.session_start
         ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
@@ -123,7 +124,7 @@ class PlaceRecognizer:
         search.verify(ends, scores)
         found = ranked(acceptance, ends, scores, self.reference_map.places, config.acceptance)
         # Ours: is the best one a match? The paper always says yes.
-        reason, sure = why_none(usable, count, velocity), None
+        reason, sure = why_none(usable, count, velocity, buffer.bounds), None
         if found:
             reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):

@@ -10,6 +10,7 @@ the distance.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 
 from convseq_ros.core.compiled import kernels_of
@@ -39,7 +40,7 @@ class PLACES:
     nearer_m: float = 0.3  # by which another place must lie nearer, to be measured from
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """An image and the lens that took it."""
 
@@ -57,15 +58,12 @@ class View:
         height, width = cell_px(self.camera, self.regions.side)
         return np.array((self.camera.fx_px / width, self.camera.fy_px / height))
 
-    @property
-    def grid(self) -> Floats:
-        """Row and column of each region, (n, 2)."""
-        return np.indices((self.regions.side,) * 2).reshape(2, -1).T.astype(np.float64)
-
-    @property
+    @cached_property
     def rays(self) -> Floats:
         """Of each region, (n, 3), z is 1; NaN where it cannot be told."""
-        flat = rays(self.camera, self.grid, self.regions.side)
+        side = self.regions.side
+        grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)
+        flat = rays(self.camera, grid, side)
         return np.column_stack((flat, np.ones(len(flat))))
 
     def sight(self, other: 'View', moved: Matrix) -> Sight:
@@ -150,7 +148,7 @@ class RelativePoses:
         last_m, lens = 0.0, reference.base_lens
         for step in range(1, PLACES.look + 1):
             moved = self._moved(index, other := index + side * step)
-            if moved is None or len(found) == PLACES.on_one_side:
+            if moved is None:
                 break
             way_m = float(np.linalg.norm(moved[:3, 3]))
             if way_m < last_m + PLACES.baseline_m or moved[0, 0] < PLACES.most_turned:
@@ -158,19 +156,23 @@ class RelativePoses:
             if (view := self._view(other, reference.camera)) is not None:
                 found.append((view, inverse(lens) @ moved @ lens))
                 last_m = way_m
+                if len(found) == PLACES.on_one_side:
+                    break
         return found
 
     def _nearest(self, index: int, pose: RelativePose) -> int:
         """Return the place of the same drive that lies nearest to a pose against a place."""
-        best, least_m = index, math.inf
-        if pose.position_m is None:
+        places, own = self._map.places, self._map.places[index]
+        if pose.position_m is None or own.pose is None:
             return index
-        here = np.array(pose.position_m)
-        least_m = float(np.linalg.norm(here)) - PLACES.nearer_m
-        for other in range(index - PLACES.look, index + PLACES.look + 1):
-            back = self._moved(other, index)
-            if back is not None and (way_m := math.dist(back[:3, 3], here)) < least_m:
-                best, least_m = other, way_m
+        here = (matrix(own.pose) @ (*pose.position_m, 1.0))[:3]
+        best, least_m = index, math.hypot(*pose.position_m) - PLACES.nearer_m
+        first, end = max(0, index - PLACES.look), min(len(places), index + PLACES.look + 1)
+        for other in range(first, end):
+            one = places[other]
+            if one.pose and one.session == own.session:
+                if (way_m := math.dist(one.pose.position, here)) < least_m:
+                    best, least_m = other, way_m
         return best
 
     def _moved(self, index: int, other: int) -> Matrix | None:

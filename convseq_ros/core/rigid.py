@@ -17,7 +17,6 @@ import numpy.typing as npt
 Matrix = npt.NDArray[np.float64]
 
 ROBOT_LENS = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-NOWHERE_ELSE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def matrix(pose: Pose) -> Matrix:

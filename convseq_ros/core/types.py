@@ -24,6 +24,12 @@ class Pose:
     orientation: Quaternion
 
 
+# How many coefficients OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
+COEFFICIENTS = {
+    'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
+}  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A camera as sensor_msgs/CameraInfo gives it: size, focal lengths, centre, distortion."""
@@ -34,7 +40,7 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion_model: str = ''  # plumb_bob, rational_polynomial or equidistant
+    distortion_model: str = ''  # of `COEFFICIENTS`; empty for none
     distortion: tuple[float, ...] = ()  # its coefficients, in OpenCV's order; none for none
     mount: Pose | None = None  # in the base, x along the lens; None if it is not known
 
@@ -105,6 +111,7 @@ class Candidate:
     score: float  # of the sequence, in [0, 1]
     shift: Shift | None = None  # rows and columns, in cells, from query to reference, if known
     inliers: int | None = None  # regions that moved alike from query to reference, if verified
+    session: int = 0  # of those of the map, the one that took the place
 
 
 Candidates = tuple[Candidate, ...]  # best first
@@ -125,6 +132,11 @@ class RelativePose:
     direction: Vector | None  # of the position, a unit vector
     covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z and turns about them; m and rad
     inliers: int  # correspondences that agree with it
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where the query's base was, if the position is known."""
+        return None if self.position_m is None else Pose(self.position_m, self.orientation)
 
     @property
     def position_sigma_m(self) -> float | None:

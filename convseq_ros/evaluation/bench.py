@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods on data sets: everything that `convseq evaluate` does, as one function."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +33,6 @@ from convseq_ros.evaluation.transfer import Measured
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'convseq-forward', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
-_PROTOCOLS: Mapping[str, Callable[[Material, Method], Outcome]] = {
-    CLOSED: protocols.closed,
-    ONLINE: protocols.online,
-}
 PAST = 'past'
 
 
@@ -200,10 +197,12 @@ def _on_set(
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
 ) -> Result:
-    if protocol == OPEN:
-        outcome = protocols.open_set(material, method, plan.keep)
-    else:
-        outcome = _PROTOCOLS[protocol](material, method)
+    ask: dict[str, Callable[[Material, Method], Outcome]] = {
+        CLOSED: protocols.closed,
+        OPEN: partial(protocols.open_set, keep=plan.keep),
+        ONLINE: protocols.online,
+    }
+    outcome = ask[protocol](material, method)
     verdicts = judge(outcome)
     own = folder / method.name.label
     own.mkdir(parents=True, exist_ok=True)
@@ -237,8 +236,8 @@ def _describe_set(
 ) -> None:
     data_set, removed = material.data_set, ''
     if protocol == OPEN:
-        part = 'half of the map removed'
-        removed = f', {part if keep is None else f"first {keep:.0%} of the map kept"}'
+        kept = '' if keep is None else f', first {keep:.0%} of the map kept'
+        removed = kept or ', half of the map removed'
     queries, references = material.truth.right.shape
     write_json(
         folder / 'set.json',

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from convseq_ros.config import EncodingConfig, ReadingConfig
 from convseq_ros.errors import SourceError
@@ -24,7 +23,7 @@ import numpy.typing as npt
 
 # A street that no ready-made set has, a place every 2 m.
 DISTRACTORS_STREET = 7_000_000
-DISTRACTORS: dict[str, Any] = {'seed': 7, 'frame_rate_hz': 5.0, 'width_px': 320, 'height_px': 240}
+DISTRACTORS = DrawnDrive(seed=7, frame_rate_hz=5.0, width_px=320, height_px=240)
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def open_material(
 def with_distractors(material: Material, count: int) -> Material:
     """Return a data set with so many drawn places in its map that no query shows, at its end."""
     whole = Truth(np.pad(material.truth.right, ((0, 0), (0, count))), material.truth.tolerance)
-    drive = SimulatedDrive(DISTRACTORS_STREET, DrawnDrive(num_frames=count, **DISTRACTORS))
+    drive = SimulatedDrive(DISTRACTORS_STREET, replace(DISTRACTORS, num_frames=count))
     return replace(material, truth=whole, distractors=Images(Path(), '', drive), _drives={})
 
 

@@ -13,7 +13,7 @@ from convseq_ros.evaluation.drive import Drive
 
 def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:
     """Return a map of the references from `first` to before `last`, in steps."""
-    part = ReferenceMap(whole.encoding, keyframes=whole.keyframes)
+    part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
     for index in range(first, last, step):
         part.add(whole.places[index], whole.packed(index))
     return part

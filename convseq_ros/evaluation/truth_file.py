@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.array_pickle import read_objects
-from convseq_ros.files import read_array
+from convseq_ros.files import read_array, read_array_header
 from convseq_ros.regular_file import refuse_irregular
 import numpy as np
 import numpy.typing as npt
@@ -193,13 +193,7 @@ def _explained(path: Path, opened: Callable[[], Any]) -> Any:
 
 
 def _load(file: BinaryIO, path: Path) -> npt.NDArray[Any]:
-    version = np.lib.format.read_magic(file)
-    read = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, fortran, dtype = read(file)
+    shape, fortran, dtype = read_array_header(file)
     if not dtype.hasobject:
         return read_array(path)
     return read_objects(file, shape, fortran)

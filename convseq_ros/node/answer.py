@@ -37,8 +37,7 @@ def answer_message(
     values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
     best = match.best
     if best:
-        session = reference_map.places[best.reference_index].session
-        values['session_id'] = reference_map.sessions[session].id
+        values['session_id'] = reference_map.sessions[best.session].id
     return _message(match_header(match, frame_id), match.reason.value, values)
 
 

@@ -32,6 +32,7 @@ CANDIDATE = np.dtype(
         ('length', '<u4'),
         ('stamp_sec', '<i4'),
         ('stamp_nanosec', '<u4'),
+        ('session', '<u4'),
     ]
 )
 """One row of `~/candidates`."""
@@ -78,8 +79,8 @@ def candidates_message(
         stamp = stamp_from_ns(candidate.reference_stamp_ns)
         x, y, z = pose.position if pose else _NOWHERE
         index, score = candidate.reference_index, candidate.score
-        length = match.sequence_length
-        rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec)
+        length, session = match.sequence_length, candidate.session
+        rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec, session)
     is_dense = all(poses[one.reference_index] for one in match.candidates)
     return cloud_message(rows, match_header(match, frame_id), is_dense)
 

@@ -4,6 +4,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+import colorsys
 import math
 
 from convseq_ros.core.map.place import Place
@@ -21,6 +22,7 @@ _MOST_CLOSURES = 500
 _MOST_PLACES = 5000
 _GROWN_BY = 10
 _SMALLEST_M, _LARGEST_M = 0.05, 0.5
+_GOLDEN_SHARE = (math.sqrt(5) - 1) / 2  # of a circle: hues that never come near earlier ones
 
 Position = tuple[float, float, float]
 
@@ -111,17 +113,31 @@ def closure_markers(
 
 
 def places_marker(header: Header, places: Sequence[Place]) -> Marker:
-    """Return a dot for every place with a pose, thinned out to 5000, as large as fits."""
+    """
+    Return a dot for every place with a pose, thinned out to 5000, as large as fits.
+
+    Each session of the map has its own colour; the first is grey.
+    """
     step = max(1, math.ceil(len(places) / _MOST_PLACES))
-    positions = [place.pose.position for place in places[::step] if place.pose]
+    shown = [place for place in places[::step] if place.pose]
+    positions = [place.pose.position for place in shown if place.pose]
     spaces = sorted(map(math.dist, positions, positions[1:]))
     size = spaces[len(spaces) // 2] / 3 if spaces else 0.0
     size = min(max(size, _SMALLEST_M), _LARGEST_M)
     marker = _marker(header, 'places', Marker.POINTS, (size, size, 0.0), (0.6, 0.6, 0.6))
     marker.points = [point_message(position) for position in positions]
+    colours = {session: _colour(session) for session in {place.session for place in shown}}
+    marker.colors = [colours[place.session] for place in shown] if len(colours) > 1 else []
     if not positions:
         marker.action = Marker.DELETE
     return marker
+
+
+def _colour(session: int) -> ColorRGBA:
+    """Return the colour of a session: grey, then hues a golden angle apart."""
+    hue, strength = session * _GOLDEN_SHARE % 1.0, 0.6 if session else 0.0
+    red, green, blue = colorsys.hsv_to_rgb(hue, strength, 0.9 if session else 0.6)
+    return ColorRGBA(r=red, g=green, b=blue, a=1.0)
 
 
 def _match_marker(header: Header, estimate: PoseEstimate | None) -> Marker:

@@ -6,13 +6,9 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from convseq_ros.core.types import Camera
+from convseq_ros.core.types import Camera, COEFFICIENTS
 from convseq_ros.errors import SourceError
 
-# Models of sensor_msgs/distortion_models.hpp, and how many coefficients OpenCV takes of each.
-_COEFFICIENTS = {
-    'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,), 'fisheye': (4,),
-}  # fmt: skip
 _MODELS = {'fisheye': 'equidistant'}  # of other names for the same
 
 
@@ -71,9 +67,9 @@ def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
     found = tuple(float(value) for value in getattr(message, 'd', ()))
     if not any(found):
         return '', ()
-    lengths = _COEFFICIENTS.get(model, ())
+    lengths = COEFFICIENTS.get(_MODELS.get(model, model), ())
     if len(found) not in lengths or not all(map(math.isfinite, found)):
-        known = ', '.join(_COEFFICIENTS)
+        known = ', '.join([*COEFFICIENTS, *_MODELS])
         raise SourceError(
             f'camera_info: distortion {model!r} of {len(found)} numbers cannot be taken out; '
             f'give finite numbers of one of {known}, or none'

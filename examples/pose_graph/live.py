@@ -7,7 +7,7 @@ from pathlib import Path
 import subprocess
 import time
 
-from convseq_ros.cli.processes import running, wait_for_rows
+from convseq_ros.cli.processes import player_arguments, running, wait_for_rows
 from convseq_ros.errors import ConvseqError
 
 _HERE = Path(__file__).resolve().parent
@@ -54,19 +54,7 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
         '--ros-args',
         *_CLOSURES,
     ]
-    player = [
-        '-m',
-        'convseq_ros.node.player',
-        str(folder / 'drive'),
-        '--rate',
-        f'{rate:g}',
-        '--odom',
-        '/odom',
-        '--camera-info',
-        '/camera/camera_info',
-        '--wait-subscribers',
-        '60',
-    ]
+    player = player_arguments(folder / 'drive', rate, '/odom', '/camera/camera_info')
     with (
         running('pose_graph', graph, folder, _END_S) as back_end,
         running('false_closures', liar, folder, _END_S) as injector,

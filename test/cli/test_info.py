@@ -48,7 +48,7 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert '12 references, 12 with a pose' in capsys.readouterr().out
     assert main(['info', 'map.db', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert (facts['sessions'], facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
+    assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
 
 
 def test_what_a_stranger_called_a_topic_is_one_word_to_paste():
@@ -84,7 +84,7 @@ def test_two_drives_are_not_joined_by_a_line(drive, capsys, tmp_path):
     assert main(['info', path, '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
     # The way back from the end of the first to the start of the second is 11 m, too.
-    assert (facts['sessions'], facts['with_pose']) == (2, 24)
+    assert (len(facts['sessions']), facts['with_pose']) == (2, 24)
     assert facts['path_m'] == pytest.approx(22.0, abs=0.2)
 
 

@@ -5,6 +5,7 @@
 from importlib import import_module
 
 from convseq_ros.core.compiled import available
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.velocity import VELOCITY, VelocitySearch
 from hypothesis import given, strategies
@@ -97,13 +98,19 @@ DRAWN = strategies.builds(
 )
 
 
+SESSIONS = strategies.builds(
+    lambda starts: SessionBounds(tuple(sorted(starts))),
+    strategies.sets(strategies.integers(1, 1200), max_size=6),
+)
+
+
 @pytest.mark.parametrize('kernels', KERNELS)
-@given(rows=DRAWN)
-def test_peaks_are_those_of_sequence_scores(kernels, rows):
-    steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
-    found = import_module(f'convseq_ros.core.sequence.{kernels}').peaks(rows, steps)
+@given(rows=DRAWN, bounds=SESSIONS)
+def test_peaks_are_those_of_sequence_scores(kernels, rows, bounds):
+    steps, own = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities]), bounds.starts
+    found = import_module(f'convseq_ros.core.sequence.{kernels}').peaks(rows, steps, own)
     for velocity, (highest, mean, number) in zip(VELOCITY.velocities, found, strict=True):
-        scores = sequence_scores(rows, velocity)
+        scores = sequence_scores(rows, velocity, bounds=bounds)
         scores = scores[np.isfinite(scores)]
         assert number == scores.size
         if scores.size:
@@ -111,13 +118,18 @@ def test_peaks_are_those_of_sequence_scores(kernels, rows):
 
 
 @pytest.mark.parametrize('kernels', KERNELS)
-@given(rows=DRAWN, velocity=strategies.sampled_from(VELOCITY.velocities))
-def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(kernels, rows, velocity):
-    steps = np.array(diagonal(len(rows), velocity))
-    found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps)
+@given(rows=DRAWN, velocity=strategies.sampled_from(VELOCITY.velocities), bounds=SESSIONS)
+def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
+    kernels, rows, velocity, bounds
+):
+    steps, own = np.array(diagonal(len(rows), velocity)), bounds.starts
+    found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps, own)
     shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
     for end in range(0, len(rows[0]), 1 + len(rows[0]) // 40):
-        pairs = [row[end - step] if 0 <= end - step < len(row) else np.nan for row, step in shown]
+        first = bounds.span(end)[0]
+        pairs = [
+            row[end - step] if first <= end - step < len(row) else np.nan for row, step in shown
+        ]
         known = np.isfinite(pairs)
         if 2 * known.sum() < len(rows):
             assert found[end] == -np.inf

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the best candidate is a match, and how sure that is."""
 
-from collections.abc import Mapping, Sequence
 import math
-from typing import Protocol
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.margin import decide_by_margin
+from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
-from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEvidence
-from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.decision.verified_evidence import Geometry, VERIFIED, VerifiedEvidence
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
 
@@ -26,21 +26,16 @@ class CONFIDENCE:
     least_evidence: float = 0.1  # added, so that none has a logarithm
 
 
-class Geometry(Protocol):
-    """What can be verified of the newest frame."""
-
-    def verified(self, indices: Sequence[int]) -> Mapping[int, Verification]:
-        """Return what geometry says of it and some references, if it is asked."""
-
-    @property
-    def verified_step(self) -> Verification | None:
-        """What geometry says of it and the frame before, if it is asked."""
-
-
 class Acceptance:
     """Decides frame after frame, by the track or by the margin; keeps matches apart in time."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(
+        self,
+        config: Config,
+        reference_map: ReferenceMap | None = None,
+        compare: Compare | None = None,
+    ) -> None:
+        self.places = Neighbourhood(reference_map, compare)
         rule, matching = config.acceptance.acceptance_rule, config.matching.matching
         self._by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
         self.window = TRACK.window if self._by_track else 1  # newest frames that must have scores
@@ -50,7 +45,8 @@ class Acceptance:
     def reset(self) -> None:
         """Forget the drive."""
         self._accepted_ns: int | None = None
-        self._track, self._verified = TrackEvidence(), VerifiedEvidence()
+        self.places.reset()
+        self._track, self._verified = TrackEvidence(self.places), VerifiedEvidence(self.places)
         self._frame, self._velocity, self._usable = 0, 1.0, 0
         self._newest: FrameEvidence | None = None
         self._geometry: Geometry | None = None
@@ -113,11 +109,11 @@ class Acceptance:
         same, and another locker misleads both alike.
         """
         entered = self._entered()
-        is_entered = entered is not None and abs(entered[0] - reference) <= TRACK.same_track
+        is_entered = entered is not None and self._is_near(reference, entered[0])
         alone = entered[1] if entered and is_entered else None
         newest = self._newest
         # A track that its own newest frame does not follow is none.
-        if newest is None or abs(newest.reference - reference) > TRACK.same_track:
+        if newest is None or not self._is_near(reference, newest.reference):
             return alone
         along = self._along(reference)
         if along is None or not alone:
@@ -126,16 +122,23 @@ class Acceptance:
             return max(along, alone)
         return max(along, alone + (self._track.evidence(self._frame, reference) or 0.0))
 
+    def _is_near(self, reference: int, other: int) -> bool:
+        """Return whether two places may belong to one track, or to its looks."""
+        return self.places.is_near(reference, other, TRACK.same_track)
+
     def _is_own(self, reference: int) -> bool:
         """Return whether a place was seen on this drive."""
         return self._session_start is not None and reference >= self._session_start
 
     def _entered(self) -> tuple[int, float] | None:
-        """Return what the newest few frames show alone; None on the border of the map."""
+        """Return what the newest few frames show alone; None on the border of a session."""
         seen = self._verified.alone(self._frame)
-        if seen is None or not 0 < seen[0] < self._usable - TRACK.border:
+        if seen is None:
             return None
         reference, evidence = seen
+        first, end = self.places.bounds.span(reference)
+        if not first < reference < min(end, self._usable) - TRACK.border:
+            return None
         return reference, evidence * (VERIFIED.of_own_drive if self._is_own(reference) else 1.0)
 
     def _along(self, reference: int) -> float | None:
@@ -151,8 +154,8 @@ class Acceptance:
 
     def inliers(self, reference: int) -> int | None:
         """Return how many regions moved alike to a reference, or one next to it, if verified."""
-        near = (reference, reference - 1, reference + 1)
-        found = [self._verified.found[one] for one in near if one in self._verified.found]
+        near, known = self.places.bounds.around(reference, 1), self._verified.found
+        found = [known[one] for one in (reference, *near) if one in known]
         return found[0].inliers if found else None
 
     def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
@@ -170,7 +173,7 @@ class Acceptance:
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         if not self._by_track:
-            return decide_by_margin(candidates, config), None
+            return decide_by_margin(candidates, config, self.places), None
         best = candidates[0].reference_index
         reason, evidence = self._doubt(best), self._evidence(best)
         if evidence is not None and evidence >= config.min_evidence:
@@ -182,7 +185,7 @@ class Acceptance:
         """Return what speaks most against a candidate."""
         if (newest := self._newest) is None:
             return Reason.WEAK
-        if abs(newest.reference - best) > TRACK.same_track:
+        if not self._is_near(best, newest.reference):
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
@@ -197,14 +200,6 @@ class Acceptance:
         own = self._verified.recent_strength(self._frame, best)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength
-
-
-def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
-    """Decide by the lead over the best rival: scores of unrelated places lie near true ones."""
-    if len(candidates) < 2:
-        return Reason.TOO_FEW_RIVALS
-    lead = candidates[0].score - candidates[1].score
-    return Reason.ACCEPTED if lead >= config.min_margin else Reason.AMBIGUOUS
 
 
 def confidence(evidence: float) -> float:

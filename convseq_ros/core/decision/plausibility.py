@@ -39,7 +39,7 @@ class Fix:
 
 class Plausibility:
     """
-    Compares matches with odometry; places of this session and of others are two maps.
+    Compares matches with odometry; each frame of a map's poses is a map of its own.
 
     In a map that `grows`, it remembers how far odometry had come at each keyframe: 24 bytes.
     """
@@ -55,7 +55,7 @@ class Plausibility:
         self._way_m = self._turn_rad = 0.0
         self._keyframe = 0
         self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
-        self._sure: dict[bool, Fix] = {}
+        self._sure: dict[str, Fix] = {}
         self._refused: list[Fix] = []
 
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
@@ -75,7 +75,12 @@ class Plausibility:
             self._turns.append(self._turn_rad)
 
     def excess_m(
-        self, place: Pose, place_base: Matrix, slack_m: float, own_stamp_ns: int | None
+        self,
+        place: Pose,
+        place_base: Matrix,
+        slack_m: float,
+        own_stamp_ns: int | None,
+        frame: str = '',
     ) -> float | None:
         """
         Return by how much further off a match is than odometry may have drifted, if it is.
@@ -90,18 +95,20 @@ class Plausibility:
             By how much that may be off.
         own_stamp_ns : int or None
             When the reference was taken, if by this session, whose map is in odometry's frame.
+        frame : str
+            The frame of the reference's pose.
 
         """
         if self._here is None or not self._config.odometry_way_error:
             return None
-        is_own, there = own_stamp_ns is not None, matrix(place)
+        there = matrix(place)
         link = there @ place_base @ inverse(self._here)
         fix = Fix(link, there, self._way_m, self._turn_rad, self._keyframe)
-        sure = self._sure.get(is_own) or self._first(own_stamp_ns, there)
+        sure = self._sure.get(frame) or self._first(own_stamp_ns, there)
         excess_m = 0.0 if sure is None else self._excess_m(fix, sure, slack_m)
         if excess_m > 0 and not self._is_agreed(fix, slack_m):
             return excess_m
-        self._sure[is_own], self._refused = fix, []
+        self._sure[frame], self._refused = fix, []
         return None
 
     def _first(self, stamp_ns: int | None, there: Matrix) -> Fix | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import math
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.usual_scores import UsualScores
 from convseq_ros.core.sequence.diagonals import Rows, Values
 from convseq_ros.core.types import Indices
@@ -25,7 +26,7 @@ class TRACK:
     # The first three say what a place is.
     own_peak: int = 5  # references from the best that its own peak covers
     same_track: int = 2  # references by which two frames of one diagonal may differ
-    border: int = 2  # last references of the map, beyond which a peak may lie
+    border: int = 2  # last references of a session, beyond which a peak may lie
     window: int = 8  # frames of a diagonal whose scores are compared
     few: int = 3  # newest of these, by which a place that is just entered is likely
     memory: int = 30  # frames over which margins are summed
@@ -45,7 +46,7 @@ class FrameEvidence:
     frame: int  # its number
     reference: int  # where the best diagonal ends
     # By how much it beats those of other places, beyond chance; 0 among too few rivals and at the
-    # border of the map, where the peak may lie beyond.
+    # border of its session, where the peak may lie beyond.
     margin: float
     rivals: int  # diagonals further than the rivals' distance from the best
     verified: float = 0.0  # what geometry adds to the margin, in scatters
@@ -64,8 +65,10 @@ class TrackEvidence:
     average. A window of 8 frames, whatever the sequence length k, keeps the scatter comparable.
     """
 
-    def __init__(self) -> None:
-        self._usual, self._frames = UsualScores(), list[FrameEvidence]()
+    def __init__(self, neighbourhood: Neighbourhood | None = None) -> None:
+        self._places = neighbourhood or Neighbourhood()
+        self._usual = UsualScores(self._places.bounds)
+        self._frames: list[FrameEvidence] = []
         self._variance, self._windows = 0.0, 0
         self._start: int | None = None
         self._ends, self._now, self._rival_distance = np.zeros(0, np.int64), np.zeros(0), 0
@@ -78,7 +81,7 @@ class TrackEvidence:
             return None
         variance = self._variance + TRACK.prior_windows * TRACK.usual_scatter**2
         windows = self._windows + TRACK.prior_windows
-        return float(np.sqrt(variance / windows)) + TRACK.least_scatter
+        return math.sqrt(variance / windows) + TRACK.least_scatter
 
     def update(
         self, frame: int, rows: Rows, ends: Indices, rival_distance: int, velocity: float = 1.0
@@ -100,19 +103,21 @@ class TrackEvidence:
             return None
         top = known[scores[known].argmax()]
         best, margin = int(ends[top]), 0.0
-        elsewhere = _beyond(scores, ends, best, rival_distance)
+        self._places.follow(best, ends, scores, rival_distance, TRACK.own_peak)
+        elsewhere = self._beyond(scores, best, rival_distance)
         if len(elsewhere) >= TRACK.fewest_rivals:
             if len(window) == TRACK.window:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
-            if best < len(newest) - TRACK.border:
-                rivals = _beyond(scores, ends, best, TRACK.own_peak)
+            if best < self._end(best) - TRACK.border:
+                rivals = self._beyond(scores, best, TRACK.own_peak)
                 chance = TRACK.chance * (self.scatter or 0.0) / math.sqrt(len(elsewhere))
                 margin = max(0.0, float(scores[top] - rivals.max()) - chance)
         self._frames.append(FrameEvidence(frame, best, margin, len(elsewhere)))
         along = self._along(frame, best, velocity)
         is_tracked = 2 * sum(one.frame > frame - TRACK.window for one in along) >= TRACK.window
-        self._usual.learn(newest, ends[abs(ends - best) > rival_distance] if is_tracked else ends)
+        away = ~self._places.near(ends, best, rival_distance)
+        self._usual.learn(newest, ends[away] if is_tracked else ends)
         return self._frames[-1]
 
     def evidence(self, frame: int, reference: int, velocity: float = 1.0) -> float | None:
@@ -127,15 +132,18 @@ class TrackEvidence:
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
-        if self.scatter is None:
+        if (scatter := self.scatter) is None:
             return None
-        last = len(self._usual) - TRACK.border if velocity < 1.0 else math.inf
-        if reference >= last:
+        if velocity < 1.0 and self._is_last(reference):
             return 0.0
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
-        along = (one for one in self._along(frame, reference, velocity) if one.reference < last)
-        sums = sum(one.margin / self.scatter + one.verified for one in along)
+        along = (
+            one
+            for one in self._along(frame, reference, velocity)
+            if velocity >= 1.0 or not self._is_last(one.reference)
+        )
+        sums = sum(one.margin / scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
         return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities
 
@@ -154,14 +162,14 @@ class TrackEvidence:
         )
         kinds = self._now, of_few, self._scores
         best = [int(self._ends[np.nanargmax(one)]) for one in kinds if np.isfinite(one).any()]
-        elsewhere = abs(self._ends - best[-1]) > self._rival_distance
+        elsewhere = ~self._places.near(self._ends, best[-1], self._rival_distance)
         for one in (self._scores, self._now):
             beyond = np.isfinite(one) & elsewhere
             if beyond.any():
                 best.append(int(self._ends[np.where(beyond, one, -np.inf).argmax()]))
         apart: list[int] = []
         for end in best:
-            if all(abs(end - other) > TRACK.same_track for other in apart):
+            if not any(end in self._places.bounds.around(one, TRACK.same_track) for one in apart):
                 apart.append(end)
         return apart
 
@@ -171,30 +179,40 @@ class TrackEvidence:
 
     def lead(self, reference: int) -> float:
         """Return by how many standard deviations the newest frame alone prefers a reference."""
-        elsewhere = _beyond(self._now, self._ends, reference, self._rival_distance)
-        near = self._now[abs(self._ends - reference) <= 1]
+        elsewhere = self._beyond(self._now, reference, self._rival_distance)
+        near = self._now[self._places.bounds.near(self._ends, reference, 1)]
         if len(elsewhere) < TRACK.fewest_rivals or not np.isfinite(near).any():
             return 0.0
         above = float(np.nanmax(near) - elsewhere.max())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
     def _along(self, frame: int, reference: int, velocity: float) -> list[FrameEvidence]:
-        return [
-            one
-            for one in self._frames
-            if abs(reference - one.reference - velocity * (frame - one.frame)) <= TRACK.same_track
-        ]
+        """Return the frames whose best diagonal leads to a reference, or another look of it."""
+        found, span = [], self._places.bounds.span
+        ends = [(end, span(end)) for end in (reference, *self._places.looks(reference))]
+        for one in self._frames:
+            way, own = velocity * (frame - one.frame) + one.reference, span(one.reference)
+            if any(own == session and abs(end - way) <= TRACK.same_track for end, session in ends):
+                found.append(one)
+        return found
 
     def _newest_alone(self, reference: int) -> float:
         """Return by how many standard deviations the newest frame speaks for a reference."""
-        elsewhere = _beyond(self._now, self._ends, reference, self._rival_distance)
-        near = self._now[abs(self._ends - reference) <= TRACK.same_track]
+        elsewhere = self._beyond(self._now, reference, self._rival_distance)
+        near = self._now[self._places.near(self._ends, reference, TRACK.same_track)]
         if len(elsewhere) < TRACK.fewest_rivals or not np.isfinite(near).any():
             return np.inf
         above = float(np.nanmax(near) - elsewhere.mean())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
+    def _end(self, reference: int) -> int:
+        """Return the first place after a reference's session, or after all that may be matched."""
+        return min(self._places.bounds.span(reference)[1], len(self._usual))
 
-def _beyond(scores: Values, ends: Indices, best: int, distance: int) -> Values:
-    """Return what is known further than a distance from the best."""
-    return scores[(abs(ends - best) > distance) & np.isfinite(scores)]
+    def _is_last(self, reference: int) -> bool:
+        """Return whether a reference is among the last of its session."""
+        return reference >= self._end(reference) - TRACK.border
+
+    def _beyond(self, scores: Values, best: int, distance: int) -> Values:
+        """Return what is known further than a distance from the best, and other looks of it."""
+        return scores[~self._places.near(self._ends, best, distance) & np.isfinite(scores)]

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each reference usually scores on a drive."""
 
-from convseq_ros.core.sequence.diagonals import diagonal, pairs_along, Rows, Values
+from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, pairs_along, Rows, Values
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 
@@ -12,7 +13,8 @@ _PRIOR_FRAMES = 5  # that the mean of all counts for; fitted with the constants 
 class UsualScores:
     """What references usually score on a drive: means over frames that hardly show them."""
 
-    def __init__(self) -> None:
+    def __init__(self, bounds: SessionBounds = ONE_SESSION) -> None:
+        self._bounds = bounds
         self._sums, self._counts = np.zeros(0), np.zeros(0)
         self._total, self._pairs = 0.0, 0
 
@@ -26,7 +28,7 @@ class UsualScores:
             self._sums, self._counts = np.append(self._sums, more), np.append(self._counts, more)
         steps = diagonal(len(rows), velocity)
         prior = _PRIOR_FRAMES * self._total / max(self._pairs, 1)
-        pairs = pairs_along(rows, ends, steps, np.float64)
+        pairs = pairs_along(rows, ends, steps, np.float64, self._bounds)
         for values, step in zip(pairs, steps, strict=True):
             known = np.flatnonzero(np.isfinite(values))
             met = ends[known] - step

@@ -8,15 +8,15 @@ place is verified better than its rivals; and a few newest frames, or one, that 
 their own scores and by geometry are evidence alone, as soon as they come.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
+from typing import Protocol
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.geometry.verification import Verification
-
-Verify = Callable[[Sequence[int]], Mapping[int, Verification]]  # the newest frame and references
 
 
 @constants
@@ -55,10 +55,22 @@ class Sighting:
     strength: float  # of its verification
 
 
+class Geometry(Protocol):
+    """What can be verified of the newest frame."""
+
+    def verified(self, indices: Sequence[int]) -> Mapping[int, Verification]:
+        """Return what geometry says of it and some references, if it is asked."""
+
+    @property
+    def verified_step(self) -> Verification | None:
+        """What geometry says of it and the frame before, if it is asked."""
+
+
 class VerifiedEvidence:
     """Keeps what geometry says of the newest frame, and the likeliest places of the last five."""
 
-    def __init__(self) -> None:
+    def __init__(self, neighbourhood: Neighbourhood | None = None) -> None:
+        self._places = neighbourhood or Neighbourhood()
         self._sightings: list[Sighting] = []
         self.found: Mapping[int, Verification] = {}
         self._rival_distance = 0
@@ -69,15 +81,18 @@ class VerifiedEvidence:
 
     def strength(self, reference: int, distance: int = 0) -> float | None:
         """Return how strongly a place, or the best within a distance, is verified, if it is."""
-        near = [
-            one.strength for index, one in self.found.items() if abs(index - reference) <= distance
-        ]
+        near = [one.strength for one in self._near(reference, distance)]
         return max(near, default=None)
+
+    def _near(self, reference: int, distance: int) -> list[Verification]:
+        is_near = self._places.is_near
+        return [one for index, one in self.found.items() if is_near(reference, index, distance)]
 
     def rivals(self, reference: int) -> list[Verification]:
         """Return how places elsewhere are verified."""
-        found, most = self.found.items(), self._rival_distance
-        return [one for index, one in found if abs(index - reference) > most]
+        is_near, most = self._places.is_near, self._rival_distance
+        found = self.found.items()
+        return [one for index, one in found if not is_near(reference, index, most)]
 
     def rival_strength(self, reference: int) -> float | None:
         """Return how strongly the best place elsewhere is verified, if any is."""
@@ -102,11 +117,7 @@ class VerifiedEvidence:
 
     def upper_lead(self, reference: int) -> float:
         """Return the same by the upper half of the image alone; 0 if nothing else is verified."""
-        near = [
-            one.upper
-            for index, one in self.found.items()
-            if abs(index - reference) <= TRACK.same_track
-        ]
+        near = [one.upper for one in self._near(reference, TRACK.same_track)]
         if not near or not (rivals := self.rivals(reference)):
             return 0.0
         rival = max(one.upper for one in rivals)
@@ -122,7 +133,8 @@ class VerifiedEvidence:
 
     def denies(self, reference: int) -> bool:
         """Return whether a place is verified no better than a rival may be by chance."""
-        near = [one for one in self.found if abs(one - reference) <= TRACK.same_track]
+        is_near = self._places.is_near
+        near = [one for one in self.found if is_near(reference, one, TRACK.same_track)]
         return bool(near) and not any(self.beside_scores(one) > 0 for one in near)
 
     def see(self, frame: int, reference: int, deviations: float) -> None:
@@ -154,7 +166,8 @@ class VerifiedEvidence:
     def recent_strength(self, frame: int, reference: int) -> float | None:
         """Return how strongly a place is verified by the newest frames, on average, if it is."""
         on_way = self._on_way(frame)
-        if 0 not in on_way or abs(on_way[0].reference - reference) > TRACK.same_track:
+        is_near = self._places.is_near
+        if 0 not in on_way or not is_near(reference, on_way[0].reference, TRACK.same_track):
             return self.strength(reference, TRACK.same_track)
         recent = [one.strength for past, one in on_way.items() if past < VERIFIED.recent]
         return sum(recent) / len(recent)
@@ -163,10 +176,11 @@ class VerifiedEvidence:
         """Return the likeliest places that a robot may have come along, by frames ago."""
         if not self._sightings or self._sightings[-1].frame != frame:
             return {}
-        newest, found = self._sightings[-1], {}
+        newest, found, span = self._sightings[-1].reference, {}, self._places.bounds.span
+        ends = [(end, span(end)) for end in (newest, *self._places.looks(newest))]
         for one in self._sightings:
-            past = frame - one.frame
-            off = abs(newest.reference - one.reference - past)
-            if off <= VERIFIED.same_scene + VERIFIED.drift * past:
+            past, session = frame - one.frame, span(one.reference)
+            way = [abs(end - one.reference - past) for end, own in ends if own == session]
+            if way and min(way) <= VERIFIED.same_scene + VERIFIED.drift * past:
                 found[past] = one
         return found

@@ -52,34 +52,35 @@ def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> A
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
     if known.sum() < ALIGNMENT.fewest:
         return None
-    rays, seen = structure.rays[known], seen[known]
+    # Numbers of a region lie in a column: sums over what is side by side in memory are faster.
+    rays, seen, across_down = structure.rays[known].T, seen[known].T, scale[:, None]
     inverse = given = structure.inverse_m[known]
     held, moved = structure.information[known], start.copy()
     for sigma in ALIGNMENT.sigmas_cells:
-        turned = rays @ moved[:3, :3].T
-        points = turned + inverse[:, None] * moved[:3, 3]
-        ahead = np.maximum(points[:, 2:], DEPTH.least_ahead)
-        flat = points[:, :2] / ahead
-        off = (flat - seen) * scale
-        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3], flat, scale / ahead)
-        weight = (points[:, 2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=1))
+        turned = moved[:3, :3] @ rays
+        points = turned + inverse * moved[:3, 3:]
+        ahead = np.maximum(points[2], DEPTH.least_ahead)
+        flat = points[:2] / ahead
+        off = (flat - seen) * across_down
+        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
+        weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
         # Depths are eliminated: the Schur complement, a number each.
-        own = held + weight * (by_depth**2).sum(axis=1)
-        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=1)
-        both = weight[:, None] * (by_pose * by_depth[:, :, None]).sum(axis=1)
-        rows = (by_pose * weight[:, None, None]).reshape(-1, 6)
-        information = rows.T @ by_pose.reshape(-1, 6) - (both / own[:, None]).T @ both
+        own = held + weight * (by_depth**2).sum(axis=0)
+        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
+        both = weight * (by_pose * by_depth).sum(axis=1)
+        rows = (by_pose * weight).reshape(6, -1)
+        information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
         information[np.diag_indices(6)] += ALIGNMENT.stiffness
-        slope = rows.T @ off.ravel() - both.T @ (pull / own)
+        slope = rows @ off.ravel() - both @ (pull / own)
         step = -np.linalg.solve(information, slope)
-        inverse = (inverse - (pull + both @ step) / own).clip(0.0, 1 / DEPTH.least_ahead)
+        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
         moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
         moved[:3, 3] += step[3:]
-    agreeing = int((np.hypot(*off.T) <= ALIGNMENT.agreeing_cells).sum())
+    agreeing = int((np.hypot(*off) <= ALIGNMENT.agreeing_cells).sum())
     if agreeing < ALIGNMENT.fewest or not np.isfinite(moved).all():
         return None
     cells_per_m = float(np.median(inverse) * scale.mean())
-    share = agreeing / len(off)
+    share = agreeing / len(inverse)
     return Alignment(moved, np.linalg.inv(information), agreeing, share, cells_per_m)
 
 
@@ -106,10 +107,14 @@ def unshrunk(found: Alignment, along: Floats) -> Alignment:
 def _slopes(
     turned: Floats, inverse: Floats, way: Floats, flat: Floats, scale: Floats
 ) -> tuple[Floats, Floats]:
-    """Return how pictures move, (n, 2), by turns and ways, (n, 2, 6), and by inverse depths."""
-    (x, y, z), (u, v) = turned.T, flat.T
+    """
+    Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n).
+
+    Of regions `turned`, (3, n), with inverse depths (n,), a way (3, 1) and pictures (2, n).
+    """
+    (x, y, z), (u, v) = turned, flat
     zero = np.zeros_like(x)
-    across = np.stack((-u * y, z + u * x, -y, inverse, zero, -u * inverse), axis=1)
-    down = np.stack((-z - v * y, v * x, x, zero, inverse, -v * inverse), axis=1)
-    by_pose = np.stack((across, down), axis=1) * scale[:, :, None]
+    across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
+    down = -z - v * y, v * x, x, zero, inverse, -v * inverse
+    by_pose = np.stack((across, down), axis=1) * scale
     return by_pose, (way[:2] - flat * way[2]) * scale

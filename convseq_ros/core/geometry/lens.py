@@ -4,18 +4,12 @@
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.types import Camera
+from convseq_ros.core.types import Camera, COEFFICIENTS
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Points = npt.NDArray[np.float64]  # (n, 2), each NaN where it is not known
-
-
-# How many numbers OpenCV takes, by the names of sensor_msgs/distortion_models.hpp.
-COEFFICIENTS = {
-    '': (0,), 'plumb_bob': (4, 5), 'rational_polynomial': (8, 12, 14), 'equidistant': (4,),
-}  # fmt: skip
 
 
 @constants
@@ -36,8 +30,8 @@ def is_usable(camera: Camera) -> bool:
     """Return whether rays follow from the numbers of a camera."""
     sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px
     numbers = np.array([*sizes, camera.cx_px, camera.cy_px, *camera.distortion], np.float64)
-    model = camera.distortion_model if camera.distortion else ''
-    is_known = len(camera.distortion) in COEFFICIENTS.get(model, ())
+    lengths = COEFFICIENTS.get(camera.distortion_model, ())
+    is_known = not camera.distortion or len(camera.distortion) in lengths
     return is_known and bool(np.isfinite(numbers).all()) and min(sizes) > 0
 
 

@@ -58,7 +58,7 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
     for sight in sights:
         off, _ = _off(sight, rays, guesses[:, None])
         with np.errstate(invalid='ignore'):
-            costs += np.nan_to_num(np.log1p((off**2).sum(axis=-1) / DEPTH.sigma_cells**2))
+            costs += np.nan_to_num(np.log1p((off**2).sum(axis=-2) / DEPTH.sigma_cells**2))
     inverse = guesses[costs.argmin(axis=0)]
     information = np.zeros(len(rays))
     for _ in range(DEPTH.rounds):
@@ -66,9 +66,9 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
         information[:] = 0
         for sight in sights:
             off, slope = _off(sight, rays, inverse)
-            weight = 1 / (DEPTH.sigma_cells**2 + (off**2).sum(axis=-1))
-            slopes += np.nan_to_num(weight * (slope * off).sum(axis=-1))
-            information += np.nan_to_num(weight * (slope**2).sum(axis=-1))
+            weight = 1 / (DEPTH.sigma_cells**2 + (off**2).sum(axis=0))
+            slopes += np.nan_to_num(weight * (slope * off).sum(axis=0))
+            information += np.nan_to_num(weight * (slope**2).sum(axis=0))
         step = slopes / np.maximum(information, DEPTH.least_information)
         inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
     information[information < DEPTH.least_information] = 0
@@ -76,9 +76,14 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
 
 
 def _off(sight: Sight, rays: Floats, inverse: Floats) -> tuple[Floats, Floats]:
-    """Return how far off what was seen points are, in cells, and by how much more per 1 / m."""
-    turned, way = rays @ sight.moved[:3, :3].T, sight.moved[:3, 3]
-    points = turned + inverse[..., None] * way
-    ahead = np.maximum(points[..., 2:], DEPTH.least_ahead)
-    flat = points[..., :2] / ahead
-    return (flat - sight.seen) * sight.scale, (way[:2] - flat * way[2]) / ahead * sight.scale
+    """
+    Return how far off what was seen points are, in cells, and by how much more per 1 / m.
+
+    Both have shape (2, n), or (m, 2, n) for inverse depths of shape (m, 1): sums over what lies
+    side by side in memory are several times as fast.
+    """
+    turned, way = sight.moved[:3, :3] @ rays.T, sight.moved[:3, 3:]
+    points = turned + inverse[..., None, :] * way
+    ahead = np.maximum(points[..., 2:, :], DEPTH.least_ahead)
+    flat, scale = points[..., :2, :] / ahead, sight.scale[:, None]
+    return (flat - sight.seen.T) * scale, (way[:2] - flat * way[2]) / ahead * scale

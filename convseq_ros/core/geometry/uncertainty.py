@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the motion between two lenses to the pose between two bases, and how sure it is."""
 
-import math
+from dataclasses import replace
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.alignment import Alignment
@@ -51,12 +51,12 @@ def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> Relati
     far_m = ERROR.far * way_m * (way_m / found.baseline_m) ** 3
     floor = np.diag([ERROR.position_m**2 + far_m**2] * 3 + [ERROR.turn_rad**2] * 3)
     covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
-    orientation, position = quaternion(whole[:3, :3]), whole[:3, 3]
-    sigma_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-    if sigma_m > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
-        covariance = _of_turns(covariance[3:, 3:])
-        return RelativePose(orientation, None, _unit(position), covariance, found.inliers)
-    return RelativePose(orientation, vector(position), _unit(position), covariance, found.inliers)
+    position = whole[:3, 3]
+    known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
+    pose = RelativePose(*known, found.inliers)
+    if (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
+        return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
+    return pose
 
 
 def told_of_two(found: TwoView, base_reference: Matrix, base_query: Matrix) -> RelativePose:

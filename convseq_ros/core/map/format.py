@@ -3,10 +3,10 @@
 """
 How a map is laid out in its SQLite file, format 4.
 
-`about` holds the map's id and the settings that made it. `sessions` are the drives that made it,
-one for now. `places` is read when a map is opened; `pictures` and `images` when one is asked for.
-The cells are float16, divided by 64. Every row of every table has a CRC-32 of all its values, so
-that a flipped bit refuses an answer and never changes one.
+`about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
+the places of one lie together, in their order. `places` is read when a map is opened; `pictures`
+and `images` when one is asked for. The cells are float16, divided by 64. Every row of every table
+has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
 """
 
 from collections.abc import Iterable
@@ -52,6 +52,11 @@ _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fi
 _MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
 
 Row = tuple[object, ...]
+
+
+def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
+    """Return what a map keeps of its encoding, by name."""
+    return {name: getattr(encoding, name) for name in _ENCODING}
 
 
 def is_map_or_empty(path: Path) -> bool:
@@ -123,7 +128,7 @@ class Settings:
         """Return what is stored of them, by name."""
         return {
             'map_id': self.map_id,
-            'encoding': json.dumps({name: getattr(self.encoding, name) for name in _ENCODING}),
+            'encoding': json.dumps(kept_of(self.encoding)),
             'keyframes': json.dumps(self.keyframes.spacing),
         }
 

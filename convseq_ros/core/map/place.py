@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
@@ -91,11 +92,13 @@ class Places(Sequence[Place]):
         numbers = global_descriptor_length(cell_shape)
         self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
         self._rows = GrowingArray(np.empty(room, _ROW), 0)
+        self.bounds = SessionBounds()
 
     def append(self, place: Place, descriptor: npt.ArrayLike) -> None:
         """Add a place; its global descriptor has shape (n,)."""
         # The name of a file may be any bytes; a map holds text.
         source = sys.intern(place.source.encode(errors='backslashreplace').decode())
+        self._begin_sessions(np.array([place.session]))
         self.descriptors.extend([descriptor])
         self._rows.extend([(place.stamp_ns, source, place.pose_numbers, place.session)])
 
@@ -113,8 +116,15 @@ class Places(Sequence[Place]):
         sound = (exponents != _NOT_FINITE).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))
         if not sound.all():
             raise ValueError(f'reference {len(self) + sound.argmin()} has numbers without a value')
+        self._begin_sessions(block['session'])
         self.descriptors.extend(descriptors)
         self._rows.extend(block)
+
+    def _begin_sessions(self, sessions: npt.NDArray[np.integer[Any]]) -> None:
+        """Take note of where the sessions of more places begin."""
+        before = self._rows.view['session'][-1:] if len(self) else sessions[:1]
+        for change in np.flatnonzero(np.diff(sessions, prepend=before)):
+            self.bounds.begin(len(self) + int(change))
 
     def __len__(self) -> int:
         return len(self._rows)

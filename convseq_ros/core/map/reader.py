@@ -20,6 +20,7 @@ from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
+import numpy as np
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
@@ -119,6 +120,10 @@ class MapReader:
                 foreign = [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]
                 if foreign:
                     raise ValueError(f'reference {foreign[0]} is of no session')
+                before = [places[start - 1].session] if start else []
+                of = np.array([*before, *(row[-3] for row in rows)])
+                if (np.diff(of) < 0).any():
+                    raise ValueError('places of one session lie apart')
                 places.extend(rows)
         settings = self.encoding, places, self.pictures, self.keyframes
         return ReferenceMap(*settings, self.settings.map_id, sessions)

@@ -20,6 +20,7 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
 )
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Camera, Descriptor, Frame
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +62,11 @@ class ReferenceMap:
         return len(self.places)
 
     @property
+    def bounds(self) -> SessionBounds:
+        """Where its sessions begin."""
+        return self._places.bounds
+
+    @property
     def global_descriptors(self) -> npt.NDArray[np.float16]:
         """Of all places, shape (R, n); not to be written to."""
         return self._places.descriptors.view
@@ -92,9 +98,9 @@ class ReferenceMap:
         self._in_memory.append(Picture(packed, thumbnail))
         self._places.append(place, known_descriptor)
 
-    def begin_session(self, start_ns: int, camera: Camera | None = None) -> None:
+    def begin_session(self, start_ns: int, camera: Camera | None = None, name: str = '') -> None:
         """Have what is added from now on belong to another drive, which begins at a stamp."""
-        self.sessions.append(MapSession(str(uuid4()), '', start_ns, camera))
+        self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera))
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
         """Return the packed cells of a place."""

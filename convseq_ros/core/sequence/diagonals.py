@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
 Rows = Sequence[Row | None]  # newest first; None for an uninformative frame
 Values = npt.NDArray[Any]
+ONE_SESSION = SessionBounds()
 
 
 def diagonal(length: int, velocity: float = 1.0) -> list[int]:
@@ -19,38 +21,51 @@ def diagonal(length: int, velocity: float = 1.0) -> list[int]:
     return [int(offset * velocity + 0.5) for offset in range(length)]
 
 
-def pairs_along(rows: Rows, ends: Indices, steps: Sequence[int], dtype: Any = None) -> Values:
+def pairs_along(
+    rows: Rows,
+    ends: Indices,
+    steps: Sequence[int],
+    dtype: Any = None,
+    bounds: SessionBounds = ONE_SESSION,
+) -> Values:
     """Return the pair scores (k, n) on diagonals, k steps each, by their ends; NaN for none."""
-    met = ends - np.array(steps, np.int64)[:, None]
+    met, firsts = ends - np.array(steps, np.int64)[:, None], bounds.firsts(ends)
     pairs = np.full(met.shape, np.nan, dtype)
     for scores, row, indices in zip(pairs, rows, met, strict=True):
         if row is not None and len(row):
             scores[:] = row.take(indices, mode='clip')
-            scores[(indices < 0) | (indices >= len(row))] = np.nan
+            scores[(indices < firsts) | (indices >= len(row))] = np.nan
     return pairs
 
 
 def sequence_scores(
-    rows: Rows, velocity: float = 1.0, ends: Indices | None = None, partial: bool = False
+    rows: Rows,
+    velocity: float = 1.0,
+    ends: Indices | None = None,
+    partial: bool = False,
+    bounds: SessionBounds = ONE_SESSION,
 ) -> Values:
     """
     Return how well a sequence of k frames matches each reference, (R,), or those at `ends`, (n,).
 
-    The mean of pair scores along each diagonal (III-G), -inf where it leaves the map, the newest
-    pair has no score, or less than half of the pairs have one. `velocity` is how many references
-    pass while one frame does, 1 in the paper; `ends` are ascending. If `partial`, up to half of
-    the pairs may lie off the map or lack scores, and then count as the mean of their row's known
-    ones, here or, where all references are asked for, of the whole row: a place is found sooner
-    after the start. ValueError if the newest frame has no scores; older rows may be shorter.
+    The mean of pair scores along each diagonal (III-G), -inf where it leaves its session, the
+    newest pair has no score, or less than half of the pairs have one. `velocity` is how many
+    references pass while one frame does, 1 in the paper; `ends` are ascending. If `partial`, up to
+    half of the pairs may lie off the session or lack scores, and then count as the mean of their
+    row's known ones, here or, where all references are asked for, of the whole row: a place is
+    found sooner after the start. ValueError if the newest frame has no scores; older rows may be
+    shorter.
     """
     if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')
     steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
     ends = every if ends is None else ends
     if partial and len(ends) == len(every):
-        found: Values = kernels_of(__package__).partial_scores(rows, np.array(steps))
+        found: Values = kernels_of(__package__).partial_scores(
+            rows, np.array(steps), bounds.starts
+        )
         return found
-    pairs = pairs_along(rows, ends, steps, np.float64)
+    pairs = pairs_along(rows, ends, steps, np.float64, bounds)
     known = np.isfinite(pairs)
     number = known.sum(axis=0)
     scored = known[0] & (2 * number >= len(rows))
@@ -59,6 +74,6 @@ def sequence_scores(
         number = np.full(len(ends), sum(row is not None for row in rows))
     else:
         expected[:] = 0
-        scored &= ends >= steps[-1]
+        scored &= ends - bounds.firsts(ends) >= steps[-1]
     total = np.where(known, pairs, expected[:, None]).sum(axis=0)
     return np.divide(total, number, out=np.full(len(ends), -np.inf), where=scored)

@@ -5,15 +5,15 @@
 enum { ENDS = 512 }; // of diagonals at a time: what rows hold of them stays in the nearest cache
 
 // Add up the pairs on diagonals, by their ends, and count those that are known; others, outside a
-// row or not numbers, count as expected. No newest pair, no score.
+// row or before the session's start, or not numbers, count as expected. No newest pair, no score.
 static void add_up(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                   const float *expected, intptr_t frames, intptr_t first, intptr_t ends,
-                   float *restrict sums, int32_t *restrict known)
+                   const float *expected, intptr_t start, intptr_t frames, intptr_t first,
+                   intptr_t ends, float *restrict sums, int32_t *restrict known)
 {
     for (intptr_t place = 0; place < ends; place++)
         sums[place] = 0, known[place] = 0;
     for (intptr_t frame = 0; frame < frames; frame++) {
-        intptr_t least = steps[frame] > first ? steps[frame] - first : 0;
+        intptr_t least = start + steps[frame] > first ? start + steps[frame] - first : 0;
         intptr_t most = lengths[frame] + steps[frame] - first;
         const float *restrict row = rows[frame] + (first - steps[frame]);
         const float usual = expected[frame];
@@ -33,24 +33,33 @@ static void add_up(const float *const *rows, const intptr_t *lengths, const intp
     }
 }
 
+// Return where a session ends: where the next one, or the newest row, does.
+static intptr_t end_of(intptr_t session, const int64_t *starts, intptr_t sessions, intptr_t length)
+{
+    int next = session + 1 < sessions && starts[session + 1] < length;
+    return next ? (intptr_t)starts[session + 1] : length;
+}
+
 // Write the highest and the mean score at each velocity, and how many diagonals have one: those
-// that end from `reaches` on, with so many known pairs at least. steps: [velocities][frames];
-// expected: zeros.
+// that end `reaches` after their session's start or later, with so many known pairs at least.
+// steps: [velocities][frames]; expected: zeros.
 KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-              const float *expected, const intptr_t *reaches, intptr_t velocities,
-              intptr_t frames, intptr_t fewest, float *highest, double *means, int64_t *counts)
+              const float *expected, const int64_t *starts, intptr_t sessions,
+              const intptr_t *reaches, intptr_t velocities, intptr_t frames, intptr_t fewest,
+              float *highest, double *means, int64_t *counts)
 {
     float sums[ENDS + LANES];
     int32_t known[ENDS + LANES];
     for (intptr_t velocity = 0; velocity < velocities; velocity++)
         highest[velocity] = -INFINITY, means[velocity] = 0, counts[velocity] = 0;
-    for (intptr_t block = 0; block < lengths[0]; block += ENDS)
+    for (intptr_t session = 0, block = 0, start = 0; block < lengths[0];) {
+        intptr_t end = end_of(session, starts, sessions, lengths[0]);
+        intptr_t last = block + ENDS < end ? block + ENDS : end;
         for (intptr_t velocity = 0; velocity < velocities; velocity++) {
-            intptr_t first = block > reaches[velocity] ? block : reaches[velocity];
-            intptr_t last = block + ENDS < lengths[0] ? block + ENDS : lengths[0];
+            intptr_t reach = start + reaches[velocity], first = block > reach ? block : reach;
             if (first >= last)
                 continue;
-            add_up(rows, lengths, steps + velocity * frames, expected, frames, first,
+            add_up(rows, lengths, steps + velocity * frames, expected, start, frames, first,
                    last - first, sums, known);
             for (intptr_t behind = last - first; behind < last - first + LANES; behind++)
                 sums[behind] = 0, known[behind] = 0;
@@ -72,6 +81,10 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
             for (int sum = 0; sum < 16; sum++)
                 means[velocity] += (double)totals[sum / LANES][sum % LANES];
         }
+        if (last == end)
+            session++, start = end;
+        block = last;
+    }
     for (intptr_t velocity = 0; velocity < velocities; velocity++)
         if (counts[velocity])
             means[velocity] /= (double)counts[velocity];
@@ -82,15 +95,20 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
 
 // Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs.
 KERNEL(partial_scores)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                       const float *expected, intptr_t frames, intptr_t fewest, float *scores)
+                       const float *expected, const int64_t *starts, intptr_t sessions,
+                       intptr_t frames, intptr_t fewest, float *scores)
 {
     int32_t known[ENDS];
-    for (intptr_t first = 0; first < lengths[0]; first += ENDS) {
-        intptr_t ends = lengths[0] - first < ENDS ? lengths[0] - first : ENDS;
-        add_up(rows, lengths, steps, expected, frames, first, ends, scores + first, known);
+    for (intptr_t session = 0, first = 0, start = 0; first < lengths[0];) {
+        intptr_t end = end_of(session, starts, sessions, lengths[0]);
+        intptr_t ends = end - first < ENDS ? end - first : ENDS;
+        add_up(rows, lengths, steps, expected, start, frames, first, ends, scores + first, known);
         for (intptr_t place = 0; place < ends; place++)
             scores[first + place] =
                 known[place] >= fewest ? scores[first + place] / (float)frames : -INFINITY;
+        first += ends;
+        if (first == end)
+            session++, start = end;
     }
     return 0;
 }

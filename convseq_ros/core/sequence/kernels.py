@@ -7,18 +7,23 @@ import ctypes
 from typing import Any
 
 from convseq_ros.core.compiled import array, kernel, SIZE
-from convseq_ros.core.sequence.numpy_kernels import mean_score
-from convseq_ros.core.types import Row
+from convseq_ros.core.sequence.numpy_kernels import mean_score, ONE
+from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
 _SIZES = array(np.intp)
 _ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4')  # addresses, lengths, steps, expected scores
-_peaks = kernel('peaks', *_ROWS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i8'))
-_partial_scores = kernel('partial_scores', *_ROWS, SIZE, SIZE, array('f4'))
+_STARTS = array('i8'), SIZE
+_peaks = kernel(
+    'peaks', *_ROWS, *_STARTS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i8')
+)
+_partial_scores = kernel('partial_scores', *_ROWS, *_STARTS, SIZE, SIZE, array('f4'))
 
 
-def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+def peaks(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> npt.NDArray[np.float64]:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
     highest = np.empty(len(steps), np.float32)
@@ -26,18 +31,21 @@ def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArra
     reaches, met = np.ascontiguousarray(steps[:, -1]), np.ascontiguousarray(steps[:, there])
     expected, fewest = np.zeros(len(shown), np.float32), max(1, -(-len(rows) // 2))
     _peaks(
-        _addresses(shown), lengths, met, expected, reaches, *met.shape, fewest, highest, means,
-        counts,
+        _addresses(shown), lengths, met, expected, starts, len(starts), reaches, *met.shape,
+        fewest, highest, means, counts,
     )  # fmt: skip
     return np.column_stack((highest, means, counts))
 
 
-def partial_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
+def partial_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> Row:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
     expected = np.array([mean_score(row) for row in shown], np.float32)
     scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
-    _partial_scores(_addresses(shown), lengths, steps[there], expected, len(shown), fewest, scores)
+    given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
+    _partial_scores(*given, len(shown), fewest, scores)
     return scores
 
 

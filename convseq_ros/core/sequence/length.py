@@ -3,10 +3,10 @@
 """How many frames are matched together (paper III-A, E, F)."""
 
 from collections.abc import Callable, Sequence
+from statistics import fmean
 
 from convseq_ros.config import SequenceConfig
 from convseq_ros.core.types import Descriptor
-import numpy as np
 
 
 def choose_length(
@@ -35,14 +35,14 @@ def choose_length(
         other = outward[length - 1]
         return not other.informative or similarity(outward[0], other) >= config.overlap_threshold
 
-    def plain(length: int) -> bool:
-        entropies = [frame.entropy for frame in outward[:length] if frame.informative]
-        return bool(np.mean(entropies) <= config.entropy_threshold)
-
     available, length = len(outward), config.fixed_length or config.min_length
     if not config.fixed_length:
         while length < config.max_overlap_length and length <= available and overlaps(length):
             length += 1
-        while length < config.max_length and length <= available and plain(length):
+        entropies = [one.entropy for one in outward[:length] if one.informative]
+        while length < config.max_length and length <= available:
+            if fmean(entropies) > config.entropy_threshold:
+                break
+            entropies += [one.entropy for one in outward[length : length + 1] if one.informative]
             length += 1
     return length if length <= available else None

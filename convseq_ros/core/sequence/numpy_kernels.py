@@ -2,14 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `kernels` computes, by NumPy: the oracle, and the fallback where nothing is compiled."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-from convseq_ros.core.types import Row
+from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
+ONE = np.zeros(1, np.int64)  # session, which begins at 0
 
-def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+
+def peaks(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> npt.NDArray[np.float64]:
     """
     Return the highest and the mean of a sequence's scores at each velocity, and their count.
 
@@ -19,39 +24,44 @@ def peaks(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> npt.NDArra
         Pair scores, newest first, which is not None; NaN for none, older rows may be shorter.
     steps : ndarray of intp, shape (V, k)
         How many references before its end each diagonal meets each frame, ascending.
+    starts : ndarray of int64, shape (S,)
+        Where sessions begin, ascending, the first at 0; no diagonal leaves its own.
 
     Returns
     -------
     ndarray of float64, shape (V, 3)
-        Of the diagonals inside the map whose newest pair has a score, and half of all pairs; 0
+        Of the diagonals inside a session whose newest pair has a score, and half of all pairs; 0
         where there is none.
 
     """
-    newest, found = rows[0], np.zeros((len(steps), 3))
-    assert newest is not None
-    shown = [
-        (frame, np.nan_to_num(row), np.isfinite(row))
-        for frame, row in enumerate(rows)
-        if row is not None
-    ]
-    for velocity, own in enumerate(steps.tolist()):
-        count, reach = len(newest), own[-1]
-        if reach >= count:
-            continue
-        total, known = np.zeros((2, count - reach), np.float32)
-        for frame, row, there in shown:
-            met = slice(reach - own[frame], count - own[frame])
-            end = len(row[met])
-            total[:end] += row[met]
-            known[:end] += there[met]
-        scored = np.isfinite(newest[reach:]) & (known > 0) & (2 * known >= len(rows))
-        scores = total[scored] / known[scored]
+    found = np.zeros((len(steps), 3))
+    for velocity, own in enumerate(steps):
+        scores = np.concatenate([_scores_inside(part, own) for part in _by_session(rows, starts)])
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
     return found
 
 
-def partial_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
+def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
+    """Return the scores of diagonals inside one session, of those that have one."""
+    newest, reach = rows[0], steps[-1]
+    assert newest is not None
+    if reach >= len(newest):
+        return np.zeros(0, np.float32)
+    total, known = np.zeros((2, len(newest) - reach), np.float32)
+    for row, step in zip(rows, steps, strict=True):
+        if row is not None:
+            met = row[reach - step : len(newest) - step]
+            there = np.isfinite(met)
+            total[: len(met)] += np.where(there, met, np.float32(0))
+            known[: len(met)] += there
+    scored = np.isfinite(newest[reach:]) & (known > 0) & (2 * known >= len(rows))
+    return np.asarray(total[scored] / known[scored], np.float32)
+
+
+def partial_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> Row:
     """
     Return what `sequence_scores` does of partial windows, (R,), for all references.
 
@@ -61,15 +71,33 @@ def partial_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> R
         As for `peaks`.
     steps : ndarray of intp, shape (k,)
         As one row of those of `peaks`.
+    starts : ndarray of int64, shape (S,)
+        As for `peaks`; the mean of a row is that of all sessions.
 
     """
+    means = [0 if row is None else mean_score(row) for row in rows]
+    return np.concatenate(
+        [_partial_scores(part, steps, means) for part in _by_session(rows, starts)]
+    )
+
+
+def _by_session(rows: Sequence[Row | None], starts: Indices) -> Iterator[list[Row | None]]:
+    """Yield the part of rows that each session has."""
+    ends = [*starts[1:].tolist(), None]
+    for start, end in zip(starts.tolist(), ends, strict=True):
+        yield [None if row is None else row[start:end] for row in rows]
+
+
+def _partial_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], means: Sequence[Any]
+) -> Row:
     newest = rows[0]
     assert newest is not None
     total, known = np.zeros((2, len(newest)), np.float32)
-    for row, step in zip(rows, steps.tolist(), strict=True):
+    for row, mean, step in zip(rows, means, steps.tolist(), strict=True):
         if row is not None:
             met = total[step : step + len(row)]
-            own, mean = row[: len(met)], mean_score(row)
+            own = row[: len(met)]
             there = np.isfinite(own)
             total[:step] += mean
             met += np.where(there, own, mean)

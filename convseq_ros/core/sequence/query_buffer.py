@@ -9,8 +9,9 @@ from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification, verify
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores, Values
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.types import Candidate, Descriptor, Indices, Row
 import numpy as np
 
@@ -39,14 +40,16 @@ class BufferedFrame:
 
 class QueryBuffer:
     """
-    Keeps the last frames, and scores each pair once; `partial` is as for `sequence_scores`.
+    Keeps the last frames, and scores each pair once; otherwise as for `sequence_scores`.
 
     `frame`, the newest one's number, goes on when emptied; `pairs_scored` counts since that frame.
     """
 
-    def __init__(self, matcher: Matcher, partial: bool) -> None:
+    def __init__(
+        self, matcher: Matcher, partial: bool, bounds: SessionBounds = ONE_SESSION
+    ) -> None:
         self.frame = self.pairs_scored = 0
-        self._matcher, self._partial = matcher, partial
+        self._matcher, self._partial, self.bounds = matcher, partial, bounds
         self._frames: deque[BufferedFrame] = deque()
 
     def __len__(self) -> int:
@@ -60,6 +63,11 @@ class QueryBuffer:
     def outward(self) -> list[BufferedFrame]:
         """All frames, newest first."""
         return list(reversed(self._frames))
+
+    @property
+    def descriptors(self) -> list[Descriptor]:
+        """What all frames show, newest first."""
+        return [one.descriptor for one in self.outward]
 
     @property
     def row(self) -> Row | None:
@@ -110,7 +118,7 @@ class QueryBuffer:
 
     def approximate_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored."""
-        return sequence_scores(self.rows[:length], velocity, ends, partial=self._partial)
+        return sequence_scores(self.rows[:length], velocity, ends, self._partial, self.bounds)
 
     def best_scores(self, length: int, ends: Indices, velocity: float = 1.0) -> Values:
         """Return scores that are exact for the 8 best at most, those within 0.02 of the best."""
@@ -159,7 +167,8 @@ class QueryBuffer:
         self, count: int, ends: Indices, velocity: float
     ) -> Iterator[tuple[BufferedFrame, Features, Row, Indices]]:
         """Yield each newest frame that shows something, with the references that it meets."""
+        firsts = self.bounds.firsts(ends)
         for step, one in zip(diagonal(count, velocity), self.outward, strict=False):
             if one.row is not None and one.features is not None:
                 met = ends - step
-                yield one, one.features, one.row, met[(met >= 0) & (met < len(one.row))]
+                yield one, one.features, one.row, met[(met >= firsts) & (met < len(one.row))]

@@ -5,8 +5,15 @@
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.diagonals import diagonal, Rows, sequence_scores, Values
+from convseq_ros.core.sequence.diagonals import (
+    diagonal,
+    ONE_SESSION,
+    Rows,
+    sequence_scores,
+    Values,
+)
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.sequence.velocity import ConstantVelocity, VelocitySearch
 from convseq_ros.core.types import Descriptor, Indices
@@ -65,7 +72,8 @@ class ShortlistSearch(ExhaustiveSearch):
 
     def __init__(self, velocity: ConstantVelocity, reference_map: ReferenceMap, k: int) -> None:
         super().__init__(velocity)
-        self._coarse, self._shortlist = CoarseScores(reference_map), Shortlist(k)
+        self._coarse = CoarseScores(reference_map)
+        self._shortlist = Shortlist(k, reference_map.bounds)
 
     def reset(self) -> None:
         for stage in (self._velocity, self._coarse, self._shortlist):
@@ -108,8 +116,8 @@ class ShortlistSearch(ExhaustiveSearch):
 class Shortlist:
     """Lists the sequence end indices of best coarse scores; a quarter of them are rivals."""
 
-    def __init__(self, length: int) -> None:
-        self._length = length
+    def __init__(self, length: int, bounds: SessionBounds = ONE_SESSION) -> None:
+        self._length, self._bounds = length, bounds
         self.reset()
 
     def reset(self) -> None:
@@ -118,19 +126,19 @@ class Shortlist:
 
     def update(self, rows: Rows, rival_distance: int, velocity: float = 1.0) -> Indices:
         """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
-        scores = sequence_scores(rows, velocity, partial=True)
+        scores = sequence_scores(rows, velocity, partial=True, bounds=self._bounds)
         old, before, verified = (self._listed, self._verified), _NONE, _NONE
         for step, row in zip(diagonal(len(rows), velocity), rows, strict=True):
             if row is not None and row is self._newest:
                 # Where diagonals that were listed for this frame end now.
-                before, verified = (ends[ends < len(scores) - step] + step for ends in old)
+                before, verified = (self._later(ends, step, len(scores)) for ends in old)
                 break
         self._verified = _NONE
         finite = np.isfinite(scores)
         if len(before) and finite.any():
             scores[before] += SHORTLIST.hysteresis * scores[finite].std()
             scores[verified] += np.ptp(scores[finite])
-        listed = _best(scores, self._length, rival_distance)
+        listed = self._best(scores, self._length, rival_distance)
         if len(before):
             new = [index for index in listed if index not in before]
             listed = list(set(listed).difference(new[self._length // SHORTLIST.admission :]))
@@ -139,40 +147,46 @@ class Shortlist:
 
     def top(self, rows: Rows, rival_distance: int, velocity: float, length: int) -> Indices:
         """Return the best so many sequence end indices, ascending, whatever was listed before."""
-        scores = sequence_scores(rows, velocity, partial=True)
-        return np.array(sorted(_best(scores, length, rival_distance)), np.int64)
+        scores = sequence_scores(rows, velocity, partial=True, bounds=self._bounds)
+        return np.array(sorted(self._best(scores, length, rival_distance)), np.int64)
 
     def verify(self, ends: Indices, scores: Values) -> None:
         """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
 
+    def _later(self, ends: Indices, step: int, usable: int) -> Indices:
+        """Return places so many further on in their sessions, of those that have such a one."""
+        later = ends + step
+        there = self._bounds.firsts(later) == self._bounds.firsts(ends)
+        return later[there & (later < usable)]
+
+    def _best(self, scores: Values, length: int, rival_distance: int) -> list[int]:
+        """Return the best, and for the last quarter the best elsewhere; uses scores up."""
+        elsewhere = length // SHORTLIST.elsewhere
+        best = _top(scores, length - elsewhere)
+        best = best[np.argsort(-scores[best], kind='stable')][: length - elsewhere]
+        listed = best[np.isfinite(scores[best])].tolist()
+        passed = list(listed)
+        for _ in range(elsewhere):
+            for index in passed:
+                near = self._bounds.around(index, rival_distance)
+                scores[near.start : near.stop] = -np.inf
+            passed = [int(scores.argmax())]
+            if not np.isfinite(scores[passed[0]]):
+                break
+            listed += passed
+        return listed
+
 
 def make_search(reference_map: ReferenceMap, config: Config) -> ExhaustiveSearch:
     """Return the search that a configuration asks for."""
     matching = config.matching
     follows = matching.velocity_search and matching.matching == 'coherent'
-    velocity = VelocitySearch() if follows else ConstantVelocity()
+    velocity = VelocitySearch(reference_map.bounds) if follows else ConstantVelocity()
     if matching.search == 'exhaustive':
         return ExhaustiveSearch(velocity)
     return ShortlistSearch(velocity, reference_map, matching.shortlist_length)
-
-
-def _best(scores: Values, length: int, rival_distance: int) -> list[int]:
-    """Return the best, and for the last quarter the best elsewhere; uses scores up."""
-    elsewhere = length // SHORTLIST.elsewhere
-    best = _top(scores, length - elsewhere)
-    best = best[np.argsort(-scores[best], kind='stable')][: length - elsewhere]
-    listed = best[np.isfinite(scores[best])].tolist()
-    passed = list(listed)
-    for _ in range(elsewhere):
-        for index in passed:
-            scores[max(0, index - rival_distance) : index + rival_distance + 1] = -np.inf
-        passed = [int(scores.argmax())]
-        if not np.isfinite(scores[passed[0]]):
-            break
-        listed += passed
-    return listed
 
 
 def _top(scores: Values, most: int) -> Indices:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
-from convseq_ros.core.sequence.diagonals import diagonal, Rows, Values
+from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Rows, Values
 import numpy as np
 
 
@@ -43,7 +44,8 @@ class VelocitySearch(ConstantVelocity):
     What is averaged is a cube: frames that know their place outvote those that are in no map.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, bounds: SessionBounds = ONE_SESSION) -> None:
+        self._bounds = bounds
         self.reset()
 
     def reset(self) -> None:
@@ -58,7 +60,8 @@ class VelocitySearch(ConstantVelocity):
         """
         if len(rows) >= VELOCITY.shortest and rows[0] is not None:
             steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
-            highest, mean, counts = kernels_of(__package__).peaks(rows, steps).T
+            found = kernels_of(__package__).peaks(rows, steps, self._bounds.starts)
+            highest, mean, counts = found.T
             if counts[0] >= VELOCITY.fewest_sequences:
                 now = (highest - mean) ** VELOCITY.power
                 if not self._prominence.any():

@@ -89,8 +89,9 @@ class Background(NoBackground):
         A frame still much like the last that counted does not count; the map's background counts
         as 5 frames. None as long as the map has none.
         """
-        alike = BACKGROUND.still_alike * len(regions)
-        if self._last is None or np.vdot(regions.astype(np.float64), self._last) < alike:
+        alike, last = BACKGROUND.still_alike * len(regions), self._last
+        # Not by BLAS, whose threads take longer to share so few products than one takes for all.
+        if last is None or np.einsum('ij,ij', regions, last, dtype=np.float64) < alike:
             self._last, self._sum = regions, self._sum + regions
             self._frames += 1
         if self.of_map is None:

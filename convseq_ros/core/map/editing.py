@@ -1,0 +1,146 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps made of the sessions of other maps; places are copied as they are stored."""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from convseq_ros.core.map.database import explained
+from convseq_ros.core.map.format import kept_of, MapSession, row_crc
+from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.opening import open_to_write
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.replacing import replaced
+from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.errors import MapError
+
+Watch = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
+
+_AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
+_MOST_SAID = 40  # characters of a setting; a mask has thousands
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A session of a map, to be put into another."""
+
+    path: Path  # of the map
+    reference_map: ReferenceMap
+    number: int  # of the session in it
+    name: str  # that it shall have
+
+    @property
+    def session(self) -> MapSession:
+        """What is stored of it."""
+        return replace(self.reference_map.sessions[self.number], name=self.name)
+
+    @property
+    def places(self) -> range:
+        """The places that it has in its map."""
+        own = self.reference_map
+        for start, end in pairwise([*own.bounds.starts.tolist(), len(own)]):
+            if start < end and own.places[start].session == self.number:
+                return range(start, end)
+        return range(0)
+
+
+def parts_of(path: Path) -> list[Part]:
+    """Return the sessions of a map file that have places; MapError if it cannot be opened."""
+    opened = MapReader(path).reference_map()
+    parts = [Part(path, opened, *one) for one in enumerate(names(opened.sessions, path.stem))]
+    return [part for part in parts if part.places]
+
+
+def names(sessions: Sequence[MapSession], usual: str) -> list[str]:
+    """Return what sessions are called; those without a name after their map."""
+    nameless = [number for number, one in enumerate(sessions) if not one.name]
+    ends = [''] if len(nameless) == 1 else [f'-{number + 1}' for number in nameless]
+    found = [one.name for one in sessions]
+    for number, end in zip(nameless, ends, strict=True):
+        found[number] = f'{usual}{end}'
+    return found
+
+
+def chosen_part(parts: Sequence[Part], said: str) -> Part:
+    """Return the session of a name, an id or a number; MapError, naming all, if none is."""
+    for key in ('name', 'id'):
+        found = [part for part in parts if getattr(part.session, key) == said]
+        if len(found) == 1:
+            return found[0]
+    numbered = [part for part in parts if str(part.number) == said]
+    if not numbered:
+        known = ', '.join(f'{part.number} {part.name!r}' for part in parts)
+        raise MapError(f'{parts[0].path}: no one session is {said!r}; it has {known}')
+    return numbered[0]
+
+
+def refuse_unlike(parts: Sequence[Part]) -> None:
+    """Raise MapError if parts were made with different settings, or one of them is there twice."""
+    first, seen = parts[0], dict[str, Part]()
+    for part in parts:
+        made = _settings(part.reference_map)
+        for name, wanted in _settings(first.reference_map).items():
+            if made[name] != wanted:
+                told = (f'{str(one)[:_MOST_SAID]!r}' for one in (made[name], wanted))
+                raise MapError(
+                    f'{part.path}: made with {name} {next(told)}, {first.path} with '
+                    f'{next(told)}; build one of them again with the settings of the other'
+                )
+        if before := seen.get(part.session.id):
+            raise MapError(
+                f'{part.path}: its session {part.name!r} is in {before.path} already, by its id '
+                f'{part.session.id}; a map holds a session once: leave one out'
+            )
+        seen[part.session.id] = part
+
+
+def _settings(reference_map: ReferenceMap) -> dict[str, object]:
+    """Return what makes a map's places, by name."""
+    return kept_of(reference_map.encoding) | reference_map.keyframes.spacing
+
+
+def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool = False) -> int:
+    """
+    Write sessions as one map, in their order, whole or not at all; return its places.
+
+    MapError if they were made with different settings or one is there twice, if there is a map
+    of this name already, unless it `replaces` that, or if another program adds to it or the disk
+    is full.
+    """
+    refuse_unlike(parts)
+    with replaced(path) as part_file:
+        if not replaces and path.exists():
+            raise MapError(f'{path}: exists already; name another file')
+        own = parts[0].reference_map
+        every = [(number, at) for number, part in enumerate(parts) for at in part.places]
+        with MapWriter(part_file, own.encoding, own.keyframes) as writer:
+            for part in parts:
+                writer.add_session(part.session)
+            for start in watch(range(0, len(every), _AT_ONCE)):
+                _copy(writer, parts, every[start : start + _AT_ONCE])
+        return writer.committed
+
+
+def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, int]]) -> None:
+    for number in dict.fromkeys(number for number, _ in some):
+        own = parts[number].reference_map
+        indices = [at for of, at in some if of == number]
+        pictures = own.pictures(indices, with_images=True)
+        for index, picture in zip(indices, pictures, strict=True):
+            place = replace(own.places[index], session=number)
+            writer.add(place, picture, own.global_descriptors[index])
+
+
+def rename_session(part: Part) -> None:
+    """Give a session the name of a part, in its file; MapError if another program adds to it."""
+    row = part.number, *part.session.row
+    with MapLock(part.path), explained(part.path), closing(open_to_write(part.path)) as database:
+        with database.transaction('IMMEDIATE'):
+            database.rows(
+                'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
+                (part.name, row_crc(row), part.number, part.session.id),
+            )

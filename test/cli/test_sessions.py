@@ -1,0 +1,216 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`convseq merge`, `split`, `remove` and `rename`: exact, whole or not at all, one line if not."""
+
+from dataclasses import replace
+import json
+import resource
+import signal
+
+from convseq_ros.cli import main
+from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Camera, Frame, Pose
+import cv2
+import numpy as np
+import pytest
+
+DRIVES, PLACES = 10, 14
+CONFIG = Config(encoding=EncodingConfig(image_size_px=256))
+AHEAD = (0.0, 0.0, 0.0, 1.0)
+
+
+def shown(place, seed):
+    """Return what a place looks like (96, 128), with noise by a seed."""
+    coarse = np.random.default_rng(place).random((20, 20)).astype(np.float32)
+    noise = np.random.default_rng([place, seed]).random((96, 128))
+    return ((cv2.resize(coarse, (128, 96)) + noise / 2) * 150).astype(np.uint8)
+
+
+def frames(drive, count=PLACES):
+    """Return a drive; three drives in turn share a way, stamps overlap, each has its poses."""
+    for index in range(count):
+        pose = Pose((float(index), float(drive), 0.0), AHEAD) if drive % 2 else None
+        place = 100 * (drive % 3) + index
+        camera = Camera(128, 96, 90.0 + drive, 90.0, 64.0, 48.0)
+        yield Frame(10**12 + index * 10**9, shown(place, drive), f'{drive}', pose, camera=camera)
+
+
+@pytest.fixture(scope='module')
+def maps(tmp_path_factory):
+    """Return a folder with a map of each drive, and one of all of them."""
+    folder = tmp_path_factory.mktemp('maps')
+    for drive in range(DRIVES):
+        for path, append in ((f'drive{drive}.db', False), ('whole.db', drive > 0)):
+            with MapBuilder(folder / path, CONFIG, append, f'drive {drive}') as builder:
+                for frame in frames(drive):
+                    builder.process(frame)
+    return folder
+
+
+@pytest.fixture
+def run(capsys):
+    """Return a way to run a command, which gives its exit code and what it said."""
+
+    def command(*arguments):
+        code = main([str(one) for one in arguments])
+        said = capsys.readouterr()
+        return code, said.out + said.err
+
+    return command
+
+
+@pytest.fixture
+def two(maps, tmp_path, run):
+    """Return a map of two sessions."""
+    path = tmp_path / 'two.db'
+    assert run('merge', maps / 'drive0.db', maps / 'drive1.db', '-o', path)[0] == 0
+    return path
+
+
+def held(path):
+    """Return all that a map holds of its places, and of its sessions but their ids."""
+    opened = open_map(path)
+    pictures = opened.pictures(range(len(opened)), with_images=True)
+    return (
+        opened.places[:],
+        [(one.packed.tobytes(), one.thumbnail, one.image) for one in pictures],
+        opened.global_descriptors.tobytes(),
+        [replace(session, id='') for session in opened.sessions],
+    )
+
+
+def answers(path):
+    """Return what the recogniser says of two drives: all of every match."""
+    found = []
+    for drive in (20, 21):
+        recognizer = PlaceRecognizer(open_map(path), CONFIG)
+        found += [recognizer.process(frame) for frame in frames(drive)]
+    return found
+
+
+def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path, run):
+    parts = [maps / f'drive{drive}.db' for drive in range(DRIVES)]
+    before = [path.read_bytes() for path in parts]
+    code, said = run('merge', *parts, '-o', tmp_path / 'merged.db')
+    assert code == 0 and f'{DRIVES * PLACES} references' in said and '9 drive 9: 14 of' in said
+    assert [path.read_bytes() for path in parts] == before
+    assert held(tmp_path / 'merged.db') == held(maps / 'whole.db')
+    ours, theirs = answers(tmp_path / 'merged.db'), answers(maps / 'whole.db')
+    assert sum(one.accepted is not None for one in ours) >= PLACES
+    for one, other in zip(ours, theirs, strict=True):
+        assert np.array_equal(one.relative_pose is None, other.relative_pose is None)
+        assert replace(one, relative_pose=None) == replace(other, relative_pose=None)
+
+
+def test_what_was_merged_is_split_again(two, maps, tmp_path, run):
+    code, said = run('split', two, '-o', tmp_path / 'parts')
+    assert code == 0 and 'drive_1.db: 14 references' in said
+    for drive in (0, 1):
+        assert held(tmp_path / 'parts' / f'drive_{drive}.db') == held(maps / f'drive{drive}.db')
+    code, said = run('split', two, '-o', tmp_path / 'parts')
+    assert code == 0 and 'drive_1-1.db' in said  # nothing is replaced
+    assert run('split', two, '-o', tmp_path / 'parts')[0] == 1
+
+
+def test_a_session_is_removed(two, maps, run):
+    code, said = run('remove', two, '--session', 'drive 0', '--json')
+    (told,) = json.loads(said)
+    assert code == 0 and [one['name'] for one in told['sessions']] == ['drive 1']
+    assert held(two) == held(maps / 'drive1.db')
+    code, said = run('remove', two, '--session', '0')
+    assert code == 1 and 'nothing would be left' in said and held(two)
+
+
+def test_a_session_is_renamed_and_told(two, run):
+    before = held(two)
+    assert run('rename', two, '--session', '1', 'night, rain')[0] == 0
+    assert held(two)[:3] == before[:3]
+    code, said = run('info', two, '--json')
+    first, second = json.loads(said)['sessions']
+    assert code == 0 and (first['name'], second['name']) == ('drive 0', 'night, rain')
+    assert (second['references'], second['with_pose'], second['path_m']) == (14, 14, 13.0)
+    assert '1 night, rain: 14 references, 14 with a pose, 13.0 m' in run('info', two)[1]
+    for name in ('drive 0', '', 'a\nb'):
+        code, said = run('rename', two, '--session', '1', name)
+        assert code == 1 and said.count('\n') == 1
+
+
+def test_a_session_that_is_not_there_is_one_line_with_those_that_are(two, run):
+    assert run('remove', two, '--session', 'drive') == (
+        1, f"convseq remove: {two}: no one session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
+    )  # fmt: skip
+
+
+def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
+    for append in (False, True):
+        with MapBuilder(tmp_path / 'old.db', CONFIG, append) as builder:
+            for frame in frames(0, 3):
+                builder.process(frame)
+    code, said = run('merge', tmp_path / 'old.db', '-o', tmp_path / 'new.db')
+    assert code == 0 and '0 old-1: 3 of' in said and '1 old-2: 3 of' in said
+
+
+@pytest.mark.parametrize(
+    ('config', 'said'),
+    [
+        (replace(CONFIG, encoding=EncodingConfig(image_size_px=64)), 'made with image_size_px'),
+        (
+            replace(CONFIG, keyframes=KeyframeConfig(keyframe_overlap=1.0)),
+            'made with keyframe_overlap',
+        ),
+    ],
+    ids=['size', 'spacing'],
+)
+def test_maps_of_other_settings_are_refused_with_the_remedy(config, said, maps, tmp_path, run):
+    with MapBuilder(tmp_path / 'other.db', config) as builder:
+        for frame in frames(0, 3):
+            builder.process(frame)
+    code, line = run('merge', maps / 'drive0.db', tmp_path / 'other.db', '-o', tmp_path / 'c.db')
+    assert code == 1 and said in line and 'build one of them again' in line
+    assert not (tmp_path / 'c.db').exists()
+
+
+def test_a_session_goes_into_a_map_once(two, maps, tmp_path, run):
+    code, line = run('merge', two, maps / 'drive1.db', '-o', tmp_path / 'c.db')
+    assert code == 1 and "its session 'drive 1' is in" in line and 'leave one out' in line
+    assert run('merge', two, two, '-o', tmp_path / 'c.db')[0] == 1
+    assert not (tmp_path / 'c.db').exists()
+
+
+def test_no_map_is_replaced_by_a_merge(two, maps, run):
+    before = two.read_bytes()
+    code, line = run('merge', maps / 'drive2.db', '-o', two)
+    assert code == 1 and 'exists already' in line and two.read_bytes() == before
+
+
+@pytest.mark.parametrize('command', [('remove',), ('rename', 'other')])
+def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
+    opened = open_map(two)
+    owner = Autosave(two, opened.encoding, opened.keyframes, append=True)
+    try:
+        name, *more = command
+        code, line = run(name, two, '--session', '0', *more)
+    finally:
+        owner.close()
+    assert code == 1 and 'another program adds to this map' in line and line.count('\n') == 1
+    assert len(open_map(two)) == 2 * PLACES
+
+
+def test_a_full_disk_leaves_all_as_it_was(two, maps, tmp_path, run):
+    before, limits = two.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 3, limits[1]))
+    try:
+        merged = run('merge', two, maps / 'drive2.db', '-o', tmp_path / 'c.db')
+        removed = run('remove', two, '--session', '0')
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, usual)
+    for code, line in (merged, removed):
+        assert code == 1 and 'cannot write' in line and line.count('\n') == 1
+    assert two.read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ['two.db']
