@@ -117,16 +117,16 @@ def open_annotated(
     if poses:
         pose_at = read_pose_file(poses, len(source))
     elif odom:
-        pose_at = _poses_of(path, odom)
-    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info))
+        pose_at = _poses_of(path, odom, reading)
+    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info, reading))
 
 
-def _poses_of(path: Path, odom: str) -> PoseAt:
-    track = PoseTrack(read_poses(path, odom))
+def _poses_of(path: Path, odom: str, reading: ReadingConfig) -> PoseAt:
+    track = PoseTrack(read_poses(path, odom, reading))
     return lambda _index, stamp_ns: track.at(stamp_ns)
 
 
-def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
+def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:
     if not camera_info:
         return None
     file = Path(camera_info)
@@ -134,7 +134,7 @@ def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
         return lambda height, width: read_camera_file(file, height, width)
     if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
-    camera = read_camera(path, camera_info)
+    camera = read_camera(path, camera_info, reading)
     return lambda _height, _width: camera
 
 

@@ -62,7 +62,7 @@ class Recording:
     ) -> None:
         self._path = path
         self._reading = reading
-        self._storages, self.warnings = open_storage(path)
+        self._storages, self.warnings = open_storage(path, reading)
         self._topics = merge_topics(storage.topics for storage in self._storages)
         chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
         self.name = path.resolve().name
@@ -142,7 +142,9 @@ def image_messages(path: Path, topic: str = '') -> Iterator[RawMessage]:
     return Recording(path, topic).messages()
 
 
-def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
+def read_poses(
+    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+) -> list[tuple[int, Pose]]:
     """
     Return the poses of an odometry or pose topic, by time.
 
@@ -153,6 +155,8 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
     topic : str, optional
         Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
         left out if there is only one.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -166,7 +170,7 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
         If there is no such topic, no usable pose, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, POSE_TYPES, '--odom')
+    chosen, messages = messages_of(path, topic, POSE_TYPES, '--odom', reading)
     poses = [
         (message.stamp_ns, pose) for message in messages if (pose := _pose(message)) is not None
     ]
@@ -175,7 +179,7 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
     return sorted(poses, key=lambda item: item[0])
 
 
-def read_camera(path: Path, topic: str = '') -> Camera:
+def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
     """
     Return the camera that a recording describes.
 
@@ -185,6 +189,8 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         A recording.
     topic : str, optional
         Of type sensor_msgs/CameraInfo; may be left out if there is only one.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -197,7 +203,7 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         If there is no such topic, no calibrated camera on it, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info')
+    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
@@ -211,7 +217,11 @@ def read_camera(path: Path, topic: str = '') -> Camera:
 
 
 def messages_of(
-    path: Path, topic: str, types: tuple[str, ...], option: str
+    path: Path,
+    topic: str,
+    types: tuple[str, ...],
+    option: str,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> tuple[str, Iterator[RawMessage]]:
     """
     Return a topic of a recording and its messages.
@@ -222,6 +232,8 @@ def messages_of(
         The recording.
     topic, types, option : str, tuple of str, str
         As for `choose_topic`.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -236,7 +248,7 @@ def messages_of(
         If there is no such topic; while iterating, if the recording is damaged.
 
     """
-    storages, _ = open_storage(path)
+    storages, _ = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     chosen = choose_topic(path, topics, topic, types, option)
     messages = (
