@@ -29,7 +29,7 @@ COMMANDS = {
     'remove': 'take sessions out of a map',
     'rename': 'call a session of a map by another name',
     'convert': 'bring a map of an older format up to date',
-    'fleet': 'build many maps in parallel, on this machine or a cluster of Dask',
+    'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'turn results into one page: tables, charts, pairs of images',

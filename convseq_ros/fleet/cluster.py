@@ -89,7 +89,9 @@ def connected(cluster: Cluster) -> Iterator[Any]:
                 )
             )
         try:
-            client = distributed.Client(address, security=security, timeout=_ANSWERS_WITHIN_S)
+            client = distributed.Client(
+                address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
+            )
         except (OSError, ValueError) as error:
             what = ' '.join(str(error).split())[:200]
             raise FleetError(f'{cluster.scheduler}: no scheduler answers ({what})') from None

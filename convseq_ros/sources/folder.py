@@ -56,6 +56,8 @@ class ImageFolder:
 
     """
 
+    pose_frame = ''
+
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_dir():
             raise SourceError(f'{path}: no such folder; give a folder of pictures')

@@ -3,21 +3,24 @@
 """A ROS recording as a stream of frames, of raw messages, or of poses."""
 
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 import sys
-from typing import Any
+from typing import NamedTuple
 
 from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
     CAMERA_TYPES,
     choose_topic,
+    FIX_TYPES,
     IMAGE_TYPES,
     merge_topics,
     POSE_TYPES,
@@ -56,6 +59,8 @@ class Recording:
         if the file is damaged further on.
 
     """
+
+    pose_frame = ''
 
     def __init__(
         self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
@@ -142,11 +147,21 @@ def image_messages(path: Path, topic: str = '') -> Iterator[RawMessage]:
     return Recording(path, topic).messages()
 
 
-def read_poses(
-    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
-) -> list[tuple[int, Pose]]:
+class Poses(NamedTuple):
+    """Poses by their stamps in nanoseconds, in order of time, and the frame that they are in."""
+
+    stamped: list[tuple[int, Pose]]
+    frame: str = ''  # if other recordings may have poses in the same
+
+
+def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
+    """Return what `read_poses_in` does, without their frame."""
+    return read_poses_in(path, topic).stamped
+
+
+def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Poses:
     """
-    Return the poses of an odometry or pose topic, by time.
+    Return the poses of a topic of odometry, of poses or of satellite fixes.
 
     Parameters
     ----------
@@ -154,15 +169,15 @@ def read_poses(
         A recording.
     topic : str, optional
         Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
-        left out if there is only one.
+        left out if there is only one. Or of sensor_msgs/NavSatFix, as `local_poses` takes it.
     reading : ReadingConfig, optional
         Which chunks are too large.
 
     Returns
     -------
-    list of (int, Pose)
-        Stamp in nanoseconds (of recording, if the header has none) and pose; damaged messages and
-        values that are not finite are left out.
+    Poses
+        With the stamp of recording, if the header has none; damaged messages and values that are
+        not finite are left out.
 
     Raises
     ------
@@ -170,13 +185,14 @@ def read_poses(
         If there is no such topic, no usable pose, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, POSE_TYPES, '--odom', reading)
-    poses = [
-        (message.stamp_ns, pose) for message in messages if (pose := _pose(message)) is not None
-    ]
-    if not poses:
+    chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
+    found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
+    if not found:
         raise SourceError(f'{path}: no pose of {chosen} is whole and finite; choose another topic')
-    return sorted(poses, key=lambda item: item[0])
+    fixes = [one for one in found if isinstance(one, Fix)]
+    if fixes:
+        return Poses(*local_poses(fixes))
+    return Poses([one for one in found if not isinstance(one, Fix)])
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
@@ -260,9 +276,13 @@ def messages_of(
     return chosen.name, messages
 
 
-def _pose(message: RawMessage) -> Pose | None:
+def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:
     try:
-        pose: Any = message.decode().pose
+        decoded = message.decode()
     except ImageError:
         return None
-    return pose_from_message(pose if message.type_name == POSE_TYPES[1] else pose.pose)
+    if message.type_name in FIX_TYPES:
+        return fix_from_message(message.stamp_ns, decoded)
+    own = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
+    pose = pose_from_message(own)
+    return None if pose is None else (message.stamp_ns, pose)

@@ -33,6 +33,8 @@ class Video:
 
     """
 
+    pose_frame = ''
+
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_file():
             raise SourceError(f'{path}: no such file or folder; check the path')
