@@ -90,10 +90,6 @@ class MatchingConfig(Checked):
         'most 2.', low=0, high=256,
     )
 
-    @property
-    def is_coherent(self) -> bool:
-        return self.matching == 'coherent'
-
 
 @dataclass(frozen=True, slots=True)
 class SequenceConfig(Checked):
