@@ -247,6 +247,10 @@ class ReadingConfig(Checked):
         'and takes no memory. Decoding takes 4 to 10 bytes a pixel.',
         unit='Mpx', low=0.01, high=1000.0,
     )
+    max_chunk_mb: float = parameter(
+        256.0, 'A chunk of a recording that declares more is not inflated, nor, of chunks of the '
+        'same time, twice as much. Live images have none.', unit='MB', low=1.0, high=100_000.0,
+    )
 
 
 # fmt: on

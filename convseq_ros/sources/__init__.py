@@ -122,16 +122,16 @@ def open_annotated(
     if poses:
         pose_at = read_pose_file(poses, len(source))
     elif odom:
-        stamped, frame = read_poses_in(path, odom)
+        stamped, frame = read_poses_in(path, odom, reading)
         pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
-    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info), frame)
+    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info, reading), frame)
 
 
 def _track_at(track: PoseTrack) -> PoseAt:
     return lambda _index, stamp_ns: track.at(stamp_ns)
 
 
-def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
+def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:
     if not camera_info:
         return None
     file = Path(camera_info)
@@ -139,7 +139,7 @@ def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
         return lambda height, width: read_camera_file(file, height, width)
     if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
-    camera = read_camera(path, camera_info)
+    camera = read_camera(path, camera_info, reading)
     return lambda _height, _width: camera
 
 

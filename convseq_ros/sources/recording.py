@@ -67,7 +67,7 @@ class Recording:
     ) -> None:
         self._path = path
         self._reading = reading
-        self._storages, self.warnings = open_storage(path)
+        self._storages, self.warnings = open_storage(path, reading)
         self._topics = merge_topics(storage.topics for storage in self._storages)
         chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
         self.name = path.resolve().name
@@ -159,7 +159,7 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
     return read_poses_in(path, topic).stamped
 
 
-def read_poses_in(path: Path, topic: str = '') -> Poses:
+def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Poses:
     """
     Return the poses of a topic of odometry, of poses or of satellite fixes.
 
@@ -170,6 +170,8 @@ def read_poses_in(path: Path, topic: str = '') -> Poses:
     topic : str, optional
         Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
         left out if there is only one. Or of sensor_msgs/NavSatFix, as `local_poses` takes it.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -183,7 +185,7 @@ def read_poses_in(path: Path, topic: str = '') -> Poses:
         If there is no such topic, no usable pose, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom')
+    chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
     found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
     if not found:
         raise SourceError(f'{path}: no pose of {chosen} is whole and finite; choose another topic')
@@ -193,7 +195,7 @@ def read_poses_in(path: Path, topic: str = '') -> Poses:
     return Poses([one for one in found if not isinstance(one, Fix)])
 
 
-def read_camera(path: Path, topic: str = '') -> Camera:
+def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
     """
     Return the camera that a recording describes.
 
@@ -203,6 +205,8 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         A recording.
     topic : str, optional
         Of type sensor_msgs/CameraInfo; may be left out if there is only one.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -215,7 +219,7 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         If there is no such topic, no calibrated camera on it, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info')
+    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
@@ -229,7 +233,11 @@ def read_camera(path: Path, topic: str = '') -> Camera:
 
 
 def messages_of(
-    path: Path, topic: str, types: tuple[str, ...], option: str
+    path: Path,
+    topic: str,
+    types: tuple[str, ...],
+    option: str,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> tuple[str, Iterator[RawMessage]]:
     """
     Return a topic of a recording and its messages.
@@ -240,6 +248,8 @@ def messages_of(
         The recording.
     topic, types, option : str, tuple of str, str
         As for `choose_topic`.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -254,7 +264,7 @@ def messages_of(
         If there is no such topic; while iterating, if the recording is damaged.
 
     """
-    storages, _ = open_storage(path)
+    storages, _ = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     chosen = choose_topic(path, topics, topic, types, option)
     messages = (
