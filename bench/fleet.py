@@ -37,6 +37,7 @@ import numpy as np
 
 from bench import material
 
+FIRST = 2000  # places of the map that holds the street; the others share the rest
 FRAMES = 200  # of the drive through the street
 WARM = 30  # first frames, which do not count: buffers and caches fill
 RECORDINGS, IMAGES = 20, 40  # of `build`
@@ -72,9 +73,9 @@ def resident_mb() -> float:
 
 def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     """Measure frames through a fleet."""
-    each = chosen.places // chosen.maps
-    material.prepare(folder, (each,), FRAMES)
-    first = material.map_path(folder, each)
+    each = (chosen.places - FIRST) // (chosen.maps - 1)
+    material.prepare(folder, (FIRST,), FRAMES)
+    first = material.map_path(folder, FIRST)
     paths = [folder / f'other-{number}.db' for number in range(1, chosen.maps)]
     jobs = {path.name: (first, path, each, at) for at, path in enumerate(paths)}
     jobs = {name: job for name, job in jobs.items() if not job[1].exists()}
@@ -110,7 +111,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 read[0] = rounds[0] = 0
             if match.status is Status.ACCEPTED and match.best:
                 accepted += 1
-                off = abs(match.best.reference_index - material.truth(index, each, FRAMES))
+                off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
                 right += off <= 2
         count = len(took_ms) - WARM - 1
         return {

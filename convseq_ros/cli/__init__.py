@@ -28,6 +28,7 @@ COMMANDS = {
     'split': 'make a map of each session of a map',
     'remove': 'take sessions out of a map',
     'rename': 'call a session of a map by another name',
+    'link': 'recognise each session of a map in the others',
     'convert': 'bring a map of an older format up to date',
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the sessions of other maps; places are copied as they are stored."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
 from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 
 Watch = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
@@ -32,11 +33,14 @@ class Part:
     reference_map: ReferenceMap
     number: int  # of the session in it
     name: str  # that it shall have
+    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
+    frame: str | None = None  # that these are in
 
     @property
     def session(self) -> MapSession:
         """What is stored of it."""
-        return replace(self.reference_map.sessions[self.number], name=self.name)
+        own = self.reference_map.sessions[self.number]
+        return replace(own, name=self.name, frame=self.frame or own.frame)
 
     @property
     def places(self) -> range:
@@ -131,7 +135,8 @@ def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, in
         indices = [at for of, at in some if of == number]
         pictures = own.pictures(indices, with_images=True)
         for index, picture in zip(indices, pictures, strict=True):
-            place = replace(own.places[index], session=number)
+            place, poses = own.places[index], parts[number].poses
+            place = replace(place, pose=poses.get(index, place.pose), session=number)
             writer.add(place, picture, own.global_descriptors[index])
 
 
