@@ -67,6 +67,9 @@ TASKS = {
     'a robot that maps as it goes': Task(
         'tutorials/maps_as_it_goes.md', 3, lambda clone: accepted(clone / 'again.csv') > 50
     ),
+    'many recordings, many maps': Task(
+        'tutorials/fleet.md', 3, lambda clone: accepted(clone / 'fleet.csv') > 50
+    ),
     'an own set against an own descriptor': Task(
         'tutorials/own_network.md', 5, lambda clone: (clone / 'my_report.html').is_file()
     ),

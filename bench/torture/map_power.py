@@ -177,7 +177,7 @@ def _problem(
     try:
         for each, file in sorted(disk.names.items()):
             if file == -1:
-                Path(each).mkdir()
+                Path(each).mkdir(0o700)  # as `tempfile` makes it
             elif Path(each).parent.exists():
                 Path(each).write_bytes(disk.files.get(file, b''))
         SCENARIOS[name].check(path, commits, acknowledged)

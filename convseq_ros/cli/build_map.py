@@ -13,17 +13,11 @@ import time
 from convseq_ros.cli.options import add_annotations, add_parameters, given
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
-from convseq_ros.config import (
-    Config,
-    EncodingConfig,
-    KeyframeConfig,
-    make_config,
-    MotionConfig,
-    ReadingConfig,
-)
+from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
 from convseq_ros.sources import open_annotated
 
@@ -51,6 +45,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add_annotations(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
     parser.add_argument('--session', help='what to call it; by default as the recording')
+    parser.add_argument(
+        '--pose-frame', metavar='NAME', help='frame of its poses, if other sessions share it'
+    )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_settings(parser)
 
@@ -78,6 +75,7 @@ def run(chosen: argparse.Namespace) -> int:
         poses=chosen.poses,
         append=chosen.append,
         session=chosen.session,
+        pose_frame=chosen.pose_frame,
         config=chosen_settings(chosen),
     )
     if chosen.json:
@@ -105,6 +103,7 @@ def build(
     poses: Path | None = None,
     append: bool = False,
     session: str | None = None,
+    pose_frame: str | None = None,
     config: Config = Config(),
     tell: Callable[[str], None] | None = None,
 ) -> Built:
@@ -124,7 +123,7 @@ def build(
     source = open_annotated(recording, topic, odom, camera_info, poses, config.reading)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
-    builder = MapBuilder(path, config, append, name)
+    builder = MapBuilder(path, config, append, name, pose_frame or source.pose_frame)
     frames = unreadable = with_pose = 0
     interrupted = False
     try:

@@ -45,7 +45,9 @@ def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, V
 
 def add_annotations(parser: argparse.ArgumentParser) -> None:
     """Declare where the poses and the camera of frames come from."""
-    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
+    parser.add_argument(
+        '--odom', default='', metavar='TOPIC', help='topic of poses or satellite fixes'
+    )
     parser.add_argument(
         '--poses',
         type=Path,

@@ -6,6 +6,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from importlib import import_module
 import json
 from pathlib import Path
@@ -19,7 +20,7 @@ from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
+from convseq_ros.core.session import Session, warm_up
 from convseq_ros.core.types import Frame, Match, Reason
 from convseq_ros.errors import MapError
 from convseq_ros.results import ResultWriter
@@ -37,6 +38,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
         required=True,
         help='reference map; with --mode online it is made if there is none, and grows',
     )
+    add_replay(parser)
+
+
+def add_replay(parser: argparse.ArgumentParser) -> None:
+    """Declare what is common to every way to replay."""
     parser.add_argument(
         '--output',
         type=Path,
@@ -60,49 +66,68 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
     session = Session(chosen.map, chosen_config(chosen))
-    matches, durations = [], []
     for line in session.ignored:
-        print(f'warning: {line}', file=sys.stderr)
+        warn(line)
     try:
-        source = open_annotated(
-            chosen.recording,
-            chosen.topic,
-            chosen.odom,
-            chosen.camera_info,
-            chosen.poses,
-            session.recognizer.config.reading,
-        )
-        if session.keyframes_m and not (chosen.odom or chosen.poses):
-            print(
-                f'warning: {chosen.map}: has a place every {session.keyframes_m:g} m; without '
-                '--odom or --poses every frame is matched with it',
-                file=sys.stderr,
-            )
-        session.warm_up()
-        with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
-            for match, duration_ms in replay(source, session.recognizer, [written, *shown]):
-                matches.append(match)
-                durations.append(duration_ms)
-                _keep(session)
+        summary = replay_chosen(chosen, session.recognizer, chosen.map, partial(_keep, session))
     finally:
         session.close()
-    for warning in source.warnings:
-        print(f'warning: {warning}', file=sys.stderr)
-    summary = summarize(matches, durations)
     if chosen.json:
         about = {'output': str(chosen.output), 'added': session.added, 'slow': session.slow}
         print(json.dumps(about | summary))
     else:
         if session.is_growing:
             print(f'{chosen.map}: {session.added} references added, {session.persisted} in all')
-        reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
-        print(
-            f'{chosen.output}: {summary["frames"]} frames ({reasons}); '
-            f'mean sequence length {summary["mean_sequence_length"]:.1f}, '
-            f'median {summary["median_ms"]:.1f} ms a frame'
-            f'{f" ({session.slow})" if session.slow else ""}'
-        )
+        print(f'{chosen.output}: {in_words(summary, session.slow)}')
     return 0
+
+
+def replay_chosen(
+    chosen: argparse.Namespace,
+    recognizer: PlaceRecognizer,
+    name: Path,
+    then: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Replay a recording in the map of a name; do something after each frame; return a summary."""
+    source = open_annotated(
+        chosen.recording,
+        chosen.topic,
+        chosen.odom,
+        chosen.camera_info,
+        chosen.poses,
+        recognizer.config.reading,
+    )
+    way_m = recognizer.reference_map.keyframes.keyframe_distance_m
+    if way_m and not (chosen.odom or chosen.poses):
+        warn(
+            f'{name}: has a place every {way_m:g} m; without --odom or --poses every frame is '
+            'matched with it'
+        )
+    warm_up(recognizer)
+    matches, durations = [], []
+    with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
+        for match, duration_ms in replay(source, recognizer, [written, *shown]):
+            matches.append(match)
+            durations.append(duration_ms)
+            then()
+    for warning in source.warnings:
+        warn(warning)
+    return summarize(matches, durations)
+
+
+def in_words(summary: dict[str, Any], slow: str) -> str:
+    """Return a summary in a line; `slow` says why it took long, if so."""
+    reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
+    return (
+        f'{summary["frames"]} frames ({reasons}); '
+        f'mean sequence length {summary["mean_sequence_length"]:.1f}, '
+        f'median {summary["median_ms"]:.1f} ms a frame{f" ({slow})" if slow else ""}'
+    )
+
+
+def warn(line: str) -> None:
+    """Print a warning."""
+    print(f'warning: {line}', file=sys.stderr)
 
 
 @contextmanager

@@ -23,10 +23,10 @@ class MapBuilder:
     Adds the keyframes among some frames to a map file; use it as a context manager.
 
     Places are those that online mode makes of the same frames; they are one session, which may
-    have a `name`. What was added is safe after half a second, and at the end, also when the work
-    was interrupted. A new file is made unless `append`; no path makes a map in memory. MapError if
-    a new file exists already, an existing one is missing, damaged, made with other settings or
-    added to by another, or the disk is full.
+    have a `name`, and its poses a `frame` that others share. What was added is safe after half a
+    second, and at the end, also when the work was interrupted. A new file is made unless `append`;
+    no path makes a map in memory. MapError if a new file exists already, an existing one is
+    missing, damaged, made with other settings or added to by another, or the disk is full.
     """
 
     def __init__(
@@ -35,6 +35,7 @@ class MapBuilder:
         config: Config = Config(),
         append: bool = False,
         name: str = '',
+        frame: str = '',
     ) -> None:
         settings = config.encoding, config.keyframes
         self._autosave = NoAutosave()
@@ -45,7 +46,7 @@ class MapBuilder:
             self.reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
         self._config = config
         self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
-        self._mapping = OnlineMap(self.reference_map, config, name)
+        self._mapping = OnlineMap(self.reference_map, config, name, frame)
 
     @property
     def added(self) -> int:

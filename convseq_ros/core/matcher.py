@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
+from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
@@ -139,10 +140,7 @@ class Matcher:
         shown = pair.subtract(
             pair.project(self._background.normalize(cells)), self._background.of_map
         )
-        every = np.full(cells.shape[:2], ENTROPY.max_bits)  # a map does not say what is salient
-        salient = np.ones((len(cells) - 1) ** 2, bool)
-        descriptor = Descriptor(cells, salient, every, 1.0)
-        query = self._fast.pair.extract(descriptor, self._least_bits, shown)
+        query = self._fast.pair.extract(whole_descriptor(cells), self._least_bits, shown)
         return self.verified(Features(query, None, arranged(shown[0])), others)
 
     def arranged(self, index: int) -> Arranged | None:

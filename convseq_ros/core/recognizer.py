@@ -17,8 +17,8 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose import measured
 from convseq_ros.core.sequence.length import choose_length
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.sequence.search import make_search
+from convseq_ros.core.sequence.query_buffer import is_partial, QueryBuffer
+from convseq_ros.core.sequence.search import Coarse, make_search
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
 
@@ -33,8 +33,8 @@ class PlaceRecognizer:
         The places to recognise; made with the same encoding. In online mode it grows.
     config : Config
         Its `sequence` and `acceptance` may be replaced between two frames.
-    matcher : Matcher, optional
-        What scores pairs, if not by `config.matching`.
+    matcher, coarse : Matcher, Coarse, optional
+        What scores pairs, and knows coarse scores, if not by `config.matching`.
 
     """
 
@@ -43,6 +43,7 @@ class PlaceRecognizer:
         reference_map: ReferenceMap,
         config: Config = Config(),
         matcher: Matcher | None = None,
+        coarse: Coarse | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
         self._encoding = of_queries(reference_map.encoding, config.encoding)
@@ -50,10 +51,9 @@ class PlaceRecognizer:
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        is_partial, compare = config.matching.matching == 'coherent', self.matcher.compared
-        self.buffer = QueryBuffer(self.matcher, is_partial, reference_map.bounds)
-        self._search = make_search(reference_map, config)
-        self._acceptance = Acceptance(config, reference_map, compare)
+        self.buffer = QueryBuffer(self.matcher, is_partial(config), reference_map.bounds)
+        self._search = make_search(reference_map, config, coarse)
+        self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
         self._closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config, self._acceptance.places)

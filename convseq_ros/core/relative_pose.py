@@ -20,7 +20,7 @@ from convseq_ros.core.geometry.displacement import Arranged
 from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
 from convseq_ros.core.geometry.structure import Floats, Sight, triangulate
 from convseq_ros.core.geometry.two_view import two_view
-from convseq_ros.core.geometry.uncertainty import told, told_of_two
+from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
@@ -105,8 +105,8 @@ class RelativePoses:
             both = two_view(reference.rays[:, :2], sight.seen, sight.scale)
             if both is None:
                 return None
-            return told_of_two(both, reference.base_lens, query.base_lens)
-        pose = told(aligned, reference.base_lens, query.base_lens)
+            return base_pose_of_two_views(both, reference.base_lens, query.base_lens)
+        pose = base_pose(aligned, reference.base_lens, query.base_lens)
         if (nearest := self._nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose
         return pose
@@ -123,7 +123,7 @@ class RelativePoses:
         again = self._aligned(nearest, reference, reference.sight(query, guess))
         if again is None:
             return None
-        return told(again, between @ reference.base_lens, query.base_lens)
+        return base_pose(again, between @ reference.base_lens, query.base_lens)
 
     def _aligned(self, index: int, reference: View, sight: Sight) -> Alignment | None:
         """Return how a query is aligned with a place; None if no depth is known, or few agree."""

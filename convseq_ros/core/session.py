@@ -72,10 +72,8 @@ class Session:
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
-        """Load tables, and prepare a small map, so that the first frame is not late."""
-        drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-        global_descriptor(describe(drawn, self.recognizer.reference_map.encoding).cells)
-        self.recognizer.matcher.warm_up()
+        """Do as `warm_up` does."""
+        warm_up(self.recognizer)
 
     @property
     def committed_s(self) -> float | None:
@@ -103,3 +101,10 @@ class Session:
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""
         self._autosave.close()
+
+
+def warm_up(recognizer: PlaceRecognizer) -> None:
+    """Load tables, and prepare a small map, so that the first frame is not late."""
+    drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
+    global_descriptor(describe(drawn, recognizer.reference_map.encoding).cells)
+    recognizer.matcher.warm_up()

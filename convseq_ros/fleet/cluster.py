@@ -89,7 +89,9 @@ def connected(cluster: Cluster) -> Iterator[Any]:
                 )
             )
         try:
-            client = distributed.Client(address, security=security, timeout=_ANSWERS_WITHIN_S)
+            client = distributed.Client(
+                address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
+            )
         except (OSError, ValueError) as error:
             what = ' '.join(str(error).split())[:200]
             raise FleetError(f'{cluster.scheduler}: no scheduler answers ({what})') from None
@@ -147,11 +149,14 @@ def version() -> str:
 def _refuse_foreign(client: Any, scheduler: str) -> None:
     """FleetError unless all workers have this package in this version."""
     try:
+        client.wait_for_workers(1, timeout=_ANSWERS_WITHIN_S)
         found = client.run(version)
+    except TimeoutError:
+        raise FleetError(
+            f'{scheduler}: has no workers; start some: dask worker {scheduler}'
+        ) from None
     except ImportError as error:
         raise FleetError(f'{scheduler}: a worker lacks this package ({error})') from None
-    if not found:
-        raise FleetError(f'{scheduler}: has no workers; start some: dask worker {scheduler}')
     for worker, own in found.items():
         if own != __version__:
             raise FleetError(

@@ -20,6 +20,10 @@ import numpy as np
 STRETCH_M = 48.0
 _CAR_M = 3.3
 _HOUSE_DEPTH_M = 9.0
+# What stands: half its width, its least and largest height, how it is painted, and from how far it
+# is seen; metres.
+_SIGN = 0.55, 2.4, 3.2, furniture.paint_sign, 80.0
+_BIN = 0.35, 0.8, 1.5, furniture.paint_bin, 50.0
 
 
 class Layout:
@@ -220,26 +224,16 @@ class Layout:
             for _ in range(int(rng.integers(1, 4))):
                 x, y = self._start + float(rng.uniform(0, STRETCH_M)), side * (KERB_M + 0.6)
                 kind = rng.uniform()
-                if kind < 0.4:
+                if kind < 0.6:
+                    half, low, high, paint, visible_m = _SIGN if kind < 0.4 else _BIN
                     yield self._panel(
-                        (x, y + 0.55),
-                        (x, y - 0.55),
+                        (x, y + half),
+                        (x, y - half),
                         0.0,
-                        float(rng.uniform(2.4, 3.2)),
-                        furniture.paint_sign,
+                        float(rng.uniform(low, high)),
+                        paint,
                         resolution=60.0,
-                        visible_m=80.0,
-                        facing=True,
-                    )
-                elif kind < 0.6:
-                    yield self._panel(
-                        (x, y + 0.35),
-                        (x, y - 0.35),
-                        0.0,
-                        float(rng.uniform(0.8, 1.5)),
-                        furniture.paint_bin,
-                        resolution=60.0,
-                        visible_m=50.0,
+                        visible_m=visible_m,
                         facing=True,
                     )
                 else:

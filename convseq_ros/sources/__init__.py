@@ -6,17 +6,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.nav_sat import FIXES_GAP_NS
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
-from convseq_ros.sources.recording import read_camera, read_poses, Recording
+from convseq_ros.sources.recording import read_camera, read_poses_in, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
@@ -31,12 +32,15 @@ class Source(Protocol):
         Of the folder or recording, and of the image topic; empty for a folder.
     warnings : list of str
         What a user should know, one line each; grows while the source is read.
+    pose_frame : str
+        What the poses of its frames are in, if others may be in the same; else empty.
 
     """
 
     name: str
     topic: str
     warnings: list[str]
+    pose_frame: str
 
     def __len__(self) -> int:
         """Frames expected, as an index or a directory tells."""
@@ -94,7 +98,7 @@ def open_annotated(
     topic : str, optional
         Image topic of a recording that has several.
     odom : str, optional
-        Topic of odometry or poses: frames then know where they were taken.
+        Topic of odometry, poses or satellite fixes: frames then know where they were taken.
     camera_info : str, optional
         Topic that describes the camera, or a file as for `read_camera_file`.
     poses : Path, optional
@@ -114,19 +118,20 @@ def open_annotated(
     if not (odom or poses or camera_info):
         return source
     pose_at: PoseAt | None = None
+    frame = ''
     if poses:
         pose_at = read_pose_file(poses, len(source))
     elif odom:
-        pose_at = _poses_of(path, odom)
-    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info))
+        stamped, frame = read_poses_in(path, odom, reading)
+        pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
+    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info, reading), frame)
 
 
-def _poses_of(path: Path, odom: str) -> PoseAt:
-    track = PoseTrack(read_poses(path, odom))
+def _track_at(track: PoseTrack) -> PoseAt:
     return lambda _index, stamp_ns: track.at(stamp_ns)
 
 
-def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
+def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:
     if not camera_info:
         return None
     file = Path(camera_info)
@@ -134,7 +139,7 @@ def _camera_of(path: Path, camera_info: str) -> CameraOf | None:
         return lambda height, width: read_camera_file(file, height, width)
     if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
-    camera = read_camera(path, camera_info)
+    camera = read_camera(path, camera_info, reading)
     return lambda _height, _width: camera
 
 

@@ -37,11 +37,19 @@ class AnnotatedFrames:
         From a frame's number and its stamp in nanoseconds to a Pose or None.
     camera_of : callable, optional
         From the first readable image's height and width to the Camera.
+    pose_frame : str, optional
+        What the poses are in, if others may be in the same.
 
     """
 
-    def __init__(self, source: Frames, pose_at: PoseAt | None, camera_of: CameraOf | None) -> None:
-        self._source = source
+    def __init__(
+        self,
+        source: Frames,
+        pose_at: PoseAt | None,
+        camera_of: CameraOf | None,
+        pose_frame: str = '',
+    ) -> None:
+        self._source, self.pose_frame = source, pose_frame
         self._pose_at = pose_at
         self._camera_of = camera_of
         self.name, self.topic, self.warnings = source.name, source.topic, source.warnings

@@ -16,7 +16,7 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.regular_file import refuse_irregular
-from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, LIMITS
+from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, RecordingLimits
 
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 _BAG_MAGIC = b'#ROSBAG V2.0\n'
@@ -28,7 +28,7 @@ _TABLES = ('messages', 'topics', 'schema', 'metadata', 'message_definitions')
 _ALIAS = re.compile(rb'(?m)(?:^|[\s\[{,])\*\w')
 
 
-def open_bounded(path: Path) -> Any:
+def open_bounded(path: Path, limits: RecordingLimits) -> Any:
     """
     Return the reader of rosbags for a recording, not yet open.
 
@@ -36,6 +36,8 @@ def open_bounded(path: Path) -> Any:
     ----------
     path : Path
         A .mcap, .db3 or .bag file, or a folder with metadata.yaml.
+    limits : RecordingLimits
+        For this reader, and for those that are open.
 
     Raises
     ------
@@ -43,7 +45,7 @@ def open_bounded(path: Path) -> Any:
         If it declares what no recording needs.
 
     """
-    _bound_chunks()
+    _bound_chunks(limits)
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     for file in files:
         refuse_irregular(file)
@@ -55,16 +57,16 @@ def open_bounded(path: Path) -> Any:
             _check_metadata(file)
         elif file.suffix.lower() == '.zstd':
             size = file.stat().st_size
-            most = max(LIMITS.harmless_bytes, LIMITS.ratio * size)
-            LIMITS.refuse_bomb(file, inflated_size(file, most), size)
+            most = max(limits.harmless_bytes, limits.ratio * size)
+            limits.refuse_bomb(file, inflated_size(file, most), size)
     if path.suffix.lower() == '.bag':
-        return _bounded_bag()(path)
+        return _bounded_bag()(path, limits)
     from rosbags.rosbag2 import Reader
 
     return Reader(path)
 
 
-def check_chunks(path: Path, reader: Any) -> None:
+def check_chunks(path: Path, reader: Any, limits: RecordingLimits) -> None:
     """
     Refuse an index of an mcap file that lists a chunk twice, or more than fits into memory.
 
@@ -74,6 +76,8 @@ def check_chunks(path: Path, reader: Any) -> None:
         The file or folder, for messages.
     reader : rosbags.rosbag2.Reader
         Open.
+    limits : RecordingLimits
+        What fits.
 
     Raises
     ------
@@ -87,11 +91,11 @@ def check_chunks(path: Path, reader: Any) -> None:
         size = storage.path.stat().st_size
         if sum(chunk.chunk_length for chunk in chunks) > size:
             raise SourceError(f'{path}: its index lists more than its {size} bytes')
-        LIMITS.refuse_bomb(path, sum(chunk.uncompressed_size for chunk in chunks), size)
-        if _most_at_once(chunks) > LIMITS.open_bytes:
+        limits.refuse_bomb(path, sum(chunk.uncompressed_size for chunk in chunks), size)
+        if _most_at_once(chunks) > limits.open_bytes:
             raise SourceError(
-                f'{path}: more than {LIMITS.open_bytes / 1e6:.0f} MB of its chunks are of the '
-                'same time'
+                f'{path}: more than {limits.open_bytes / 1e6:.0f} MB of its chunks are of the '
+                'same time; raise max_chunk_mb if there is memory'
             )
 
 
@@ -106,15 +110,15 @@ def _most_at_once(chunks: Iterable[Any]) -> int:
     return most
 
 
-@functools.cache
-def _bound_chunks() -> None:
+def _bound_chunks(limits: RecordingLimits) -> None:
     """Have rosbags inflate no more than a chunk declares; alone, it looks afterwards."""
     from rosbags.rosbag2 import storage_mcap
 
     def bounded(compression: str, data: bytes, size: int) -> bytes:
-        if size > LIMITS.chunk_bytes:
+        if size > limits.chunk_bytes:
             raise SourceError(
-                f'a chunk of {size / 1e6:.0f} MB is larger than {LIMITS.chunk_bytes / 1e6:.0f} MB'
+                f'a chunk of {size / 1e6:.0f} MB is larger than max_chunk_mb, '
+                f'{limits.chunk_bytes / 1e6:.0f} MB'
             )
         content = inflate(data, compression, size)
         if end_of_records(content, len(data)) != len(content):
@@ -137,6 +141,10 @@ def _bounded_bag() -> type:
 
         _indexed_bytes = _inflated_bytes = 0
 
+        def __init__(self, path: Path, limits: RecordingLimits) -> None:
+            super().__init__(path)
+            self._limits = limits
+
         def read_index_data(self, pos: int, indexes: Any) -> None:
             """Read what a chunk's index says; ValueError once it is more than the file."""
             assert self.bio
@@ -151,10 +159,11 @@ def _bounded_bag() -> type:
             chunk = super().read_chunk()
 
             def bounded(data: bytes) -> bytes:
-                content = inflate(data, names[chunk.decompressor], LIMITS.chunk_bytes)
+                content = inflate(data, names[chunk.decompressor], self._limits.chunk_bytes)
                 # One chunk is held: messages of two in turn would have both inflated each time.
                 self._inflated_bytes += len(content)
-                LIMITS.refuse_bomb(self.path, self._inflated_bytes, self.path.stat().st_size)
+                size = self.path.stat().st_size
+                self._limits.refuse_bomb(self.path, self._inflated_bytes, size)
                 return content
 
             return chunk._replace(decompressor=bounded)

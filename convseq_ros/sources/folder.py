@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 import re
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import read_picture
 from convseq_ros.sources.natural_order import natural_key
 
@@ -55,6 +55,8 @@ class ImageFolder:
         If the folder is missing or holds no pictures; while iterating, if one is unreadable.
 
     """
+
+    pose_frame = ''
 
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_dir():

@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
+
+_MEGA = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,13 +21,24 @@ class RecordingLimits:
 
     # rosbag2 fills chunks to 768 KiB, Foxglove's tools to 4 MiB; then comes one message more,
     # which is at most an image of 64 Mpx in four bytes a pixel.
-    chunk_bytes: int = 1 << 28
-    # In memory at once, of chunks that overlap in time.
-    open_bytes: int = 1 << 29
+    chunk_bytes: int = round(ReadingConfig().max_chunk_mb * _MEGA)
     # Images shrink to a third, drawn ones to a fiftieth; zeros to a thirty-thousandth.
     ratio: int = 1000
-    # What is less than this in all is no bomb, whatever its ratio.
-    harmless_bytes: int = 1 << 30
+
+    @classmethod
+    def of(cls, reading: ReadingConfig) -> 'RecordingLimits':
+        """Return the limits that parameters set."""
+        return cls(round(reading.max_chunk_mb * _MEGA))
+
+    @property
+    def open_bytes(self) -> int:
+        """Return what may be in memory at once, of chunks that overlap in time."""
+        return 2 * self.chunk_bytes
+
+    @property
+    def harmless_bytes(self) -> int:
+        """Return what is no bomb if it is all, whatever its ratio."""
+        return 4 * self.chunk_bytes
 
     def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
         """Raise a SourceError if that many bytes are out of all proportion to a file's size."""
@@ -32,11 +46,8 @@ class RecordingLimits:
         if inflated > most:
             raise SourceError(
                 f'{where}: its {size} bytes inflate to more than {most / 1e9:.3g} GB, which no '
-                'recording does; leave it out'
+                'recording does; leave it out, or raise max_chunk_mb'
             )
-
-
-LIMITS = RecordingLimits()
 
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
@@ -64,7 +75,10 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
         raise SourceError(f'compression {compression!r} is unknown; expected zstd or lz4')
     content = _INFLATERS[compression](data, most_bytes + 1)
     if len(content) > most_bytes:
-        raise SourceError(f'{len(data)} bytes hold more than {most_bytes}')
+        raise SourceError(
+            f'{len(data)} bytes hold more than the {most_bytes} that they declare, or that '
+            'max_chunk_mb allows'
+        )
     return content
 
 

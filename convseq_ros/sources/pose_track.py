@@ -26,11 +26,18 @@ class PoseTrack:
         Stamps in nanoseconds, ascending.
     kept : int, optional
         Poses to remember, the newest; all by default.
+    longest_gap_ns : int, optional
+        Between two poses, in which there are poses; a second by default.
 
     """
 
-    def __init__(self, stamped: Iterable[tuple[int, Pose]] = (), kept: int | None = None) -> None:
-        self._kept = kept
+    def __init__(
+        self,
+        stamped: Iterable[tuple[int, Pose]] = (),
+        kept: int | None = None,
+        longest_gap_ns: int | None = None,
+    ) -> None:
+        self._kept, self._longest_gap_ns = kept, longest_gap_ns or LONGEST_GAP_NS
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
         for stamp_ns, pose in stamped:
@@ -63,7 +70,7 @@ class PoseTrack:
         """
         Return the pose at a time.
 
-        None before the first, in a gap of over a second, and later than a tenth of a second after
+        None before the first, in a gap that is too long, and later than a tenth of a second after
         the last; until then, the last two go on as they were.
         """
         after = bisect_left(self._stamps, stamp_ns)
@@ -73,7 +80,7 @@ class PoseTrack:
             return None
         after = min(after, len(self._stamps) - 1)
         span_ns = self._stamps[after] - self._stamps[after - 1]
-        if span_ns > LONGEST_GAP_NS:
+        if span_ns > self._longest_gap_ns:
             return None
         share = (stamp_ns - self._stamps[after - 1]) / span_ns
         return _between(self._poses[after - 1], self._poses[after], share)

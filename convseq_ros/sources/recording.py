@@ -3,21 +3,24 @@
 """A ROS recording as a stream of frames, of raw messages, or of poses."""
 
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 import sys
-from typing import Any
+from typing import NamedTuple
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
     CAMERA_TYPES,
     choose_topic,
+    FIX_TYPES,
     IMAGE_TYPES,
     merge_topics,
     POSE_TYPES,
@@ -57,12 +60,14 @@ class Recording:
 
     """
 
+    pose_frame = ''
+
     def __init__(
         self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
     ) -> None:
         self._path = path
         self._reading = reading
-        self._storages, self.warnings = open_storage(path)
+        self._storages, self.warnings = open_storage(path, reading)
         self._topics = merge_topics(storage.topics for storage in self._storages)
         chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
         self.name = path.resolve().name
@@ -142,9 +147,21 @@ def image_messages(path: Path, topic: str = '') -> Iterator[RawMessage]:
     return Recording(path, topic).messages()
 
 
+class Poses(NamedTuple):
+    """Poses by their stamps in nanoseconds, in order of time, and the frame that they are in."""
+
+    stamped: list[tuple[int, Pose]]
+    frame: str = ''  # if other recordings may have poses in the same
+
+
 def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
+    """Return what `read_poses_in` does, without their frame."""
+    return read_poses_in(path, topic).stamped
+
+
+def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Poses:
     """
-    Return the poses of an odometry or pose topic, by time.
+    Return the poses of a topic of odometry, of poses or of satellite fixes.
 
     Parameters
     ----------
@@ -152,13 +169,15 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
         A recording.
     topic : str, optional
         Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
-        left out if there is only one.
+        left out if there is only one. Or of sensor_msgs/NavSatFix, as `local_poses` takes it.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
-    list of (int, Pose)
-        Stamp in nanoseconds (of recording, if the header has none) and pose; damaged messages and
-        values that are not finite are left out.
+    Poses
+        With the stamp of recording, if the header has none; damaged messages and values that are
+        not finite are left out.
 
     Raises
     ------
@@ -166,16 +185,17 @@ def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
         If there is no such topic, no usable pose, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, POSE_TYPES, '--odom')
-    poses = [
-        (message.stamp_ns, pose) for message in messages if (pose := _pose(message)) is not None
-    ]
-    if not poses:
+    chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
+    found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
+    if not found:
         raise SourceError(f'{path}: no pose of {chosen} is whole and finite; choose another topic')
-    return sorted(poses, key=lambda item: item[0])
+    fixes = [one for one in found if isinstance(one, Fix)]
+    if fixes:
+        return Poses(*local_poses(fixes))
+    return Poses([one for one in found if not isinstance(one, Fix)])
 
 
-def read_camera(path: Path, topic: str = '') -> Camera:
+def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
     """
     Return the camera that a recording describes.
 
@@ -185,6 +205,8 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         A recording.
     topic : str, optional
         Of type sensor_msgs/CameraInfo; may be left out if there is only one.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -197,7 +219,7 @@ def read_camera(path: Path, topic: str = '') -> Camera:
         If there is no such topic, no calibrated camera on it, or the recording is damaged.
 
     """
-    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info')
+    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
@@ -211,7 +233,11 @@ def read_camera(path: Path, topic: str = '') -> Camera:
 
 
 def messages_of(
-    path: Path, topic: str, types: tuple[str, ...], option: str
+    path: Path,
+    topic: str,
+    types: tuple[str, ...],
+    option: str,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> tuple[str, Iterator[RawMessage]]:
     """
     Return a topic of a recording and its messages.
@@ -222,6 +248,8 @@ def messages_of(
         The recording.
     topic, types, option : str, tuple of str, str
         As for `choose_topic`.
+    reading : ReadingConfig, optional
+        Which chunks are too large.
 
     Returns
     -------
@@ -236,7 +264,7 @@ def messages_of(
         If there is no such topic; while iterating, if the recording is damaged.
 
     """
-    storages, _ = open_storage(path)
+    storages, _ = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     chosen = choose_topic(path, topics, topic, types, option)
     messages = (
@@ -248,9 +276,13 @@ def messages_of(
     return chosen.name, messages
 
 
-def _pose(message: RawMessage) -> Pose | None:
+def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:
     try:
-        pose: Any = message.decode().pose
+        decoded = message.decode()
     except ImageError:
         return None
-    return pose_from_message(pose if message.type_name == POSE_TYPES[1] else pose.pose)
+    if message.type_name in FIX_TYPES:
+        return fix_from_message(message.stamp_ns, decoded)
+    own = decoded.pose if message.type_name == POSE_TYPES[1] else decoded.pose.pose
+    pose = pose_from_message(own)
+    return None if pose is None else (message.stamp_ns, pose)

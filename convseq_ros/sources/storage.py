@@ -9,9 +9,10 @@ import re
 from typing import Any, Protocol
 
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.bounded_readers import check_chunks, open_bounded
-from convseq_ros.sources.inflate import inflate, LIMITS
+from convseq_ros.sources.inflate import inflate, RecordingLimits
 from convseq_ros.sources.natural_order import natural_key
 from convseq_ros.sources.raw_message import one_line, RawMessage, typestore
 from convseq_ros.sources.topics import Topic
@@ -38,7 +39,9 @@ def is_storage_file(path: Path) -> bool:
     return re.search(r'\.(mcap|db3|bag)(\.zstd)?$', path.name.lower()) is not None
 
 
-def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
+def open_storage(
+    path: Path, reading: ReadingConfig = ReadingConfig()
+) -> tuple[list[Storage], list[str]]:
     """
     Open whatever can be read of a recording.
 
@@ -46,6 +49,8 @@ def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
     ----------
     path : Path
         A .mcap, .db3 or .bag file, or the folder that a recorder wrote.
+    reading : ReadingConfig, optional
+        Which of its chunks are too large.
 
     Returns
     -------
@@ -61,10 +66,11 @@ def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
 
     """
     refuse_irregular(path)
+    limits = RecordingLimits.of(reading)
     if not path.exists():
         raise SourceError(f'{path}: no such file or folder; check the path')
     if not path.is_dir():
-        return [_open_file(path)], []
+        return [_open_file(path, limits)], []
     problem = SourceError(
         f'{path}: no recording in this folder; expected a .mcap, .db3 or .bag file'
     )
@@ -73,14 +79,14 @@ def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
     unusable_index = ''
     if (path / 'metadata.yaml').exists():
         try:
-            return [IndexedStorage(path)], []
+            return [IndexedStorage(path, limits)], []
         except SourceError as error:
             problem = error
             unusable_index = f'{error}; its files were read one by one'
     for file in sorted(path.iterdir(), key=natural_key):
         if file.suffix.lower() in STORAGE_SUFFIXES:
             try:
-                storages.append(_open_file(file))
+                storages.append(_open_file(file, limits))
             except SourceError as error:
                 problem = error
                 warnings.append(f'{error}; the file was left out')
@@ -91,17 +97,17 @@ def open_storage(path: Path) -> tuple[list[Storage], list[str]]:
     return storages, warnings
 
 
-def _open_file(path: Path) -> Storage:
+def _open_file(path: Path, limits: RecordingLimits) -> Storage:
     if path.suffix.lower() not in STORAGE_SUFFIXES:
         raise SourceError(
             f'{path}: not a recording; expected a folder or a {", ".join(STORAGE_SUFFIXES)} file'
         )
     try:
-        return IndexedStorage(path)
+        return IndexedStorage(path, limits)
     except SourceError:
         if path.suffix.lower() != '.mcap':
             raise
-        return TruncatedMcap(path)
+        return TruncatedMcap(path, limits)
 
 
 class IndexedStorage:
@@ -117,15 +123,15 @@ class IndexedStorage:
 
     damage = ''
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, limits: RecordingLimits) -> None:
         typestore()
-        self.path = path
+        self.path, self._limits = path, limits
         try:
-            with open_bounded(path) as reader:
+            with open_bounded(path, limits) as reader:
                 self._is_ros1 = path.suffix.lower() == '.bag'
                 self.duration_s = max(0, int(reader.duration)) / 1e9
                 if not self._is_ros1:
-                    check_chunks(path, reader)
+                    check_chunks(path, reader, limits)
                 self.topics = {
                     name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
                     for name, info in reader.topics.items()
@@ -139,11 +145,11 @@ class IndexedStorage:
         """Yield the messages of a topic in order of recording, those of ROS 1 as CDR."""
         count = 0
         try:
-            with open_bounded(self.path) as reader:
+            with open_bounded(self.path, self._limits) as reader:
                 chosen = [item for item in reader.connections if item.topic == topic]
                 if not chosen:
                     return
-                content = _stored(reader)
+                content = _stored(reader, self._limits.chunk_bytes)
                 for connection, log_time_ns, data in reader.messages(chosen):
                     cdr = _ros1_to_cdr(data, connection) if self._is_ros1 else content(data)
                     yield RawMessage(log_time_ns, connection.msgtype, cdr)
@@ -155,13 +161,13 @@ class IndexedStorage:
             ) from None
 
 
-def _stored(reader: Any) -> Callable[[bytes], bytes]:
+def _stored(reader: Any, most_bytes: int) -> Callable[[bytes], bytes]:
     """Return how a message is to be had of what is stored: each may be compressed."""
     if getattr(reader, 'compression_mode', '') != 'message':
         return bytes
     # We inflate them ourselves, within bounds.
     reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
-    return functools.partial(inflate, compression='zstd', most_bytes=LIMITS.chunk_bytes)
+    return functools.partial(inflate, compression='zstd', most_bytes=most_bytes)
 
 
 def _told(error: Exception, path: Path) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.errors import SourceError
 from convseq_ros.installing import pip_install
 from convseq_ros.regular_file import refuse_irregular
-from convseq_ros.sources.inflate import end_of_records, inflate, LIMITS
+from convseq_ros.sources.inflate import end_of_records, inflate, RecordingLimits
 from convseq_ros.sources.raw_message import RawMessage
 from convseq_ros.sources.topics import Topic
 
@@ -36,8 +36,8 @@ class TruncatedMcap:
 
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, limits: RecordingLimits) -> None:
+        self.path, self._limits = path, limits
         self.topics: dict[str, Topic] = {}
         self._broken_at = -1
         times_ns: list[int] = []
@@ -105,45 +105,45 @@ class TruncatedMcap:
                     return
                 if opcode == _NONE or at > len(data):
                     self._broken_at = start
-                    yield from _records_of_cut_chunk(data, start)
+                    yield from _records_of_cut_chunk(data, start, self._limits.chunk_bytes)
                     return
                 if opcode not in _READ:
                     continue
                 if opcode == _CHUNK:
                     declared = _declared_size(data, start)
                     inflated += declared
-                    LIMITS.refuse_bomb(self.path, inflated, len(data))
+                    self._limits.refuse_bomb(self.path, inflated, len(data))
                     length = max(length, declared)
-                if length > LIMITS.chunk_bytes:
+                if length > self._limits.chunk_bytes:
                     self._broken_at = start
                     continue
                 try:
                     record = next(StreamReader(BytesIO(data[start:at]), True, True).records)
                 except Exception:
                     self._broken_at = start
-                    yield from _records_of_cut_chunk(data, start)
+                    yield from _records_of_cut_chunk(data, start, self._limits.chunk_bytes)
                     return
                 if not isinstance(record, Chunk):
                     yield record
                     continue
                 try:
-                    yield from _records_of_chunk(record)
+                    yield from _records_of_chunk(record, self._limits.chunk_bytes)
                 except SourceError:
                     self._broken_at = start
             if self._broken_at < 0:
                 self._broken_at = len(data)
 
 
-def _records_of_cut_chunk(data: mmap.mmap, start: int) -> Iterator[Any]:
+def _records_of_cut_chunk(data: mmap.mmap, start: int, most_bytes: int) -> Iterator[Any]:
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
 
-    if data[start : start + 1] != _CHUNK or len(data) - start > LIMITS.chunk_bytes:
+    if data[start : start + 1] != _CHUNK or len(data) - start > most_bytes:
         return
     try:
         data.seek(start + _RECORD_HEAD_BYTES)
         chunk = Chunk.read(ReadDataStream(data))  # type: ignore[arg-type]
-        yield from _records_of_chunk(chunk)
+        yield from _records_of_chunk(chunk, most_bytes)
     except Exception:
         return
 
@@ -154,12 +154,12 @@ def _declared_size(data: mmap.mmap, start: int) -> int:
     return int.from_bytes(data[at : at + 8], 'little')
 
 
-def _records_of_chunk(chunk: Any) -> Iterator[Any]:
+def _records_of_chunk(chunk: Any, most_bytes: int) -> Iterator[Any]:
     from mcap.stream_reader import StreamReader
 
     try:
-        most = min(chunk.uncompressed_size, LIMITS.chunk_bytes)
-        content = inflate(chunk.data, chunk.compression, most)
+        declared = min(chunk.uncompressed_size, most_bytes)
+        content = inflate(chunk.data, chunk.compression, declared)
         content = content[: end_of_records(content, len(chunk.data))]
     except SourceError:
         raise

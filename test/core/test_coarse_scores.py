@@ -6,7 +6,7 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.search import Shortlist
+from convseq_ros.core.sequence.shortlist import Shortlist
 import numpy as np
 import pytest
 
@@ -69,7 +69,9 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert late.argmax() == fresh.argmax() == 40
     rows = [coarse.update(described(place, 1), 60) for place in (50, 51)]
     rows.append(coarse.update(described(52, 1)))
-    assert 52 in Shortlist(12).update(rows[::-1], 10)
+    shortlist = Shortlist(12)
+    asked = shortlist.asked(rows[::-1], 10)
+    assert 52 in shortlist.update(asked, *coarse.sums([asked]), 10)
 
 
 def test_the_mean_follows_a_map_that_grows(described):
@@ -82,8 +84,8 @@ def test_the_mean_follows_a_map_that_grows(described):
         coarse.update(query)
     fresh = CoarseScores(growing)
     fresh.update(query)
-    for name in ('_mean', '_variance'):
-        assert getattr(coarse, name) == pytest.approx(getattr(fresh, name), abs=5e-3)
+    for name in ('mean', 'variance'):
+        assert getattr(coarse._usual, name) == pytest.approx(getattr(fresh._usual, name), abs=5e-3)
     references, _, _ = standardised(growing.global_descriptors.astype(float))
     assert fresh._nearness.view == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
     assert coarse._nearness.view == pytest.approx(fresh._nearness.view, rel=0.05)

@@ -9,7 +9,7 @@ from convseq_ros.core.geometry.alignment import align, Alignment, unshrunk
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
 from convseq_ros.core.geometry.two_view import two_view
-from convseq_ros.core.geometry.uncertainty import told
+from convseq_ros.core.geometry.uncertainty import base_pose
 from convseq_ros.core.rigid import (
     inverse,
     matrix,
@@ -179,7 +179,7 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     mount = matrix(of_roll_pitch_yaw((1.0, 0.2, 0.5), 0.1, -0.2, 0.7)) @ ROBOT_LENS
     rng = np.random.default_rng(3)
     root = rng.normal(0, 1, (6, 6)) * 0.002
-    first = told(Alignment(MOVED, root @ root.T, 400, 1.0, 1.0), mount, mount)
+    first = base_pose(Alignment(MOVED, root @ root.T, 400, 1.0, 1.0), mount, mount)
     place = matrix(replace(pose_of(np.eye(4)), position=first.position_m))
     place[:3, :3] = matrix(replace(pose_of(np.eye(4)), orientation=first.orientation))[:3, :3]
     assert place == pytest.approx(mount @ inverse(MOVED) @ inverse(mount), abs=1e-6)
@@ -195,11 +195,11 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     expected = np.cov(np.array(drawn).T) * 1.7**2 + floor
     assert first.covariance == pytest.approx(expected, rel=0.15, abs=1e-5)
     # Where half of the regions agree, deviations are four times as large.
-    half = told(Alignment(MOVED, root @ root.T, 200, 0.5, 1.0), mount, mount)
+    half = base_pose(Alignment(MOVED, root @ root.T, 200, 0.5, 1.0), mount, mount)
     assert half.covariance - floor == pytest.approx(16 * (first.covariance - floor), rel=1e-9)
 
 
 def test_a_position_that_is_not_sure_is_not_told():
-    found = told(Alignment(MOVED, np.eye(6), 400, 1.0, 1.0), ROBOT_LENS, ROBOT_LENS)
+    found = base_pose(Alignment(MOVED, np.eye(6), 400, 1.0, 1.0), ROBOT_LENS, ROBOT_LENS)
     assert found.position_m is None and found.position_sigma_m is None
     assert found.direction is not None and found.covariance[0, 0] >= 1e6

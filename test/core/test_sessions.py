@@ -20,8 +20,9 @@ from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pose import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.sequence.coarse_sums import all_sums
 from convseq_ros.core.sequence.diagonals import sequence_scores
-from convseq_ros.core.sequence.search import Shortlist
+from convseq_ros.core.sequence.shortlist import Shortlist
 from convseq_ros.core.types import Candidate, Frame, Pose, Reason
 from convseq_ros.errors import MapError
 from hypothesis import given
@@ -100,12 +101,12 @@ def test_a_sequence_does_not_run_from_one_session_into_the_next():
 
 def test_the_shortlist_follows_no_place_into_another_session():
     rows = [np.random.default_rng(0).random(60).astype(np.float32) / 10 for _ in range(2)]
-    bounds = SessionBounds((30,))
-    rows[0][29], rows[1][30], rows[1][59] = 9.0, 0.0, 0.1
-    shortlist = Shortlist(8, bounds)
-    assert 29 in shortlist.update(rows[:1], 5)
-    assert 30 not in shortlist.update([rows[1], rows[0]], 5)
-    assert 30 in Shortlist(8).update([rows[1], rows[0]], 5)
+    rows[1][[29, 45]] = 9.0, 8.0  # of the older frame
+    for bounds, later in ((SessionBounds((30,)), {46}), (SessionBounds(), {30, 46})):
+        shortlist = Shortlist(2, bounds)
+        asked = shortlist.asked(rows[1:], 5)
+        assert shortlist.update(asked, all_sums(asked, bounds), 5).tolist() == [29, 45]
+        assert set(shortlist.asked(rows, 5).known.tolist()) == later
 
 
 def test_candidates_of_two_sessions_are_no_neighbours_and_tell_theirs():

@@ -14,10 +14,10 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence import search as search_module
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
+from convseq_ros.core.sequence.coarse_sums import all_sums, top
 from convseq_ros.core.sequence.diagonals import sequence_scores
-from convseq_ros.core.sequence.search import Shortlist
+from convseq_ros.core.sequence.shortlist import Shortlist
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
 import cv2
@@ -25,6 +25,11 @@ import numpy as np
 import pytest
 
 PLACES = 80
+
+
+def update(shortlist, rows, rivals):
+    asked = shortlist.asked(rows, rivals)
+    return shortlist.update(asked, all_sums(asked), rivals)
 
 
 @pytest.fixture(scope='module')
@@ -75,7 +80,7 @@ def test_rivals_are_on_the_shortlist(reference_map, run):
 def test_ends_lie_where_the_window_fits_and_are_ascending(reference_map, described):
     coarse = CoarseScores(reference_map)
     rows = [coarse.update(described(place)) for place in (5, 6, 7)]
-    ends = Shortlist(12).update(rows[::-1], 10)
+    ends = update(Shortlist(12), rows[::-1], 10)
     assert 7 in ends and ends.min() >= 2 and (np.diff(ends) > 0).all() and len(ends) <= 12
 
 
@@ -84,13 +89,13 @@ def test_a_short_map_is_listed_whole(described):
     for place in range(4):
         small.add(Place(place), pack_cells(described(place).cells))
     rows = [CoarseScores(small).update(described(2))]
-    assert Shortlist(12).update(rows, 10).tolist() == [0, 1, 2, 3]
+    assert update(Shortlist(12), rows, 10).tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_ends_are_the_best_and_then_the_best_elsewhere(seed):
     scores = np.random.default_rng(seed).random(300).astype(np.float32)
-    ends = Shortlist(12).update([scores], 10)
+    ends = update(Shortlist(12), [scores], 10)
     best = set(np.argsort(-scores)[:9].tolist())
     assert best <= set(ends.tolist()) and len(ends) == 12
     elsewhere = sorted(set(ends.tolist()) - best, key=lambda index: -scores[index])
@@ -174,12 +179,12 @@ def drawn_rows(count, frames=12):
 def test_listed_diagonals_are_kept_rather_than_others_that_are_hardly_better():
     rows = drawn_rows(400)
     shortlist, new = Shortlist(20), []
-    listed = shortlist.update(rows[4::-1], 5)
+    listed = update(shortlist, rows[4::-1], 5)
     for frame in range(5, 12):
         window = rows[frame : frame - 5 : -1]
-        before, listed = set((listed + 1).tolist()), shortlist.update(window, 5)
+        before, listed = set((listed + 1).tolist()), update(shortlist, window, 5)
         new.append(len(set(listed.tolist()) - before))
-        fresh = Shortlist(20).update(window, 5)
+        fresh = update(Shortlist(20), window, 5)
         assert sequence_scores(window).argmax() in listed and len(fresh) == 20
     assert max(new) <= 4
 
@@ -187,16 +192,16 @@ def test_listed_diagonals_are_kept_rather_than_others_that_are_hardly_better():
 def test_sequences_that_were_verified_stay_listed():
     rows = drawn_rows(400)
     shortlist, forgetful = Shortlist(20), Shortlist(20)
-    listed = shortlist.update(rows[4::-1], 5)
-    assert (forgetful.update(rows[4::-1], 5) == listed).all()
+    listed = update(shortlist, rows[4::-1], 5)
+    assert (update(forgetful, rows[4::-1], 5) == listed).all()
     scores = np.zeros(len(listed))
     worst = np.argsort(sequence_scores(rows[4::-1])[listed])[:4]
     scores[worst] = 1.0
     shortlist.verify(listed, scores)
     window = [rows[8], None, *rows[6:3:-1]]
     later = {index + 4 for index in listed[worst].tolist() if index < 396}
-    assert later <= set(shortlist.update(window, 5).tolist())
-    assert not later <= set(forgetful.update(window, 5).tolist())
+    assert later <= set(update(shortlist, window, 5).tolist())
+    assert not later <= set(update(forgetful, window, 5).tolist())
     assert not len(shortlist._verified)
 
 
@@ -214,8 +219,8 @@ def test_the_recogniser_tells_how_listed_sequences_scored(reference_map, run, mo
 def test_a_frame_that_never_came_does_not_end_the_diagonals():
     rows = drawn_rows(400)
     shortlist = Shortlist(20)
-    listed = shortlist.update(rows[4::-1], 5)
-    later = shortlist.update([rows[6], None, *rows[4::-1]], 5)
+    listed = update(shortlist, rows[4::-1], 5)
+    later = update(shortlist, [rows[6], None, *rows[4::-1]], 5)
     assert len(set(later.tolist()) - set((listed + 2).tolist())) <= 4
 
 
@@ -224,16 +229,16 @@ def test_the_top_of_another_number_of_ends_is_not_remembered():
     one, other = (Shortlist(20) for _ in range(2))
     for frame in range(5, 9):
         window = rows[frame : frame - 5 : -1]
-        assert len(one.top(window, 5, 2.0, 12)) == 12
-        assert (one.update(window, 5) == other.update(window, 5)).all()
+        assert len(one.top(all_sums(one.asked(window, 5, 2.0)), 5, 12)) == 12
+        assert (update(one, window, 5) == update(other, window, 5)).all()
 
 
 def test_where_no_sequence_finds_room_nothing_is_listed():
     rows = list(drawn_rows(PLACES, 8))
     shortlist = Shortlist(20)
-    assert len(shortlist.update(rows[:2], 5))
+    assert len(update(shortlist, rows[:2], 5))
     lost = [np.full(PLACES, np.nan, np.float32), *rows]
-    assert len(shortlist.update(lost, 5)) == 0
+    assert len(update(shortlist, lost, 5)) == 0
 
 
 @pytest.mark.parametrize('count', [1, 30, 64 * 33, 64 * 34, 64 * 40 + 7, 9000])
@@ -241,9 +246,9 @@ def test_the_best_are_found_without_sorting_all(count):
     rng = np.random.default_rng(count)
     for scores in (rng.normal(size=count), rng.integers(0, 4, count).astype(float)):
         scores[rng.integers(0, count, count // 3)] = -np.inf
-        found = search_module._top(scores, 33)
+        found = top(scores, 33)
         assert (np.diff(found) > 0).all()
         expected = np.sort(scores)[::-1][:33]
         assert (np.sort(scores[found])[::-1][:33] == expected).all()
     if count > 64 * 33:
-        assert len(search_module._top(rng.normal(size=count), 33)) < count / 4
+        assert len(top(rng.normal(size=count), 33)) < count / 4

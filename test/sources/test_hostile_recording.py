@@ -10,8 +10,10 @@ import tracemalloc
 
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
+import numpy as np
 import pytest
 from rosbags.typesys.store import Typestore
 import zstandard
@@ -79,6 +81,18 @@ def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(
         tracemalloc.stop()
     assert peak < 300 * MEGABYTE
     assert (len(frames) == 12 and warnings) or error
+
+
+@pytest.mark.parametrize(
+    'layout', ['mcap zstd', 'mcap lz4', 'ros1 bag', 'sqlite3 folder compressed messages']
+)
+def test_how_large_a_chunk_may_be_is_a_parameter(recorder, layout):
+    large = [np.full((1100, 1000), index, np.uint8) for index in range(2)]
+    path = recorder.write(layout, recorder.drive(large))
+    assert len([*open_source(path, reading=ReadingConfig(max_chunk_mb=1.2))]) == 2
+    with pytest.raises(SourceError, match='max_chunk_mb'):
+        [*open_source(path, reading=ReadingConfig(max_chunk_mb=1.0))]
+    assert len([*open_source(path)]) == 2
 
 
 def test_many_chunks_of_zeros_are_no_recording(recorder, pictures):
@@ -211,7 +225,7 @@ def test_inflating_ends_where_it_may(compression):
     pack = {'zstd': zstandard.compress, 'lz4': lz4.frame.compress, 'bz2': bz2.compress}
     packed = pack[compression](bytes(1000))
     assert inflate(packed, compression, 1000) == bytes(1000)
-    with pytest.raises(SourceError, match='hold more than 999'):
+    with pytest.raises(SourceError, match='hold more than the 999'):
         inflate(packed, compression, 999)
 
 

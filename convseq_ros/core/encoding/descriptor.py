@@ -68,6 +68,12 @@ def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDA
     return (regions >= threshold * ENTROPY.max_bits).ravel()
 
 
+def whole_descriptor(cells: npt.NDArray[np.float32]) -> Descriptor:
+    """Return the descriptor of a place; a map does not say what is salient, so all of it is."""
+    every = np.full(cells.shape[:2], ENTROPY.max_bits)
+    return Descriptor(cells, np.ones((len(cells) - 1) ** 2, np.bool_), every, 1.0)
+
+
 def blank_descriptor(config: EncodingConfig) -> Descriptor:
     """Return the descriptor of an image without gradient, which is not informative."""
     side, _, _ = shape = cell_shape(config.image_size_px)

@@ -24,9 +24,7 @@ class TWO_VIEW:
     probability: float = 0.999  # of a sample without outliers; OpenCV's samples are always alike
     fewest: int = 60  # regions that must agree
     rounds: int = 5  # of the fit of a turn alone
-    still_cells: float = (
-        0.5  # what is left by a turn alone, in the median, if there is no baseline
-    )
+    still_cells: float = 0.5  # median of what a turn alone leaves, below which there is no way
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -30,7 +30,7 @@ class ERROR:
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
 
 
-def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> RelativePose:
+def base_pose(found: Alignment, base_reference: Matrix, base_query: Matrix) -> RelativePose:
     """
     Return the pose of a query's base in a reference's base.
 
@@ -59,7 +59,9 @@ def told(found: Alignment, base_reference: Matrix, base_query: Matrix) -> Relati
     return pose
 
 
-def told_of_two(found: TwoView, base_reference: Matrix, base_query: Matrix) -> RelativePose:
+def base_pose_of_two_views(
+    found: TwoView, base_reference: Matrix, base_query: Matrix
+) -> RelativePose:
     """Return what is known without depth; the direction is that of the lenses."""
     turn = base_reference[:3, :3] @ found.turned.T @ base_query[:3, :3].T
     direction = (

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the sessions of other maps; places are copied as they are stored."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
 from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 
 Watch = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
@@ -26,33 +27,32 @@ _MOST_SAID = 40  # characters of a setting; a mask has thousands
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A session of a map, to be put into another."""
+    """A session of a map, or some of its places, to be put into another map."""
 
     path: Path  # of the map
     reference_map: ReferenceMap
     number: int  # of the session in it
-    name: str  # that it shall have
+    session: MapSession  # what is to be stored of it
+    places: range  # that it has in its map
+    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
 
     @property
-    def session(self) -> MapSession:
-        """What is stored of it."""
-        return replace(self.reference_map.sessions[self.number], name=self.name)
-
-    @property
-    def places(self) -> range:
-        """The places that it has in its map."""
-        own = self.reference_map
-        for start, end in pairwise([*own.bounds.starts.tolist(), len(own)]):
-            if start < end and own.places[start].session == self.number:
-                return range(start, end)
-        return range(0)
+    def name(self) -> str:
+        """What it is called."""
+        return self.session.name
 
 
 def parts_of(path: Path) -> list[Part]:
     """Return the sessions of a map file that have places; MapError if it cannot be opened."""
     opened = MapReader(path).reference_map()
-    parts = [Part(path, opened, *one) for one in enumerate(names(opened.sessions, path.stem))]
-    return [part for part in parts if part.places]
+    called = names(opened.sessions, path.stem)
+    parts = []
+    for start, end in pairwise([*opened.bounds.starts.tolist(), len(opened)]):
+        if start < end:
+            number = opened.places[start].session
+            session = replace(opened.sessions[number], name=called[number])
+            parts.append(Part(path, opened, number, session, range(start, end)))
+    return parts
 
 
 def names(sessions: Sequence[MapSession], usual: str) -> list[str]:
@@ -131,7 +131,8 @@ def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, in
         indices = [at for of, at in some if of == number]
         pictures = own.pictures(indices, with_images=True)
         for index, picture in zip(indices, pictures, strict=True):
-            place = replace(own.places[index], session=number)
+            place, poses = own.places[index], parts[number].poses
+            place = replace(place, pose=poses.get(index, place.pose), session=number)
             writer.add(place, picture, own.global_descriptors[index])
 
 

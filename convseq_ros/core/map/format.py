@@ -186,7 +186,7 @@ def first_damaged(rows: Iterable[Row]) -> Row | None:
     crc32 = zlib.crc32
     for row in rows:
         *plain, blob, stored = row
-        if type(blob) is bytes and type(plain[-1]) is not bytes:  # most rows, in half the time
+        if type(blob) is bytes and type(plain[-1]) is not bytes:  # most rows, told sooner
             crc = crc32(blob, crc32(repr([*plain, len(blob)]).encode()))
         else:
             crc = row_crc(row[:-1])

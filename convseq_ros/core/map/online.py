@@ -35,8 +35,10 @@ class OnlineMap(PreloadedMap):
 
     nothing_usable = Reason.RECENT
 
-    def __init__(self, reference_map: ReferenceMap, config: Config, name: str = '') -> None:
-        self._name = name  # of this session
+    def __init__(
+        self, reference_map: ReferenceMap, config: Config, name: str = '', frame: str = ''
+    ) -> None:
+        self._name, self._frame = name, frame or None  # of this session, and of its poses
         self._exclusion_ns = round(config.online.exclusion_s * 1e9)
         self._exclusion_m = config.online.exclusion_m
         self._width_px = config.keyframes.thumbnail_width_px
@@ -61,7 +63,7 @@ class OnlineMap(PreloadedMap):
         """Add a frame to the map unless it could not be read."""
         if frame.gray is not None:
             if len(self._map) == self.session_start:
-                self._map.begin_session(frame.stamp_ns, frame.camera, self._name)
+                self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
             self._map.add_frame(frame, descriptor, self._width_px)
             self._passed_m.append(self._travelled_m)
 

@@ -24,7 +24,7 @@ _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
 _TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
 _FEWEST_ROWS = 64  # room of a new array
-_NOT_FINITE = np.uint16(0x7C00)  # exponent of float16; NumPy's own test takes five times as long
+_NOT_FINITE = np.uint16(0x7C00)  # exponent of float16; NumPy's own test is slower
 _ROW = np.dtype(
     [('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7), ('session', np.int32)]
 )
@@ -108,7 +108,7 @@ class Places(Sequence[Place]):
         block = np.empty(len(rows), _ROW)
         block['stamp_ns'], block['source'] = stamps_ns, [*map(sys.intern, sources)]
         for numbers, column in zip(poses, block['pose'].T, strict=True):
-            # All unknown is told in a tenth of the time.
+            # All unknown, as in maps without odometry, needs no number read one by one.
             column[:] = math.nan if numbers.count(None) == len(numbers) else numbers
         block['session'] = sessions
         descriptors = np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1)

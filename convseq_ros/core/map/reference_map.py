@@ -98,9 +98,11 @@ class ReferenceMap:
         self._in_memory.append(Picture(packed, thumbnail))
         self._places.append(place, known_descriptor)
 
-    def begin_session(self, start_ns: int, camera: Camera | None = None, name: str = '') -> None:
+    def begin_session(
+        self, start_ns: int, camera: Camera | None = None, name: str = '', frame: str | None = None
+    ) -> None:
         """Have what is added from now on belong to another drive, which begins at a stamp."""
-        self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera))
+        self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera, frame))
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
         """Return the packed cells of a place."""

@@ -2,13 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: how alike a query and all references are by their global descriptors."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, Sums
+from convseq_ros.core.sequence.diagonals import Rows, Values
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves, products, widened
 from convseq_ros.core.types import Descriptor, Row
 import numpy as np
+import numpy.typing as npt
 
 
 @constants
@@ -21,6 +28,80 @@ class COARSE:
     power: float = 1 / 8  # of a variance; 1/2 takes off all spread, and costs single frames by day
     averaged_anew: float = 1.02  # growth of the map after which its mean is taken anew
     least_distance: float = 1e-6  # squared, from the mean; nearer ones have no direction
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Usual:
+    """What global descriptors of a map usually are: mean and variance of each number, (n,)."""
+
+    mean: Floats
+    variance: Floats
+
+    def direction(self, away: npt.NDArray[np.float64], variance: Values) -> Floats:
+        """Return in which direction (n,) references lie that are like a query."""
+        own = unit(away / variance**COARSE.power)
+        return np.asarray(own / self.variance**COARSE.power, np.float32)
+
+    def row(self, references: Halves, nearness: Floats, direction: Floats) -> Row:
+        """Return the cosines (R,) of references in a direction."""
+        row = products(references, direction)
+        row -= np.float32(self.mean.astype(np.float64) @ direction)
+        row *= nearness
+        return row
+
+    def nearness(self, references: Halves) -> Floats:
+        """Return the inverse distances (R,) of references from the mean; 0 of those at it."""
+        inverse, weights = [np.zeros(0, np.float32)], self.variance ** (-2 * COARSE.power)
+        for some in widened(references):
+            distances = (some - self.mean).astype(np.float64) ** 2 @ weights
+            apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
+            inverse.append(np.divide(1, np.sqrt(distances), out=here, where=apart))
+        return np.concatenate(inverse)
+
+
+def sums_of(references: Halves) -> npt.NDArray[np.float64]:
+    """Return the sums of the numbers of global descriptors, and of their squares, (2, n)."""
+    sums = np.zeros((2, references.shape[1]))
+    for some in widened(references):
+        squares = np.einsum('ij,ij->j', some, some, dtype=np.float64)
+        sums += np.array([some.sum(axis=0, dtype=np.float64), squares])
+    return sums
+
+
+def usual_of(sums: npt.NDArray[np.float64], count: int) -> Usual:
+    """Return what is usual of so many global descriptors, by `sums_of` them; of none as well."""
+    if not count:
+        numbers = sums.shape[1]
+        return Usual(np.zeros(numbers, np.float32), np.ones(numbers, np.float32))
+    mean, square = sums / count
+    variance = np.maximum(square - mean**2, COARSE.least_variance)
+    variance = count * variance + COARSE.prior_of_variance * variance.mean()
+    variance = (variance / (count + COARSE.prior_of_variance)).astype(np.float32)
+    return Usual(mean.astype(np.float32), variance)
+
+
+class DriveMean:
+    """What the global descriptors of a drive usually are; takes it off those of its frames."""
+
+    def __init__(self, numbers: int) -> None:
+        self._numbers = numbers
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._sums, self._frames = np.zeros((2, self._numbers)), 0
+
+    def update(self, descriptor: Descriptor, usual: Usual) -> Floats:
+        """Take in a query, each once; return its direction among what is usual of the map."""
+        query = global_descriptor(descriptor.cells).astype(np.float32)
+        self._sums += np.array([query, query.astype(np.float64) ** 2])
+        self._frames += 1
+        total, squares = self._sums
+        past = total + COARSE.prior_frames * usual.mean
+        away = query - past / (self._frames + COARSE.prior_frames)
+        # Of the drive, so many times; how often makes no difference to a direction.
+        variance = squares - total**2 / self._frames + COARSE.prior_of_variance * usual.variance
+        return usual.direction(away, variance)
 
 
 class CoarseScores:
@@ -36,53 +117,34 @@ class CoarseScores:
     def __init__(self, reference_map: ReferenceMap) -> None:
         self._map = reference_map
         numbers = reference_map.global_descriptors.shape[1]
-        self._sums, self._counted = np.zeros((2, numbers)), 0  # of numbers, and of their squares
-        self._mean, self._variance = np.zeros(numbers, np.float32), np.ones(numbers, np.float32)
-        self._nearness = GrowingArray(np.zeros(0, np.float32))  # inverse distances from the mean
-        self.reset()
+        self._sums, self._counted = np.zeros((2, numbers)), 0
+        self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
+        self._nearness = GrowingArray(np.zeros(0, np.float32))
 
     def reset(self) -> None:
-        self._own_sums, self._frames = np.zeros_like(self._sums), 0
+        self._drive.reset()
 
     def update(self, descriptor: Descriptor, usable: int | None = None) -> Row:
         """Take in a query, each once; return its cosines, (usable,), with the first references."""
         references = self._map.global_descriptors[:usable]
         self._follow_map(references)
-        query = global_descriptor(descriptor.cells).astype(np.float32)
-        self._own_sums += np.array([query, query.astype(np.float64) ** 2])
-        self._frames += 1
-        total, squares = self._own_sums
-        past = total + COARSE.prior_frames * self._mean
-        away = query - past / (self._frames + COARSE.prior_frames)
-        # Of the drive, so many times; how often makes no difference to a direction.
-        variance = squares - total**2 / self._frames + COARSE.prior_of_variance * self._variance
-        own = unit(away / variance**COARSE.power)
-        direction = (own / self._variance**COARSE.power).astype(np.float32)
-        row = products(references, direction)
-        row -= np.float32(self._mean.astype(np.float64) @ direction)
-        row *= self._nearness.view[: len(references)]
-        return row
+        direction = self._drive.update(descriptor, self._usual)
+        return self._usual.row(references, self._nearness.view[: len(references)], direction)
+
+    def peaks(self, rows: Rows, steps: Values) -> Values:
+        """Return what `kernels.peaks` does."""
+        found: Values = kernels_of(__package__).peaks(rows, steps, self._map.bounds.starts)
+        return found
+
+    def sums(self, asked: Sequence[Asked]) -> list[Sums]:
+        """Return all sums along diagonals."""
+        return [all_sums(one, self._map.bounds) for one in asked]
 
     def _follow_map(self, references: Halves) -> None:
-        count = len(references)
-        if count > COARSE.averaged_anew * self._counted:
-            for some in widened(references[self._counted :]):
-                squares = np.einsum('ij,ij->j', some, some, dtype=np.float64)
-                self._sums += np.array([some.sum(axis=0, dtype=np.float64), squares])
-            self._counted = count
-            mean, square = self._sums / count
-            variance = np.maximum(square - mean**2, COARSE.least_variance)
-            variance = count * variance + COARSE.prior_of_variance * variance.mean()
-            self._mean = mean.astype(np.float32)
-            self._variance = (variance / (count + COARSE.prior_of_variance)).astype(np.float32)
-            self._nearness = GrowingArray(self._inverse_distances(references))
+        if len(references) > COARSE.averaged_anew * self._counted:
+            self._sums += sums_of(references[self._counted :])
+            self._counted = len(references)
+            self._usual = usual_of(self._sums, self._counted)
+            self._nearness = GrowingArray(self._usual.nearness(references))
         more = references[len(self._nearness) :]
-        self._nearness.extend(self._inverse_distances(more))
-
-    def _inverse_distances(self, references: Halves) -> Floats:
-        inverse, weights = [np.zeros(0, np.float32)], self._variance ** (-2 * COARSE.power)
-        for some in widened(references):
-            distances = (some - self._mean).astype(np.float64) ** 2 @ weights
-            apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
-            inverse.append(np.divide(1, np.sqrt(distances), out=here, where=apart))
-        return np.concatenate(inverse)
+        self._nearness.extend(self._usual.nearness(more))

@@ -38,11 +38,17 @@ def peaks(
 
 
 def partial_scores(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+    rows: Sequence[Row | None],
+    steps: npt.NDArray[np.intp],
+    starts: Indices = ONE,
+    means: Sequence[Any] | None = None,
 ) -> Row:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
-    expected = np.array([mean_score(row) for row in shown], np.float32)
+    if means is None:
+        expected = np.array([mean_score(row) for row in shown], np.float32)
+    else:
+        expected = np.array([means[frame] for frame in there], np.float32)
     scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
     given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
     _partial_scores(*given, len(shown), fewest, scores)

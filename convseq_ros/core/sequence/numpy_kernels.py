@@ -60,7 +60,10 @@ def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> R
 
 
 def partial_scores(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+    rows: Sequence[Row | None],
+    steps: npt.NDArray[np.intp],
+    starts: Indices = ONE,
+    means: Sequence[Any] | None = None,
 ) -> Row:
     """
     Return what `sequence_scores` does of partial windows, (R,), for all references.
@@ -73,9 +76,12 @@ def partial_scores(
         As one row of those of `peaks`.
     starts : ndarray of int64, shape (S,)
         As for `peaks`; the mean of a row is that of all sessions.
+    means : sequence of k floats, optional
+        Of the rows, if they are parts of longer ones.
 
     """
-    means = [0 if row is None else mean_score(row) for row in rows]
+    if means is None:
+        means = [0 if row is None else mean_score(row) for row in rows]
     return np.concatenate(
         [_partial_scores(part, steps, means) for part in _by_session(rows, starts)]
     )
@@ -110,8 +116,8 @@ def _partial_scores(
 
 def mean_score(row: Row) -> np.float32:
     """Return the mean of what is known of a row, 0 if nothing is."""
-    mean = np.mean(row) if len(row) else np.float32(0)
-    if np.isfinite(mean):
-        return mean
-    known = row[np.isfinite(row)]
-    return np.mean(known) if len(known) else np.float32(0)
+    mean = np.mean(row, dtype=np.float64) if len(row) else 0.0
+    if not np.isfinite(mean):
+        known = row[np.isfinite(row)]
+        mean = np.mean(known, dtype=np.float64) if len(known) else 0.0
+    return np.float32(mean)

@@ -10,6 +10,9 @@ from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Rows, Values
 import numpy as np
 
+Closer = Callable[[float], Values]
+Peaks = Callable[[Rows, Values], Values]
+
 
 @constants
 class VELOCITY:
@@ -33,7 +36,9 @@ class ConstantVelocity:
 
     def reset(self) -> None: ...
 
-    def update(self, _rows: Rows, _closer: Callable[[float], Values] | None = None) -> float:
+    def update(
+        self, _rows: Rows, _closer: Closer | None = None, _peaks: Peaks | None = None
+    ) -> float:
         return 1.0
 
 
@@ -52,15 +57,21 @@ class VelocitySearch(ConstantVelocity):
         self._prominence: Values = np.zeros(len(VELOCITY.velocities))
         self._closely: dict[float, float] = {}
 
-    def update(self, rows: Rows, closer: Callable[[float], Values] | None = None) -> float:
+    def update(
+        self, rows: Rows, closer: Closer | None = None, peaks: Peaks | None = None
+    ) -> float:
         """
         Take in rows as for `sequence_scores`; return the velocity, references per frame.
 
-        In the better scores that `closer` leads to, one other than 1 must stand out, too.
+        In the better scores that `closer` leads to, one other than 1 must stand out, too. `peaks`
+        is what finds them, if not here.
         """
         if len(rows) >= VELOCITY.shortest and rows[0] is not None:
             steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
-            found = kernels_of(__package__).peaks(rows, steps, self._bounds.starts)
+            if peaks is None:
+                found = kernels_of(__package__).peaks(rows, steps, self._bounds.starts)
+            else:
+                found = peaks(rows, steps)
             highest, mean, counts = found.T
             if counts[0] >= VELOCITY.fewest_sequences:
                 now = (highest - mean) ** VELOCITY.power

@@ -76,7 +76,7 @@ _memory = local()
 
 
 def _scratch(query: CoherentQuery, reference: Regions) -> npt.NDArray[np.float32]:
-    """Return room for all similarities, a thread's own; new memory would cost a third."""
+    """Return room for all similarities, a thread's own, kept since new memory takes time."""
     needed = query.side**2 * len(reference)
     if getattr(_memory, 'numbers', np.empty(0)).size < needed:
         _memory.numbers = np.empty(needed, np.float32)

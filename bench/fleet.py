@@ -1,0 +1,193 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measure a fleet: `python -m bench.fleet frames --places 100000` or `... build`.
+
+`frames` makes maps in a temporary folder, 17 kB a place, and deletes them: one holds a drawn
+street, which is driven again in the evening, the others its images with other global descriptors.
+`build` draws 20 short recordings and builds their maps on one worker and on two.
+"""
+
+import argparse
+from collections.abc import Mapping
+from contextlib import ExitStack
+import json
+import os
+from pathlib import Path
+import statistics
+import sys
+import tempfile
+import time
+from typing import Any
+
+from convseq_ros import Config, Frame
+from convseq_ros.cli.fleet_build import build_one
+from convseq_ros.config import EncodingConfig, EVERY_FRAME
+from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.types import Status
+from convseq_ros.fleet.cluster import Cluster, connected
+from convseq_ros.fleet.jobs import done
+from convseq_ros.fleet.session import FleetSession
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
+import cv2
+import numpy as np
+
+from bench import material
+
+FIRST = 2000  # places of the map that holds the street; the others share the rest
+FRAMES = 200  # of the drive through the street
+WARM = 30  # first frames, which do not count: buffers and caches fill
+RECORDINGS, IMAGES = 20, 40  # of `build`
+KINDS = 2000  # places of the first map whose images others repeat
+SPREAD = 0.02  # by which their global descriptors differ from those
+
+
+def write_like(first: Path, path: Path, count: int, seed: int) -> int:
+    """Write a map of so many places that look much like those of another map; return the count."""
+    known, rng = open_map(first), np.random.default_rng(seed)
+    kinds = rng.choice(len(known), min(KINDS, len(known)), replace=False).tolist()
+    packed, descriptors = known.packed_of(kinds), known.global_descriptors[kinds]
+    part = path.with_suffix('.part')
+    part.unlink(missing_ok=True)
+    with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
+        for index in range(count):
+            like = index % len(kinds)
+            noise = rng.standard_normal(descriptors.shape[1], np.float32)
+            descriptor = descriptors[like] + np.float32(SPREAD) * noise
+            place = Place(index * 10**8, f'{seed}/{index:07}.png')
+            writer.add(place, Picture(packed[like]), descriptor.astype(np.float16))
+            if index % 1000 == 999:
+                writer.commit()
+    part.rename(path)
+    return count
+
+
+def resident_mb() -> float:
+    """Return how much memory this process has."""
+    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
+    """Measure frames through a fleet."""
+    each = (chosen.places - FIRST) // (chosen.maps - 1)
+    material.prepare(folder, (FIRST,), FRAMES)
+    first = material.map_path(folder, FIRST)
+    paths = [folder / f'other-{number}.db' for number in range(1, chosen.maps)]
+    jobs = {path.name: (first, path, each, at) for at, path in enumerate(paths)}
+    jobs = {name: job for name, job in jobs.items() if not job[1].exists()}
+    if jobs:
+        with connected(Cluster(workers=chosen.workers)) as client:
+            for name, _ in done(client, write_like, jobs):
+                print(name, file=sys.stderr)
+    if chosen.draw_only:
+        return {}
+    with connected(Cluster(workers=chosen.workers)) as client:
+        before = client.run(resident_mb)
+        started = time.monotonic()
+        session = FleetSession(client, [first, *paths], Config())
+        opened_s = time.monotonic() - started
+        read, ask = [0], session.fleet.pictures
+        rounds, ask_some = [0], session.fleet._ask_some
+
+        def counted(indices):
+            read[0] += len(indices)
+            return ask(indices)
+
+        def asked(*what):
+            rounds[0] += 1
+            return ask_some(*what)
+
+        session.fleet.pictures, session.fleet._ask_some = counted, asked
+        took_ms, right, accepted = [], 0, 0
+        for index, gray in enumerate(material.read_queries(folder)):
+            started = time.perf_counter()
+            match = session.recognizer.process(Frame(index * 10**8, gray))
+            took_ms.append(1e3 * (time.perf_counter() - started))
+            if index == WARM:
+                read[0] = rounds[0] = 0
+            if match.status is Status.ACCEPTED and match.best:
+                accepted += 1
+                off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
+                right += off <= 2
+        count = len(took_ms) - WARM - 1
+        return {
+            'places': session.fleet.count,
+            'maps': chosen.maps,
+            'workers': chosen.workers,
+            'opened_s': opened_s,
+            'frame_ms': statistics.median(took_ms[WARM:]),
+            'p95_ms': float(np.percentile(took_ms[WARM:], 95)),
+            'rounds_a_frame': rounds[0] / count,
+            'places_read_a_frame': read[0] / count,
+            'worker_mb': max(client.run(resident_mb).values()),
+            'empty_worker_mb': max(before.values()),
+            'here_mb': resident_mb(),
+            'accepted': accepted,
+            'right': right,
+            'frames': len(took_ms),
+        }
+
+
+def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
+    """Measure the same recordings on one worker and on some."""
+    for number in range(RECORDINGS):
+        own = folder / 'recordings' / f'drive_{number:02}'
+        if own.exists():
+            continue
+        own.mkdir(parents=True)
+        street = Street(length_m=IMAGES + 60, seed=number)
+        for at, shot in enumerate(draw(street, Drive(num_frames=IMAGES, seed=number))):
+            cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
+    if chosen.draw_only:
+        return {}
+    took_s = {}
+    for workers in (1, chosen.workers, 1, chosen.workers):
+        maps = Path(tempfile.mkdtemp(dir=folder))
+        with connected(Cluster(workers=workers)) as client:
+            client.run(resident_mb)  # both are there
+            jobs = {
+                path.name: (path, maps / f'{path.name}.db', '', '', '', Config())
+                for path in sorted((folder / 'recordings').iterdir())
+            }
+            # Once for imports and kernels of each worker.
+            warm = {name: (path, maps / f'warm-{name}.db', *rest)
+                    for name, (path, _, *rest) in [*jobs.items()][: 2 * workers]}  # fmt: skip
+            [*done(client, build_one, warm)]
+            started = time.monotonic()
+            [*done(client, build_one, jobs)]
+            took_s.setdefault(workers, []).append(time.monotonic() - started)
+    alone, together = (min(took_s[workers]) for workers in (1, chosen.workers))
+    return {
+        'recordings': RECORDINGS,
+        'images': RECORDINGS * IMAGES,
+        'seconds': took_s,
+        'workers': chosen.workers,
+        'times_faster': alone / together,
+    }
+
+
+def main() -> int:
+    """Measure one of the two and print it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('what', choices=['frames', 'build'])
+    parser.add_argument('--places', type=int, default=100_000)
+    parser.add_argument('--maps', type=int, default=10)
+    parser.add_argument('--workers', type=int, default=2)
+    parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
+    parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')
+    chosen = parser.parse_args()
+    with ExitStack() as opened:
+        folder = chosen.folder or Path(
+            opened.enter_context(tempfile.TemporaryDirectory(prefix='convseq_fleet_'))
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        print(json.dumps({'frames': frames, 'build': build}[chosen.what](chosen, folder)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

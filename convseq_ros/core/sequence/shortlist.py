@@ -1,0 +1,103 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The shortlist: which sequences get a full pair score, by sums of their coarse scores."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.sequence.coarse_sums import Asked, enough, Sums, top
+from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Values
+from convseq_ros.core.types import Indices
+import numpy as np
+
+_NONE = np.zeros(0, np.int64)
+
+
+@constants
+class SHORTLIST:
+    """Of the choice; by recall of the right place on halves of real maps (docs/MATCHING.md)."""
+
+    elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
+    hysteresis: float = 0.5  # standard deviations by which a listed one is preferred
+    admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
+    verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
+    scouts: int = 12  # places that are likely by the newest frame alone, which get one pair each
+    entered: int = 2  # best of these that are listed: a map may just have been entered there
+    closer: int = 20  # likeliest sequences that are scored for a second velocity; a few ms
+
+
+class Shortlist:
+    """Lists the sequence end indices of best coarse scores; a quarter of them are rivals."""
+
+    def __init__(self, length: int, bounds: SessionBounds = ONE_SESSION) -> None:
+        self._length, self._bounds = length, bounds
+        self.reset()
+
+    def reset(self) -> None:
+        self._newest: Any = None
+        self._listed = self._verified = _NONE
+
+    def asked(self, rows: Sequence[Any], rival_distance: int, velocity: float = 1.0) -> Asked:
+        """Return which sums `update` needs."""
+        known = np.union1d(*self._carried(rows, velocity))
+        return Asked(rows, velocity, enough(self._length, rival_distance), known)
+
+    def update(self, asked: Asked, sums: Sums, rival_distance: int) -> Indices:
+        """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
+        before, verified = self._carried(asked.rows, asked.velocity)
+        self._verified, scores = _NONE, sums.scores.copy()
+        if len(before) and sums.spread.count:
+            scores[sums.at(before)] += SHORTLIST.hysteresis * sums.spread.deviation
+            scores[sums.at(verified)] += sums.spread.range
+        listed = self._best(replace(sums, scores=scores), self._length, rival_distance)
+        if len(before):
+            new = [index for index in listed if index not in before]
+            listed = list(set(listed).difference(new[self._length // SHORTLIST.admission :]))
+        self._newest, self._listed = asked.rows[0], np.array(sorted(listed), np.int64)
+        return self._listed
+
+    def top(self, sums: Sums, rival_distance: int, length: int) -> Indices:
+        """Return the best so many sequence end indices, ascending, whatever was listed before."""
+        return np.array(sorted(self._best(sums, length, rival_distance)), np.int64)
+
+    def verify(self, ends: Indices, scores: Values) -> None:
+        """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
+        best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
+        self._verified = ends[best]
+
+    def _carried(self, rows: Sequence[Any], velocity: float) -> tuple[Indices, Indices]:
+        """Return where diagonals that were listed, and verified, for an older frame end now."""
+        for step, row in zip(diagonal(len(rows), velocity), rows, strict=True):
+            if row is not None and row is self._newest:
+                return self._later(self._listed, step, len(row)), self._later(
+                    self._verified, step, len(row)
+                )
+        return _NONE, _NONE
+
+    def _later(self, ends: Indices, step: int, usable: int) -> Indices:
+        """Return places so many further on in their sessions, of those that have such a one."""
+        later = ends + step
+        there = self._bounds.firsts(later) == self._bounds.firsts(ends)
+        return later[there & (later < usable)]
+
+    def _best(self, sums: Sums, length: int, rival_distance: int) -> list[int]:
+        """Return the best, and for the last quarter the best elsewhere."""
+        elsewhere, scores = length // SHORTLIST.elsewhere, sums.scores.copy()
+        best = top(scores, length - elsewhere)
+        best = best[np.argsort(-scores[best], kind='stable')][: length - elsewhere]
+        listed = sums.ends[best[np.isfinite(scores[best])]].tolist()
+        passed = list(listed)
+        for _ in range(elsewhere if listed else 0):
+            for index in passed:
+                near = self._bounds.around(index, rival_distance)
+                start, stop = sums.at(np.array([near.start, near.stop]))
+                scores[start:stop] = -np.inf
+            best_elsewhere = int(scores.argmax())
+            if not np.isfinite(scores[best_elsewhere]):
+                break
+            passed = [int(sums.ends[best_elsewhere])]
+            listed += passed
+        return listed

@@ -1,0 +1,62 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Coarse scores of a fleet: what `CoarseScores` is to one map."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+from uuid import uuid4
+
+from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual
+from convseq_ros.core.sequence.coarse_sums import Asked, Sums
+from convseq_ros.core.sequence.diagonals import Values
+from convseq_ros.core.types import Descriptor
+from convseq_ros.fleet.shard import Answer, Direction, Question
+import numpy as np
+
+Rows = Sequence[Any]  # of directions, newest first; None for an uninformative frame
+
+
+class FleetScores:
+    """Asks all shards; a row is its direction, and is sent whole with every question."""
+
+    def __init__(self, ask: Callable[[Question], Answer], usual: Usual, count: int) -> None:
+        self._ask, self._usual, self._count = ask, usual, count
+        self._drive, self._key = DriveMean(len(usual.mean)), str(uuid4())
+        self._frames, self._means = 0, dict[str, np.float32]()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._drive.reset()
+        self._means.clear()
+
+    def update(self, descriptor: Descriptor, _usable: int | None = None) -> Direction:
+        """Take in a query, each once; return what stands for its scores with all references."""
+        self._frames += 1
+        numbers = self._drive.update(descriptor, self._usual)
+        return Direction(f'{self._key}/{self._frames}', numbers, self._count)
+
+    def peaks(self, rows: Rows, steps: Values) -> Values:
+        """Return what `kernels.peaks` does of all shards."""
+        answer = self._asked(rows, steps)
+        highest, total, count = (
+            np.zeros((3, len(steps))) if answer.peaks is None else answer.peaks.T
+        )
+        return np.column_stack((highest, total / np.maximum(count, 1), count))
+
+    def sums(self, asked: Sequence[Asked]) -> list[Sums]:
+        """Return the sums along diagonals that are asked for."""
+        for one in asked:
+            for row in one.rows:
+                if row is not None and row.key not in self._means:
+                    self._asked([row], None)
+        question = Question(self._key, self._usual, asked=asked, means=dict(self._means))
+        return [*self._ask(question).sums]
+
+    def _asked(self, rows: Rows, steps: Values | None) -> Answer:
+        """Ask for peaks, and get the mean of the newest row with it."""
+        answer = self._ask(Question(self._key, self._usual, rows, steps))
+        for key, (total, count) in answer.totals.items():
+            self._means[key] = np.float32(total / count if count else 0.0)
+        kept: Any = [*self._means][-64:]
+        self._means = {key: self._means[key] for key in kept}
+        return answer

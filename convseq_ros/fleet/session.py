@@ -1,0 +1,39 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recogniser of the places of a fleet; what `Session` is to one map."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.config import Config
+from convseq_ros.core.compiled import slow_path
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.errors import FleetError
+from convseq_ros.fleet.fleet import Fleet
+
+
+class FleetSession:
+    """
+    Recognises places in all maps of a fleet, exactly as in one map merged from them.
+
+    FleetError if the configuration asks for what a fleet cannot do, or no map can be opened.
+    """
+
+    def __init__(
+        self, client: Any, paths: Sequence[Path], config: Config, timeout_s: float = 60.0
+    ) -> None:
+        if config.matching.search != 'shortlist':
+            raise FleetError('search exhaustive: a fleet answers by shortlist; leave it out')
+        if config.online.mode != 'preloaded':
+            raise FleetError('mode online: maps of a fleet do not grow; leave it out')
+        self.fleet = Fleet(client, paths, timeout_s)
+        reference_map = self.fleet.reference_map()
+        self.recognizer = PlaceRecognizer(reference_map, config, coarse=self.fleet.scores())
+        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
+        self.keyframes_m = reference_map.keyframes.keyframe_distance_m
+
+    @property
+    def missing(self) -> list[str]:
+        """Which maps do not answer, and why, a line each."""
+        return [*self.fleet.missing.values()]

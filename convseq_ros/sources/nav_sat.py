@@ -1,0 +1,92 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses out of satellite fixes: metres east and north of a point that names their frame."""
+
+from collections.abc import Iterable, Sequence
+import math
+from typing import Any, NamedTuple
+
+from convseq_ros.core.types import Pose
+import numpy as np
+import numpy.typing as npt
+
+_EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84, NIMA TR8350.2
+_DECIMALS = 1  # of the origin's degrees, so that drives of one region share it; up to 8 km away
+FIXES_GAP_NS = 3_000_000_000  # between two fixes, in which poses lie between theirs; at 1 Hz
+_LEAST_WAY_M = 1.0  # between two fixes that tell where the robot heads; fixes scatter
+
+
+class Fix(NamedTuple):
+    """Where a receiver was."""
+
+    stamp_ns: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float  # over the ellipsoid; NaN if it is not known
+
+
+def fix_from_message(stamp_ns: int, message: Any) -> Fix | None:
+    """Return a sensor_msgs/NavSatFix; None if it has no fix or is not on Earth."""
+    latitude, longitude = float(message.latitude), float(message.longitude)
+    if message.status.status < 0 or not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        return None
+    altitude = float(message.altitude)
+    return Fix(stamp_ns, latitude, longitude, altitude if math.isfinite(altitude) else 0.0)
+
+
+def local_poses(fixes: Sequence[Fix]) -> tuple[list[tuple[int, Pose]], str]:
+    """
+    Return poses by time, x to the east, y to the north, z up, and the name of their frame.
+
+    The origin is the first fix with its degrees rounded to tenths, at no height, and the frame is
+    named after it: what was driven in one region is in one frame. A robot heads where it moves;
+    one that stands, or before it has come a metre, as it did or will.
+    """
+    if not fixes:
+        return [], ''
+    latitude, longitude = (round(one, _DECIMALS) + 0.0 for one in fixes[0][1:3])
+    origin, axes = _in_space(latitude, longitude, 0.0), _axes(latitude, longitude)
+    ways = [axes @ (_in_space(*fix[1:]) - origin) for fix in fixes]
+    poses = [
+        (fix.stamp_ns, Pose((x, y, z), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))))
+        for fix, (x, y, z), yaw in zip(fixes, np.array(ways).tolist(), _courses(ways), strict=True)
+    ]
+    return poses, f'ENU {latitude:.{_DECIMALS}f} {longitude:.{_DECIMALS}f}'
+
+
+def _in_space(latitude: float, longitude: float, height_m: float) -> npt.NDArray[np.float64]:
+    """Return a place on Earth, degrees, in metres from its centre."""
+    sine, cosine = math.sin(math.radians(latitude)), math.cos(math.radians(latitude))
+    squared = _FLATTENING * (2 - _FLATTENING)
+    radius = _EQUATOR_M / math.sqrt(1 - squared * sine**2)
+    east = math.radians(longitude)
+    return np.array(
+        (
+            (radius + height_m) * cosine * math.cos(east),
+            (radius + height_m) * cosine * math.sin(east),
+            (radius * (1 - squared) + height_m) * sine,
+        )
+    )
+
+
+def _axes(latitude: float, longitude: float) -> npt.NDArray[np.float64]:
+    """Return the directions east, north and up, (3, 3), one a row."""
+    north, east = math.radians(latitude), math.radians(longitude)
+    up = (math.cos(north) * math.cos(east), math.cos(north) * math.sin(east), math.sin(north))
+    to_east = (-math.sin(east), math.cos(east), 0.0)
+    return np.array((to_east, np.cross(up, to_east), up))
+
+
+def _courses(ways: Iterable[npt.NDArray[np.float64]]) -> list[float]:
+    """Return where each step heads, radians from the east to the left."""
+    found: list[float | None] = []
+    last: npt.NDArray[np.float64] | None = None
+    course: float | None = None
+    for here in ways:
+        if last is None or math.hypot(*(here - last)[:2]) >= _LEAST_WAY_M:
+            if last is not None:
+                course = math.atan2(here[1] - last[1], here[0] - last[0])
+            last = here
+        found.append(course)
+    first = next((one for one in found if one is not None), 0.0)
+    return [first if one is None else one for one in found]

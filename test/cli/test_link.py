@@ -1,0 +1,114 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`convseq link`: two drives of one street find each other, and their poses get one frame."""
+
+from dataclasses import replace
+import json
+import math
+
+from convseq_ros.cli import main
+from convseq_ros.cli.pose_graph import brought_together, edges_of, solved
+from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.core.linking import Link
+from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
+from convseq_ros.core.types import RelativePose
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
+import numpy as np
+import pytest
+
+PLACES = 24
+# What the second drive's odometry calls its origin.
+AWAY = matrix(of_roll_pitch_yaw((80.0, -30.0, 0.0), 0.0, 0.0, 2.0))
+
+
+@pytest.fixture(scope='module')
+def driven(tmp_path_factory):
+    """Return a map of two drives, each in the frame of its own odometry, and where it was."""
+    path, truth = tmp_path_factory.mktemp('link') / 'two.db', []
+    for number, light in enumerate(('day', 'evening')):
+        drive = Drive(
+            num_frames=PLACES, lane_offset_m=-1.5 + 0.5 * number, light=light, seed=number,
+            start_m=0.4 * number, width_px=320, height_px=240, frame_rate_hz=7.0,
+            start_ns=10**18 + number * 10**12,
+        )  # fmt: skip
+        config = Config(keyframes=EVERY_FRAME)
+        with MapBuilder(path, config, number > 0, light) as builder:
+            for shot in draw(Street(60.0, seed=5), drive):
+                truth.append(np.array(shot.pose.position))
+                pose = pose_of(AWAY @ matrix(shot.pose)) if number else shot.pose
+                builder.process(replace(shot.frame, pose=pose, camera=drive.camera))
+    return path, truth
+
+
+def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, capsys):
+    pytest.importorskip('gtsam')
+    pytest.importorskip('matplotlib')
+    path, truth = driven
+    before = path.read_bytes()
+    files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png')]
+    options = zip(('--g2o', '-o', '--picture'), map(str, files), strict=True)
+    assert main(['link', str(path), *(one for pair in options for one in pair), '--json']) == 0
+    links = json.loads(capsys.readouterr().out)
+    assert path.read_bytes() == before
+    assert len(links) >= 1.5 * PLACES
+    for link in links:
+        assert math.dist(truth[link['place']], truth[link['other']]) < 3.0
+        assert link['session'] != link['other_session']
+    opened = open_map(files[1])
+    frames = {session.frame for session in opened.sessions}
+    assert len(frames) == 1 and None not in frames
+    off_m = [
+        math.dist(one.pose.position, at) for one, at in zip(opened.places, truth, strict=True)
+    ]
+    assert max(off_m) < 0.5
+    lines = files[0].read_text().splitlines()
+    assert sum(line.startswith('VERTEX_SE3:QUAT') for line in lines) == 2 * PLACES
+    measured = sum(link['position_m'] is not None for link in links)
+    assert sum(line.startswith('EDGE') for line in lines) == 2 * (PLACES - 1) + measured
+    assert files[2].stat().st_size > 10_000
+
+
+def made(count, wrong=0):
+    """Return a map of two drives along x, the second's odometry elsewhere, and exact links."""
+    whole, cells = ReferenceMap(), np.ones((32, 32, 8), np.float16)
+    for number in range(2):
+        whole.sessions.append(MapSession(f'{number}', '', 0))
+        for index in range(count):
+            pose = of_roll_pitch_yaw((float(index), float(number), 0.0), 0.0, 0.0, 0.0)
+            pose = pose_of(AWAY @ matrix(pose)) if number else pose
+            whole.add(Place(index, pose=pose, session=number), cells)
+    noise = np.diag([0.01] * 3 + [1e-4] * 3)
+    return whole, [
+        Link(
+            count + at, at, 1.0, 100,
+            RelativePose((0.0, 0.0, 0.0, 1.0), (9.0 * (at < wrong), 1.0, 0.0), None, noise, 9),
+        )
+        for at in range(count)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize('wrong', [0, 6])
+def test_a_session_lies_where_most_links_say(wrong):
+    pytest.importorskip('gtsam')
+    whole, links = made(20, wrong)
+    edges = list(edges_of(whole, links))
+    start = brought_together(whole, edges)
+    found = solved(edges, start)
+    for at in range(20):
+        assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
+
+
+def test_a_map_of_one_session_or_without_poses_is_one_line(driven, tmp_path, capsys):
+    path, _ = driven
+    assert main(['split', str(path), '-o', str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(['link', str(tmp_path / 'day.db')]) == 1
+    assert 'has one session; put others beside it' in capsys.readouterr().err
+    whole, _ = made(3)
+    assert brought_together(whole, list(edges_of(whole, []))) == {}

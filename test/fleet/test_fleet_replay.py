@@ -1,0 +1,109 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A fleet of maps answers as one map would that was made of all."""
+
+import json
+import os
+import shutil
+import signal
+
+from convseq_ros.cli import main
+from convseq_ros.config import Config, make_config
+from convseq_ros.errors import FleetError
+from convseq_ros.fleet.session import FleetSession
+from convseq_ros.results import read_results
+import pytest
+
+FRAMES = 30
+SETTINGS = '--keyframe-overlap', '1'
+
+
+@pytest.mark.parametrize('more', [(), ('--fixed-length', '10'), ('--matching', 'regional')])
+def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, capsys, more):
+    maps, one, again = drives
+    tables = [tmp_path / name for name in ('one.csv', 'fleet.csv')]
+    wanted = ['replay', str(again), '--map', str(one), '--output', str(tables[0]), *more]
+    assert main(wanted) == 0
+    fleet = ['fleet', 'replay', str(maps), str(again), '--scheduler', scheduler, '--json']
+    capsys.readouterr()
+    assert main([*fleet, '--output', str(tables[1]), *more]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['missing'] == [] and told['frames'] == FRAMES + FRAMES // 2
+    rows = [read_results(table) for table in tables]
+    for row in (*rows[0], *rows[1]):
+        del row['duration_ms']
+    assert rows[0] == rows[1]
+    accepted = {int(row['reference_index']) for row in rows[0] if row['reference_index']}
+    if not more or more[0] == '--fixed-length':
+        assert accepted & {*range(FRAMES, 2 * FRAMES)}
+        assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
+
+
+def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
+    maps, _, again = drives
+    session = FleetSession(client, sorted(maps.glob('*.db')), Config())
+
+    def kill(number):
+        if number in (12, 30):
+            pids = client.run(os.getpid)
+            os.kill(pids[min(pids)], signal.SIGKILL)
+
+    assert answers_of(session.recognizer, again, kill) == expected
+    assert session.missing == []
+
+
+def test_maps_that_cannot_be_opened_are_left_out_and_named(
+    drives, scheduler, expected, tmp_path, capsys
+):
+    maps, _, again = drives
+    folder = tmp_path / 'some'
+    shutil.copytree(maps, folder)
+    (folder / 'map_0a.db').write_bytes(b'SQLite format 3\0 and nothing else')
+    other = ['--image-size-px', '256']
+    assert main(['build-map', str(again), str(folder / 'map_9.db'), *SETTINGS, *other]) == 0
+    capsys.readouterr()
+    table = tmp_path / 'table.csv'
+    fleet = ['fleet', 'replay', str(folder), str(again), '--scheduler', scheduler]
+    assert main([*fleet, '--output', str(table)]) == 0
+    printed = capsys.readouterr()
+    warnings = [line for line in printed.err.splitlines() if line.startswith('warning: ')]
+    assert len(warnings) == 2 and all('the other maps answer' in line for line in warnings)
+    assert 'map_0a.db' in warnings[0] + warnings[1]
+    assert 'image_size_px' in warnings[0] + warnings[1]
+    assert '90 places of 3 maps, 2 of 5 maps missing' in printed.out
+    # The others answer as if there were no more.
+    reasons = [row['reason'] for row in read_results(table)]
+    assert reasons == [said[1] for said in expected]
+
+
+def test_a_map_that_is_damaged_later_is_left_out_from_then_on(
+    drives, client, tmp_path, answers_of
+):
+    maps, _, again = drives
+    folder = tmp_path / 'some'
+    shutil.copytree(maps, folder)
+    session, damaged = (
+        FleetSession(client, sorted(folder.glob('*.db')), Config()),
+        folder / 'map_1.db',
+    )
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
+    damaged.write_bytes(content)
+    said = answers_of(session.recognizer, again)
+    assert len(session.missing) == 1 and str(damaged) in session.missing[0]
+    accepted = {one[2][0].reference_index for one in said if one[1] == 'accepted'}
+    assert accepted and accepted <= {*range(2 * FRAMES, 3 * FRAMES)}
+
+
+def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
+    assert main(['fleet', 'replay', str(tmp_path), str(tmp_path)]) == 1
+    assert 'no map in it (*.db)' in capsys.readouterr().err
+    (tmp_path / 'a.db').write_bytes(b'nothing')
+    with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*a\.db'):
+        FleetSession(client, [tmp_path / 'a.db'], Config())
+
+
+@pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
+def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
+    with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
+        FleetSession(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
