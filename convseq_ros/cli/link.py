@@ -76,7 +76,8 @@ def _moved(part: Part, after: Poses) -> Part:
         return part
     first = whole.sessions[whole.places[min(after)].session]
     poses = {at: pose_of(after[at]) for at in part.places if at in after}
-    return replace(part, poses=poses, frame=first.frame or f'linked {whole.map_id}')
+    frame = first.frame or f'linked {whole.map_id}'
+    return replace(part, session=replace(part.session, frame=frame), poses=poses)
 
 
 def _report(parts: list[Part], links: list[Link], as_json: bool) -> None:

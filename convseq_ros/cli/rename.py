@@ -29,7 +29,7 @@ def run(chosen: argparse.Namespace) -> int:
         raise MapError(f'name: {name!a} is no line of 1 to {_MOST_CHARACTERS} characters')
     if any(other.name == name for other in parts if other is not part):
         raise MapError(f'{chosen.map}: another session is called {name!r}; take another name')
-    renamed = replace(part, name=name)
+    renamed = replace(part, session=replace(part.session, name=name))
     rename_session(renamed)
     shown = [renamed if other is part else other for other in parts]
     return report([(chosen.map, shown)], chosen.json)

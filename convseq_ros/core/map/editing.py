@@ -27,36 +27,32 @@ _MOST_SAID = 40  # characters of a setting; a mask has thousands
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A session of a map, to be put into another."""
+    """A session of a map, or some of its places, to be put into another map."""
 
     path: Path  # of the map
     reference_map: ReferenceMap
     number: int  # of the session in it
-    name: str  # that it shall have
+    session: MapSession  # what is to be stored of it
+    places: range  # that it has in its map
     poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
-    frame: str | None = None  # that these are in
 
     @property
-    def session(self) -> MapSession:
-        """What is stored of it."""
-        own = self.reference_map.sessions[self.number]
-        return replace(own, name=self.name, frame=self.frame or own.frame)
-
-    @property
-    def places(self) -> range:
-        """The places that it has in its map."""
-        own = self.reference_map
-        for start, end in pairwise([*own.bounds.starts.tolist(), len(own)]):
-            if start < end and own.places[start].session == self.number:
-                return range(start, end)
-        return range(0)
+    def name(self) -> str:
+        """What it is called."""
+        return self.session.name
 
 
 def parts_of(path: Path) -> list[Part]:
     """Return the sessions of a map file that have places; MapError if it cannot be opened."""
     opened = MapReader(path).reference_map()
-    parts = [Part(path, opened, *one) for one in enumerate(names(opened.sessions, path.stem))]
-    return [part for part in parts if part.places]
+    called = names(opened.sessions, path.stem)
+    parts = []
+    for start, end in pairwise([*opened.bounds.starts.tolist(), len(opened)]):
+        if start < end:
+            number = opened.places[start].session
+            session = replace(opened.sessions[number], name=called[number])
+            parts.append(Part(path, opened, number, session, range(start, end)))
+    return parts
 
 
 def names(sessions: Sequence[MapSession], usual: str) -> list[str]:

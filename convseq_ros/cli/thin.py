@@ -1,0 +1,74 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Leave out what other sessions of a map know as well: `convseq thin MAP`."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from uuid import uuid4
+
+from convseq_ros.cli.printable import printable
+from convseq_ros.cli.sessions import add_json, report, SESSION_HELP, watched
+from convseq_ros.core.map.editing import chosen_part, Part, parts_of, write_parts
+from convseq_ros.core.map.selection import selected
+from convseq_ros.core.thinning import Needed, needed
+from convseq_ros.errors import MapError
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('map', type=Path, help='replaced in one step, or not at all')
+    parser.add_argument(
+        '--session', action='append', help=f'{SESSION_HELP}; by default all, the newest first'
+    )
+    parser.add_argument('--dry-run', action='store_true', help='say what would be left, and why')
+    add_json(parser)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Thin, and say what is left, and why."""
+    parts = parts_of(chosen.map)
+    asked = [chosen_part(parts, said) for said in chosen.session or ()] or parts[::-1]
+    left: dict[int, list[Part]] = {part.number: [part] for part in parts}
+    for part in asked:
+        found = _needed(part, [one for own in left.values() for one in own])
+        left[part.number] = _runs(part, found)
+        if not chosen.json:
+            print(_reason(part, found))
+    kept = [one for part in parts for one in left[part.number]]
+    if not chosen.dry_run and kept != parts:
+        if not kept:
+            raise MapError(f'{chosen.map}: nothing would be left of it')
+        write_parts(kept, chosen.map, watched(chosen.map), replaces=True)
+    return report([(chosen.map, kept)], chosen.json)
+
+
+def _needed(part: Part, left: list[Part]) -> Needed:
+    """Return what of a session is needed beside what is left of the others, by own indices."""
+    whole = part.reference_map
+    indices = sorted({at for one in left for at in one.places} | set(part.places))
+    found = needed(selected(whole, indices), part.number)
+    runs = tuple(range(indices[run.start], indices[run.stop - 1] + 1) for run in found.runs)
+    return replace(found, runs=runs)
+
+
+def _runs(part: Part, found: Needed) -> list[Part]:
+    """Return the stretches of a session that are kept, as a session each."""
+    if found.runs == (part.places,):
+        return [part]
+    places, parts = part.reference_map.places, []
+    for number, run in enumerate(found.runs):
+        session = replace(part.session, start_ns=places[run.start].stamp_ns)
+        if number:
+            session = replace(session, id=str(uuid4()), name=f'{part.name} ({number + 1})')
+        parts.append(replace(part, session=session, places=run))
+    return parts
+
+
+def _reason(part: Part, found: Needed) -> str:
+    kept = sum(map(len, found.runs))
+    return (
+        f'{printable(part.name)}: {kept} of {len(part.places)} places are needed; elsewhere '
+        f'{found.known} are known and look alike, {found.unlike} look otherwise, '
+        f'{found.unknown} are not surely known'
+    )
