@@ -188,12 +188,15 @@ class TrackEvidence:
 
     def _along(self, frame: int, reference: int, velocity: float) -> list[FrameEvidence]:
         """Return the frames whose best diagonal leads to a reference, or another look of it."""
-        found, span = [], self._places.bounds.span
-        ends = [(end, span(end)) for end in (reference, *self._places.looks(reference))]
-        for one in self._frames:
-            way, own = velocity * (frame - one.frame) + one.reference, span(one.reference)
-            if any(own == session and abs(end - way) <= TRACK.same_track for end, session in ends):
-                found.append(one)
+        found: list[FrameEvidence] = []
+        for end in (reference, *self._places.looks(reference)):
+            first, last = self._places.bounds.span(end)
+            found += [
+                one
+                for one in self._frames
+                if first <= one.reference < last
+                and abs(end - one.reference - velocity * (frame - one.frame)) <= TRACK.same_track
+            ]
         return found
 
     def _newest_alone(self, reference: int) -> float:
