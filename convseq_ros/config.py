@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from convseq_ros.errors import ConfigError
 from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
 
 Group = TypeVar('Group')
@@ -89,10 +90,6 @@ class MatchingConfig(Checked):
         0, 'Threads that compute pair scores; 0 takes as many cores as the process may use, at '
         'most 2.', low=0, high=256,
     )
-
-    @property
-    def is_coherent(self) -> bool:
-        return self.matching == 'coherent'
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,21 +233,6 @@ class KeyframeConfig(Checked):
             'keyframe_distance_m': self.keyframe_distance_m,
             'keyframe_overlap': self.keyframe_overlap,
         }
-
-
-@dataclass(frozen=True, slots=True)
-class ReadingConfig(Checked):
-    """What is too large to be decoded, whoever sent it."""
-
-    max_image_mpx: float = parameter(
-        64.0, 'An image that declares more pixels than this is unreadable: it is not decoded, '
-        'and takes no memory. Decoding takes 4 to 10 bytes a pixel.',
-        unit='Mpx', low=0.01, high=1000.0,
-    )
-    max_chunk_mb: float = parameter(
-        256.0, 'A chunk of a recording that declares more is not inflated, nor, of chunks of the '
-        'same time, twice as much. Live images have none.', unit='MB', low=1.0, high=100_000.0,
-    )
 
 
 # fmt: on

@@ -22,6 +22,17 @@ class NodeConfig(Checked):
         dynamic=True,
     )
     result_file: str = parameter('', 'CSV file that gets a row for every frame; empty for none.')
+    fleet: str = parameter(
+        '', 'Scheduler whose maps (convseq fleet serve) are asked beside the own map, such as '
+        'tcp://127.0.0.1:8786; answers on ~/fleet_answer. Empty for none.',
+    )
+    fleet_tls: str = parameter(
+        '', 'Folder of ca.pem, cert.pem and key.pem, for a fleet that is on another machine.',
+    )
+    fleet_timeout_s: float = parameter(
+        1.0, 'A fleet that does not answer within this time is given up, and looked for again.',
+        unit='s', low=0.05, high=60.0,
+    )
     image_transport: str = parameter(
         'raw', 'Images to subscribe to: raw on topic `image`, compressed on `image/compressed`.',
         choices=('raw', 'compressed'),

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Many maps on many processes or machines: `convseq fleet build` and `replay`."""
+"""Many maps on many processes or machines: `convseq fleet build`, `replay` and `serve`."""
 
 import argparse
 from importlib import import_module
@@ -8,12 +8,13 @@ from importlib import import_module
 COMMANDS = {
     'build': 'build a map of each recording in a folder, in parallel',
     'replay': 'recognise the frames of a recording in all maps of a folder',
+    'serve': 'have robots ask all maps of a folder',
 }
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of each command."""
-    commands = parser.add_subparsers(dest='work', required=True, metavar='build|replay')
+    commands = parser.add_subparsers(dest='work', required=True, metavar='build|replay|serve')
     for name, text in COMMANDS.items():
         own = commands.add_parser(name, help=text, description=text.capitalize() + '.')
         import_module(f'convseq_ros.cli.fleet_{name}').describe(own)

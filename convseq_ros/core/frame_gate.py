@@ -120,7 +120,7 @@ class FrameGate:
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
     ) -> None:
-        by_image = config.matching.is_coherent
+        by_image = config.matching.matching == 'coherent'
         self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
         self._standstill = Standstill(config.motion, by_image, similarity)
         self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)

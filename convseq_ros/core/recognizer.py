@@ -17,7 +17,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose import measured
 from convseq_ros.core.sequence.length import choose_length
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
+from convseq_ros.core.sequence.query_buffer import is_partial, QueryBuffer
 from convseq_ros.core.sequence.search import Coarse, make_search
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
@@ -51,7 +51,7 @@ class PlaceRecognizer:
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        self.buffer = QueryBuffer(self.matcher, config.matching.is_coherent, reference_map.bounds)
+        self.buffer = QueryBuffer(self.matcher, is_partial(config), reference_map.bounds)
         self._search = make_search(reference_map, config, coarse)
         self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
         self._closures = Closures(reference_map, self.matcher, config)

@@ -9,7 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME, ReadingConfig
+from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -17,6 +17,7 @@ from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest
 from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt

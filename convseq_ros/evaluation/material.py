@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig, ReadingConfig
+from convseq_ros.config import EncodingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, Part
@@ -15,6 +15,7 @@ from convseq_ros.evaluation.drive import describe_drive, Drive, Images
 from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import Drive as DrawnDrive
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import time
 
 from convseq_ros.core.session import Session
+from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import status_message
 from convseq_ros.node.statistics import Statistics
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -38,6 +39,8 @@ class Situation:
         file; backward jumps of the clock; frames whose pose odometry did not tell.
     camera_known, odometry_heard : bool
         Whether there is a calibrated camera_info, and odom.
+    fleet : FleetLink or None
+        What asks other maps as well.
 
     """
 
@@ -53,6 +56,7 @@ class Situation:
     without_pose: int
     camera_known: bool
     odometry_heard: bool
+    fleet: FleetLink | None = None
 
     @property
     def map_size(self) -> int:
@@ -144,6 +148,10 @@ class Diagnostics:
                 f'{dropped_now} frames dropped: they come faster than they are processed; have '
                 'fewer sent, or a map of keyframes (keyframe_interval_s)'
             )
+        if situation.fleet and situation.fleet.problem:
+            return DiagnosticStatus.WARN, (
+                f'the fleet does not answer, the own map does: {situation.fleet.problem}'
+            )
         if situation.session.keyframes_m and not situation.odometry_heard:
             return DiagnosticStatus.WARN, (
                 f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
@@ -202,6 +210,12 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'odom': situation.odometry_heard,
         'frames_without_pose': situation.without_pose,
     }
+    if fleet := situation.fleet:
+        values |= {
+            'fleet': fleet.problem or 'answers',
+            'fleet_answered': fleet.answered,
+            'fleet_skipped': fleet.skipped,
+        }
     if session.is_growing:
         values |= {
             'places_added': session.added,

@@ -20,6 +20,7 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Diagnostics, Situation
+from convseq_ros.node.fleet_answers import open_fleet
 from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.map_services import MapServices
@@ -121,6 +122,9 @@ class VprNode(ManagedNode):
         self.create_service(
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
+        if fleet := open_fleet(self, config, self._config):
+            undone.callback(fleet.close)
+        self._fleet = fleet
         self._images = ImageSubscription(self, config, self._on_image)
         self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
         self._diagnostics = Diagnostics(
@@ -162,6 +166,8 @@ class VprNode(ManagedNode):
         self._progress.finish()
         if not self._maps.finish(_MAPS_TIMEOUT_S):
             self.get_logger().warning('stopped before a map was saved or opened')
+        if self._fleet:
+            self._fleet.close()
         self._results.close()
         self._ready = False
 
@@ -204,6 +210,8 @@ class VprNode(ManagedNode):
     ) -> None:
         estimate = self._answers.publish(frame, match, recognizer, duration_ms)
         self._whereabouts.update(match, estimate)
+        if self._fleet:
+            self._fleet.put(frame)
 
     def _on_image(self, message: ImageMessage) -> None:
         arrival_ns = time.monotonic_ns()
@@ -233,8 +241,13 @@ class VprNode(ManagedNode):
 
         self._worker.between_items(apply)
 
+    def _forget(self) -> None:
+        self._recognition.reset()
+        if self._fleet:
+            self._fleet.reset()
+
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._worker.between_items(self._recognition.reset)
+        self._worker.between_items(self._forget)
         response.success, response.message = True, 'the query sequence starts anew'
         return response
 
@@ -243,7 +256,7 @@ class VprNode(ManagedNode):
     ) -> SetBool.Response:
         if request.data and not self._enabled:
             # What came before the pause is not the past of what comes now.
-            self._worker.between_items(self._recognition.reset)
+            self._worker.between_items(self._forget)
         self._enabled = request.data
         response.success, response.message = True, 'enabled' if request.data else 'disabled'
         return response
@@ -263,6 +276,7 @@ class VprNode(ManagedNode):
             camera_known=self._surroundings.camera.known,
             odometry_heard=odometry.heard,
             without_pose=odometry.missing,
+            fleet=self._fleet,
         )
 
 

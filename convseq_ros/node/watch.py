@@ -15,12 +15,12 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.watch')
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import ConvseqError, ImageError
 from convseq_ros.node.running import turns
 from convseq_ros.node.subscription import FollowingSubscription
 from convseq_ros.node.topic_finder import COMPRESSED
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import decode_compressed, decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 import re
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import read_picture
 from convseq_ros.sources.natural_order import natural_key
 

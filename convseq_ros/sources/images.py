@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import ImageError
 from convseq_ros.picture_header import declared
+from convseq_ros.reading_config import ReadingConfig
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -9,8 +9,8 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
 
 _MEGA = 1_000_000
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import sys
 from typing import NamedTuple
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import decode_compressed, decode_image
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses

@@ -8,8 +8,8 @@ from pathlib import Path
 import re
 from typing import Any, Protocol
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.bounded_readers import check_chunks, open_bounded
 from convseq_ros.sources.inflate import inflate, RecordingLimits

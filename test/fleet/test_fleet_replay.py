@@ -9,66 +9,13 @@ import signal
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
-from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.results import read_results
-from convseq_ros.sources import open_source
-import cv2
-import numpy as np
 import pytest
 
-DRIVES, FRAMES = 3, 30
+FRAMES = 30
 SETTINGS = '--keyframe-overlap', '1'
-
-
-@pytest.fixture(scope='module')
-def drives(tmp_path_factory):
-    """Return a folder of three drives, their maps, one map of all, and a drive past two again."""
-    folder, maps = tmp_path_factory.mktemp('drives'), tmp_path_factory.mktemp('maps')
-    again = tmp_path_factory.mktemp('again')
-    one, number = maps / 'all' / 'one.db', 0
-    one.parent.mkdir()
-    for drive in range(DRIVES):
-        (folder / str(drive)).mkdir()
-        for place in range(FRAMES):
-            rng = np.random.default_rng(100 * drive + place)
-            picture = cv2.GaussianBlur(rng.integers(0, 256, (60, 80), np.uint8), (5, 5), 1.0)
-            cv2.imwrite(str(folder / str(drive) / f'{place:03}.png'), picture)
-            # Past the second at its speed, then past the third twice as fast.
-            if drive == 1 or (drive == 2 and place % 2):
-                noise = rng.normal(0, 12, picture.shape)
-                noisy = np.clip(picture + noise, 0, 255).astype(np.uint8)
-                cv2.imwrite(str(again / f'{number:03}.png'), noisy)
-                number += 1
-        name = str(folder / str(drive))
-        append = ['--append'] if drive else []
-        assert main(['build-map', name, str(maps / f'map_{drive}.db'), *SETTINGS]) == 0
-        assert main(['build-map', name, str(one), *SETTINGS, *append]) == 0
-    return maps, one, again
-
-
-def answers(recognizer, recording, then=None):
-    """Return all that is said of each frame; do something before each."""
-    found = []
-    for number, frame in enumerate(open_source(recording)):
-        if then:
-            then(number)
-        match = recognizer.process(frame)
-        said = match.status, match.reason, match.candidates, match.sequence_length
-        found.append((*said, match.pairs_scored, match.confidence, match.localization))
-    return found
-
-
-@pytest.fixture(scope='module')
-def expected(drives):
-    _, one, again = drives
-    return answers(PlaceRecognizer(open_map(one), Config()), again)
-
-
-def paths_of(maps):
-    return sorted(maps.glob('*.db'))
 
 
 @pytest.mark.parametrize('more', [(), ('--fixed-length', '10'), ('--matching', 'regional')])
@@ -92,16 +39,16 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
 
 
-def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected):
+def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
     maps, _, again = drives
-    session = FleetSession(client, paths_of(maps), Config())
+    session = FleetSession(client, sorted(maps.glob('*.db')), Config())
 
     def kill(number):
         if number in (12, 30):
             pids = client.run(os.getpid)
             os.kill(pids[min(pids)], signal.SIGKILL)
 
-    assert answers(session.recognizer, again, kill) == expected
+    assert answers_of(session.recognizer, again, kill) == expected
     assert session.missing == []
 
 
@@ -129,15 +76,20 @@ def test_maps_that_cannot_be_opened_are_left_out_and_named(
     assert reasons == [said[1] for said in expected]
 
 
-def test_a_map_that_is_damaged_later_is_left_out_from_then_on(drives, client, tmp_path):
+def test_a_map_that_is_damaged_later_is_left_out_from_then_on(
+    drives, client, tmp_path, answers_of
+):
     maps, _, again = drives
     folder = tmp_path / 'some'
     shutil.copytree(maps, folder)
-    session, damaged = FleetSession(client, paths_of(folder), Config()), folder / 'map_1.db'
+    session, damaged = (
+        FleetSession(client, sorted(folder.glob('*.db')), Config()),
+        folder / 'map_1.db',
+    )
     content = bytearray(damaged.read_bytes())
     content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
     damaged.write_bytes(content)
-    said = answers(session.recognizer, again)
+    said = answers_of(session.recognizer, again)
     assert len(session.missing) == 1 and str(damaged) in session.missing[0]
     accepted = {one[2][0].reference_index for one in said if one[1] == 'accepted'}
     assert accepted and accepted <= {*range(2 * FRAMES, 3 * FRAMES)}
@@ -154,4 +106,4 @@ def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
 @pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
 def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
     with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
-        FleetSession(client, paths_of(drives[0]), make_config({name: value}))
+        FleetSession(client, sorted(drives[0].glob('*.db')), make_config({name: value}))

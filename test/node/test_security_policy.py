@@ -27,7 +27,7 @@ def allowed(group, kind):
 
 def test_the_policy_names_what_the_node_uses(client, vpr):
     # With all that only some nodes have.
-    node = vpr(lifecycle='true', publish_initial_pose='true')
+    node = vpr(lifecycle='true', publish_initial_pose='true', fleet='tcp://127.0.0.1:1')
     assert node.trigger_configure().name == 'SUCCESS'
     assert node.trigger_activate().name == 'SUCCESS'
     who = node.get_name(), node.get_namespace()

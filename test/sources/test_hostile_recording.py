@@ -8,9 +8,9 @@ import struct
 import threading
 import tracemalloc
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
 import numpy as np

@@ -4,9 +4,9 @@
 
 from types import SimpleNamespace
 
-from convseq_ros.config import ReadingConfig
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.picture_header import declared
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
 import cv2

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification, verify
 from convseq_ros.core.map.sessions import SessionBounds
@@ -172,3 +173,8 @@ class QueryBuffer:
             if one.row is not None and one.features is not None:
                 met = ends - step
                 yield one, one.features, one.row, met[(met >= firsts) & (met < len(one.row))]
+
+
+def is_partial(config: Config) -> bool:
+    """Return whether sequences count that lie partly off the map; never in the paper."""
+    return config.matching.matching == 'coherent'

@@ -120,7 +120,7 @@ def make_search(
 ) -> ExhaustiveSearch:
     """Return the search that a configuration asks for, with what scores a map, if that is told."""
     matching = config.matching
-    follows = matching.velocity_search and matching.is_coherent
+    follows = matching.velocity_search and matching.matching == 'coherent'
     velocity = VelocitySearch(reference_map.bounds) if follows else ConstantVelocity()
     if matching.search == 'exhaustive':
         return ExhaustiveSearch(velocity)

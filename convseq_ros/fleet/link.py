@@ -1,0 +1,136 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot's link to a fleet, which may be gone at any time: nobody waits for it."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from threading import Condition, Thread
+import time
+from typing import Any
+
+from convseq_ros.config import Config
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame, Match
+from convseq_ros.errors import ConvseqError, FleetError
+from convseq_ros.fleet.cluster import checked_address, Cluster, connected
+from convseq_ros.fleet.session import FleetSession
+
+Tell = Callable[[Match, float, PlaceRecognizer], None]  # an answer and the milliseconds it took
+
+_NAME = 'convseq_ros'  # of the data set in which a scheduler keeps the paths of its maps
+_AGAIN_S = 5.0  # after which a fleet that is gone is looked for again
+_MOST_WAITING = 10  # frames
+
+
+def serve(client: Any, paths: Sequence[Path]) -> None:
+    """Have a scheduler tell which maps it answers from; they are those of one fleet."""
+    client.publish_dataset([str(path.resolve()) for path in paths], name=_NAME, override=True)
+
+
+class FleetLink:
+    """
+    Asks the fleet of a scheduler in a thread of its own, and looks for it again when it is gone.
+
+    Parameters
+    ----------
+    cluster : Cluster
+        Where the scheduler is; FleetError if it may not be talked to.
+    config : Config
+        What decides a match; a fleet has a shortlist, and does not grow, whatever it says.
+    tell : callable
+        Gets the answer to each frame, in the link's thread.
+    timeout_s : float
+        After which a question counts as not answered.
+
+    Attributes
+    ----------
+    problem : str
+        Why the fleet does not answer; empty if it does.
+    answered, skipped : int
+        Frames.
+
+    """
+
+    def __init__(self, cluster: Cluster, config: Config, tell: Tell, timeout_s: float) -> None:
+        checked_address(cluster)
+        self.problem, self.answered, self.skipped = 'looking for it', 0, 0
+        self._cluster, self._tell, self._timeout_s = cluster, tell, timeout_s
+        matching = replace(config.matching, search='shortlist')
+        self._config = replace(
+            config, matching=matching, online=replace(config.online, mode='preloaded')
+        )
+        self._waiting, self._news, self._is_ending = deque[Frame](), Condition(), False
+        self._is_reset = False
+        self._thread = Thread(target=self._run, name='fleet', daemon=True)
+        self._thread.start()
+
+    def put(self, frame: Frame) -> None:
+        """Have a frame asked; the oldest that waits is skipped if there are too many."""
+        with self._news:
+            self._waiting.append(frame)
+            while len(self._waiting) > (0 if self.problem else _MOST_WAITING):
+                self._waiting.popleft()
+                self.skipped += 1
+            self._news.notify()
+
+    def reset(self) -> None:
+        """Have the drive begin anew."""
+        with self._news:
+            self._waiting.clear()
+            self._is_reset = True
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        """Ask no more; a question that is under way is left alone."""
+        with self._news:
+            self._is_ending = True
+            self._news.notify()
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        while not self._is_ending:
+            try:
+                with ExitStack() as opened:
+                    client = opened.enter_context(connected(self._cluster))
+                    self._answer(self._opened(client))
+            except ConvseqError as error:
+                self.problem = str(error)
+            except Exception as error:
+                # Whatever breaks in a cluster that goes away; the robot goes on.
+                self.problem = f'{type(error).__name__}: {error}'
+            with self._news:
+                self.skipped += len(self._waiting)
+                self._waiting.clear()
+                self._news.wait_for(lambda: self._is_ending, _AGAIN_S)
+
+    def _opened(self, client: Any) -> FleetSession:
+        paths = client.get_dataset(_NAME, default=None)
+        if not paths:
+            raise FleetError(
+                f'{self._cluster.scheduler}: serves no maps; convseq fleet serve MAPS'
+            )
+        session = FleetSession(client, [Path(path) for path in paths], self._config)
+        session.fleet.timeout_s = self._timeout_s
+        return session
+
+    def _answer(self, session: FleetSession) -> None:
+        """Answer frames until the end, or an error."""
+        recognizer = session.recognizer
+        self.problem = ''
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._is_ending or self._waiting)
+                if self._is_ending:
+                    return
+                frame = self._waiting.popleft()
+                is_reset, self._is_reset = self._is_reset, False
+            if is_reset:
+                recognizer.reset()
+            started = time.perf_counter()
+            match = recognizer.process(frame)
+            if len(session.missing) == len(session.fleet.paths):
+                raise FleetError(f'no map answers: {session.missing[0]}')
+            self.answered += 1
+            self._tell(match, 1e3 * (time.perf_counter() - started), recognizer)

@@ -1,0 +1,40 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a fleet says of each frame, beside the node's own map."""
+
+from pathlib import Path
+
+from convseq_ros.config import Config
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Match
+from convseq_ros.fleet.cluster import Cluster
+from convseq_ros.fleet.link import FleetLink
+from convseq_ros.node.answer import answer_message
+from convseq_ros.node_config import NodeConfig
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+_DEPTH = 10
+
+
+def open_fleet(node: Node, settings: NodeConfig, config: Config) -> FleetLink | None:
+    """
+    Have each frame's answer of a fleet published on `~/fleet_answer`, if one is asked for.
+
+    FleetError if its address is none, or may not be talked to.
+    """
+    if not settings.fleet:
+        return None
+    publisher = node.create_publisher(DiagnosticArray, '~/fleet_answer', _DEPTH)
+
+    def publish(match: Match, duration_ms: float, recognizer: PlaceRecognizer) -> None:
+        if node.context.ok():
+            publisher.publish(
+                answer_message(match, duration_ms, recognizer.reference_map, settings.map_frame)
+            )
+
+    folder = Path(settings.fleet_tls)
+    files = [folder / f'{name}.pem' for name in ('ca', 'cert', 'key')]
+    tls = files if settings.fleet_tls else [None] * 3
+    cluster = Cluster(settings.fleet, 1, *tls)
+    return FleetLink(cluster, config, publish, settings.fleet_timeout_s)

@@ -1,0 +1,87 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot's link to a fleet that may go away."""
+
+import os
+import signal
+import time
+
+from convseq_ros.config import Config
+from convseq_ros.errors import FleetError
+from convseq_ros.fleet import link as module
+from convseq_ros.fleet.cluster import Cluster
+from convseq_ros.fleet.link import FleetLink, serve
+from convseq_ros.sources import open_source
+import pytest
+
+
+def wait_for(condition, timeout_s=60):
+    until = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def linked(client, scheduler, drives, monkeypatch):
+    """Return a link to a fleet of three maps, and what it told."""
+    monkeypatch.setattr(module, '_AGAIN_S', 0.1)
+    serve(client, sorted(drives[0].glob('*.db')))
+    told = []
+    link = FleetLink(Cluster(scheduler), Config(), lambda match, *_: told.append(match), 5.0)
+    wait_for(lambda: not link.problem)
+    yield link, told
+    link.close()
+    client.unpublish_dataset('convseq_ros')
+
+
+def test_it_answers_as_a_replay_does(linked, drives, expected):
+    link, told = linked
+    for number, frame in enumerate(open_source(drives[2])):
+        link.put(frame)
+        wait_for(lambda count=number: len(told) > count)
+    assert [(match.status, match.reason, match.candidates) for match in told] == [
+        said[:3] for said in expected
+    ]
+    assert (link.answered, link.skipped) == (len(expected), 0)
+
+
+def test_nobody_waits_for_a_fleet_that_is_gone_and_it_comes_back(linked, client, drives):
+    link, told = linked
+    frames = [*open_source(drives[2])]
+    link._timeout_s = 0.3
+    pids = [*client.run(os.getpid).values()]
+    for frame in frames[:3]:
+        link.put(frame)
+    wait_for(lambda: len(told) == 3)
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        started = time.monotonic()
+        for frame in frames[3:20]:
+            link.put(frame)
+        assert time.monotonic() - started < 1
+        wait_for(lambda: 'did not answer within' in link.problem)
+        assert link.skipped > 0 and len(told) < 20
+    finally:
+        for pid in pids:
+            os.kill(pid, signal.SIGCONT)
+    wait_for(lambda: not link.problem)
+    before = len(told)
+    link.put(frames[20])
+    wait_for(lambda: len(told) > before)
+
+
+def test_a_fleet_that_was_never_there_costs_nothing(drives):
+    link = FleetLink(Cluster('tcp://127.0.0.1:1'), Config(), lambda *_: None, 1.0)
+    for frame in open_source(drives[2]):
+        link.put(frame)
+    assert link.problem and link.answered == 0 and link.skipped == 45
+    started = time.monotonic()
+    link.close(0.2)
+    assert time.monotonic() - started < 5
+
+
+def test_an_address_that_may_not_be_talked_to_is_refused_at_once():
+    with pytest.raises(FleetError, match='is not this machine'):
+        FleetLink(Cluster('tcp://10.0.0.1:8786'), Config(), lambda *_: None, 1.0)
