@@ -109,7 +109,7 @@ class TrackEvidence:
             if len(window) == TRACK.window:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
-            if best < self._end(best) - TRACK.border:
+            if not self._is_last(best):
                 rivals = self._beyond(scores, best, TRACK.own_peak)
                 chance = TRACK.chance * (self.scatter or 0.0) / math.sqrt(len(elsewhere))
                 margin = max(0.0, float(scores[top] - rivals.max()) - chance)
@@ -208,13 +208,10 @@ class TrackEvidence:
         above = float(np.nanmax(near) - elsewhere.mean())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
-    def _end(self, reference: int) -> int:
-        """Return the first place after a reference's session, or after all that may be matched."""
-        return min(self._places.bounds.span(reference)[1], len(self._usual))
-
     def _is_last(self, reference: int) -> bool:
-        """Return whether a reference is among the last of its session."""
-        return reference >= self._end(reference) - TRACK.border
+        """Return whether a reference is among the last of its session that may be matched."""
+        end = min(self._places.bounds.span(reference)[1], len(self._usual))
+        return reference >= end - TRACK.border
 
     def _beyond(self, scores: Values, best: int, distance: int) -> Values:
         """Return what is known further than a distance from the best, and other looks of it."""
