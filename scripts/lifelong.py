@@ -3,7 +3,7 @@
 """
 Print how a map grows that takes in a drive of the same town every day, and is thinned each time.
 
-Usage: python scripts/lifelong.py [--metres 100] [--days 30], some ten minutes. Each day's drive,
+Usage: python scripts/lifelong.py [--metres 60] [--days 30], some five minutes. Each day's drive,
 by day, in the evening, under clouds or at night, up to 1 m to the side of one line, is recognised
 in the map of the days before, without odometry, then added as a session and thinned. Right is
 within 5 m of where the camera is.
@@ -42,7 +42,7 @@ def light_of(day: int) -> str:
 def main() -> int:
     """Drive, recognise, add, thin, and print a row a day."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--metres', type=int, default=100)
+    parser.add_argument('--metres', type=int, default=60)
     parser.add_argument('--days', type=int, default=30)
     chosen = parser.parse_args()
     print('| day | light | right of keyframes | false | places | sessions |')

@@ -23,7 +23,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.coarse_sums import all_sums
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.shortlist import Shortlist
-from convseq_ros.core.types import Candidate, Frame, Pose, Reason
+from convseq_ros.core.types import Candidate, Frame, LocalizationState, Pose, Reason
 from convseq_ros.errors import MapError
 from hypothesis import given
 from hypothesis import strategies as st
@@ -219,3 +219,7 @@ def test_two_drives_of_one_way_answer_as_one_and_say_which(image):
     for one in accepted:
         assert one.best.reference_index % 40 == one.query_index
         assert one.best.session == one.best.reference_index // 40
+    states = [one.localization.state for one in matches]
+    found = states.index(LocalizationState.LOCALISED)
+    assert set(states[found:]) == {LocalizationState.LOCALISED}
+    assert len({one.best.session for one in accepted}) == 2

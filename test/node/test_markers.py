@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove draw."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import pytest
@@ -96,6 +97,15 @@ def test_places_are_dots_as_large_as_fits():
     assert (places.ns, places.type) == ('places', Marker.POINTS)
     assert xs(places) == [0, 0.6, 1.2]
     assert places.scale.x == pytest.approx(0.2)
+
+
+def test_each_session_has_its_colour_and_one_alone_is_grey():
+    places = map_of(pose(0), pose(1), pose(2)).places[:]
+    assert not places_marker(HEADER, places).colors
+    places[1:] = (replace(place, session=number) for number, place in enumerate(places[1:], 1))
+    first, second, third = places_marker(HEADER, places).colors
+    assert (first.r, first.g, first.b) == pytest.approx((0.6, 0.6, 0.6))
+    assert second != first != third != second
 
 
 def test_of_a_large_map_not_all_places_are_drawn(monkeypatch):

@@ -109,7 +109,7 @@ class TrackEvidence:
             if len(window) == TRACK.window:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
-            if best < self._end(best) - TRACK.border:
+            if not self._is_last(best):
                 rivals = self._beyond(scores, best, TRACK.own_peak)
                 chance = TRACK.chance * (self.scatter or 0.0) / math.sqrt(len(elsewhere))
                 margin = max(0.0, float(scores[top] - rivals.max()) - chance)
@@ -188,12 +188,15 @@ class TrackEvidence:
 
     def _along(self, frame: int, reference: int, velocity: float) -> list[FrameEvidence]:
         """Return the frames whose best diagonal leads to a reference, or another look of it."""
-        found, span = [], self._places.bounds.span
-        ends = [(end, span(end)) for end in (reference, *self._places.looks(reference))]
-        for one in self._frames:
-            way, own = velocity * (frame - one.frame) + one.reference, span(one.reference)
-            if any(own == session and abs(end - way) <= TRACK.same_track for end, session in ends):
-                found.append(one)
+        found: list[FrameEvidence] = []
+        for end in (reference, *self._places.looks(reference)):
+            first, last = self._places.bounds.span(end)
+            found += [
+                one
+                for one in self._frames
+                if first <= one.reference < last
+                and abs(end - one.reference - velocity * (frame - one.frame)) <= TRACK.same_track
+            ]
         return found
 
     def _newest_alone(self, reference: int) -> float:
@@ -205,13 +208,10 @@ class TrackEvidence:
         above = float(np.nanmax(near) - elsewhere.mean())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
-    def _end(self, reference: int) -> int:
-        """Return the first place after a reference's session, or after all that may be matched."""
-        return min(self._places.bounds.span(reference)[1], len(self._usual))
-
     def _is_last(self, reference: int) -> bool:
-        """Return whether a reference is among the last of its session."""
-        return reference >= self._end(reference) - TRACK.border
+        """Return whether a reference is among the last of its session that may be matched."""
+        end = min(self._places.bounds.span(reference)[1], len(self._usual))
+        return reference >= end - TRACK.border
 
     def _beyond(self, scores: Values, best: int, distance: int) -> Values:
         """Return what is known further than a distance from the best, and other looks of it."""

@@ -176,11 +176,14 @@ class VerifiedEvidence:
         """Return the likeliest places that a robot may have come along, by frames ago."""
         if not self._sightings or self._sightings[-1].frame != frame:
             return {}
-        newest, found, span = self._sightings[-1].reference, {}, self._places.bounds.span
-        ends = [(end, span(end)) for end in (newest, *self._places.looks(newest))]
-        for one in self._sightings:
-            past, session = frame - one.frame, span(one.reference)
-            way = [abs(end - one.reference - past) for end, own in ends if own == session]
-            if way and min(way) <= VERIFIED.same_scene + VERIFIED.drift * past:
-                found[past] = one
+        newest = self._sightings[-1].reference
+        found: dict[int, Sighting] = {}
+        for end in (newest, *self._places.looks(newest)):
+            first, last = self._places.bounds.span(end)
+            for one in self._sightings:
+                past = frame - one.frame
+                off = abs(end - one.reference - past)
+                is_own = first <= one.reference < last
+                if is_own and off <= VERIFIED.same_scene + VERIFIED.drift * past:
+                    found[past] = one
         return found
