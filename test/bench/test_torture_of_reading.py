@@ -64,7 +64,8 @@ def test_the_fuzzer_goes_on_behind_what_breaks_a_decoder(tmp_path, monkeypatch):
         known = {'a b': Decoder([data], lambda given, _, end=end: given[:1] == b'!' and end())}
         monkeypatch.setattr(_fuzzer.decoders, 'decoders', lambda known=known: known)
         executions, problem = next(_fuzzer.fuzz('a b', 100, 0, tmp_path))
-        assert executions < 100 and Path(problem.split('; ')[-1]).read_bytes() == data
+        kept = tmp_path / 'found' / problem.split('; ')[-1]
+        assert executions < 100 and kept.read_bytes() == data
     known = {'holds': Decoder([b'0'], lambda *_: None)}
     monkeypatch.setattr(_fuzzer.decoders, 'decoders', lambda: known)
     assert [*_fuzzer.fuzz('holds', 50, 0, tmp_path)] == [(50, '')]
