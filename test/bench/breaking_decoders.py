@@ -32,7 +32,8 @@ def main(folder):
         _fuzzer.decoders.decoders = lambda broken=broken: {'a b': broken}
         executions, problem = next(_fuzzer.fuzz('a b', 100, 0, folder))
         assert executions < 100, (data, executions)
-        assert Path(problem.split('; ')[-1]).read_bytes() == data, problem
+        kept = folder / 'found' / problem.split('; ')[-1]
+        assert kept.read_bytes() == data, problem
     _fuzzer.decoders.decoders = lambda: {'holds': Decoder([b'0'], lambda *_: None)}
     assert [*_fuzzer.fuzz('holds', 50, 0, folder)] == [(50, '')]
 
