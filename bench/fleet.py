@@ -10,7 +10,7 @@ street, which is driven again in the evening, the others its images with other g
 
 import argparse
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, redirect_stdout
 import json
 import os
 from pathlib import Path
@@ -20,13 +20,14 @@ import tempfile
 import time
 from typing import Any
 
-from convseq_ros import Config, Frame
+from convseq_ros import Config, Frame, PlaceRecognizer
+from convseq_ros.cli import main as convseq
 from convseq_ros.cli.fleet_build import build_one
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
-from convseq_ros.core.types import Status
+from convseq_ros.core.types import Match, Status
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.jobs import done
 from convseq_ros.fleet.session import FleetSession
@@ -71,6 +72,12 @@ def resident_mb() -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
+def said(match: Match) -> tuple[Any, ...]:
+    """Return what a match says that must not depend on where its map is."""
+    known = match.status, match.reason, match.candidates, match.sequence_length
+    return *known, match.pairs_scored, match.confidence, match.localization
+
+
 def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     """Measure frames through a fleet."""
     each = (chosen.places - FIRST) // (chosen.maps - 1)
@@ -85,6 +92,15 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 print(name, file=sys.stderr)
     if chosen.draw_only:
         return {}
+    one = None
+    if chosen.beside:
+        merged = folder / 'merged' / 'merged.db'
+        merged.parent.mkdir(exist_ok=True)
+        if not merged.exists():
+            names = [str(path) for path in (first, *paths)]
+            with redirect_stdout(sys.stderr):
+                convseq(['merge', *names, '-o', str(merged)])
+        one = PlaceRecognizer(open_map(merged), Config())
     with connected(Cluster(workers=chosen.workers)) as client:
         before = client.run(resident_mb)
         started = time.monotonic()
@@ -102,11 +118,16 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             return ask_some(*what)
 
         session.fleet.pictures, session.fleet._ask_some = counted, asked
-        took_ms, right, accepted = [], 0, 0
+        took_ms, right, accepted, beside_ms, differ = [], 0, 0, [], 0
         for index, gray in enumerate(material.read_queries(folder)):
             started = time.perf_counter()
             match = session.recognizer.process(Frame(index * 10**8, gray))
             took_ms.append(1e3 * (time.perf_counter() - started))
+            if one:
+                started = time.perf_counter()
+                other = one.process(Frame(index * 10**8, gray))
+                beside_ms.append(1e3 * (time.perf_counter() - started))
+                differ += said(match) != said(other)
             if index == WARM:
                 read[0] = rounds[0] = 0
             if match.status is Status.ACCEPTED and match.best:
@@ -114,7 +135,15 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
                 right += off <= 2
         count = len(took_ms) - WARM - 1
-        return {
+        beside = {}
+        if one:
+            ratios = [a / b for a, b in zip(took_ms, beside_ms, strict=True)]
+            beside = {
+                'differ': differ,
+                'one_map_ms': statistics.median(beside_ms[WARM:]),
+                'times_as_long': statistics.median(ratios[WARM:]),
+            }
+        return beside | {
             'places': session.fleet.count,
             'maps': chosen.maps,
             'workers': chosen.workers,
@@ -177,6 +206,9 @@ def main() -> int:
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)
     parser.add_argument('--workers', type=int, default=2)
+    parser.add_argument(
+        '--beside', action='store_true', help='ask one merged map the same, frame by frame'
+    )
     parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
     parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')
     chosen = parser.parse_args()

@@ -95,7 +95,7 @@ def fuzz(name: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int, 
             path = _FOUND / f'{name.replace(" ", "_")}-{hashlib.sha1(last.data).hexdigest()[:8]}'
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(last.data)
-            problem = f'{problem or f"ended with {code}"}; {path}'
+            problem = f'{problem or f"ended with {code}"}; {path.name}'
         elif left > 0:
             problem = f'{left} executions are missing'
             left = 0
@@ -121,7 +121,8 @@ def _fuzz_until_it_breaks(name: str, count: int, seed: int, folder: Path, last: 
             if len(str(error)) > _MOST_SAID:
                 raise
         except BaseException:
-            said = ' | '.join(traceback.format_exc().splitlines()[-5:])
+            lines = [line.strip() for line in traceback.format_exc().splitlines()]
+            said = ' | '.join([line for line in lines if line.strip('^~ ')][-4:])
             (folder / 'problem').write_text(said[:500], encoding='utf-8', errors='replace')
             raise
         for one in work.iterdir():

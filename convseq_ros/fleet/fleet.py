@@ -117,10 +117,12 @@ class Fleet:
         settings = first.encoding, places, places.pictures, first.keyframes
         return ReferenceMap(*settings, sessions=sessions)
 
-    def scores(self) -> FleetScores:
-        """Return what knows their coarse scores."""
+    def scores(self, reference_map: ReferenceMap) -> FleetScores:
+        """Return what knows their coarse scores, given the map that they make."""
         sums = sum(about.sums for about in self._abouts.values())
-        return FleetScores(self.ask, usual_of(np.asarray(sums), self.count), self.count)
+        return FleetScores(
+            self.ask, reference_map.pictures, usual_of(np.asarray(sums), self.count), self.count
+        )
 
     def ask(self, question: Question) -> Answer:
         """Ask all shards."""

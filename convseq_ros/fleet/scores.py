@@ -9,7 +9,7 @@ from uuid import uuid4
 from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual
 from convseq_ros.core.sequence.coarse_sums import Asked, Sums
 from convseq_ros.core.sequence.diagonals import Values
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Indices
 from convseq_ros.fleet.shard import Answer, Direction, Question
 import numpy as np
 
@@ -19,8 +19,14 @@ Rows = Sequence[Any]  # of directions, newest first; None for an uninformative f
 class FleetScores:
     """Asks all shards; a row is its direction, and is sent whole with every question."""
 
-    def __init__(self, ask: Callable[[Question], Answer], usual: Usual, count: int) -> None:
-        self._ask, self._usual, self._count = ask, usual, count
+    def __init__(
+        self,
+        ask: Callable[[Question], Answer],
+        read: Callable[[Sequence[int]], Any],
+        usual: Usual,
+        count: int,
+    ) -> None:
+        self._ask, self._read, self._usual, self._count = ask, read, usual, count
         self._drive, self._key = DriveMean(len(usual.mean)), str(uuid4())
         self._frames, self._means = 0, dict[str, np.float32]()
 
@@ -51,6 +57,10 @@ class FleetScores:
                     self._asked([row], None)
         question = Question(self._key, self._usual, asked=asked, means=dict(self._means))
         return [*self._ask(question).sums]
+
+    def expect(self, places: Callable[[], Indices]) -> None:
+        """Have places read in one go that are asked for in several."""
+        self._read(places().tolist())
 
     def _asked(self, rows: Rows, steps: Values | None) -> Answer:
         """Ask for peaks, and get the mean of the newest row with it."""

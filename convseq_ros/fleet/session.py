@@ -29,7 +29,9 @@ class FleetSession:
             raise FleetError('mode online: maps of a fleet do not grow; leave it out')
         self.fleet = Fleet(client, paths, timeout_s)
         reference_map = self.fleet.reference_map()
-        self.recognizer = PlaceRecognizer(reference_map, config, coarse=self.fleet.scores())
+        self.recognizer = PlaceRecognizer(
+            reference_map, config, coarse=self.fleet.scores(reference_map)
+        )
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 

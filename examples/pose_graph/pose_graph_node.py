@@ -115,7 +115,7 @@ class PoseGraphNode(Node):
                 PointCloud2, 'closure', self._on_measured, QoSProfile(depth=_DEPTH)
             )
         self.create_timer(self._declared('period_s', 1.0), self._work)
-        self.get_logger().info('waits for odometry and closures')
+        self.get_logger().info('listening to odometry and closures')
 
     def finish(self) -> None:
         """Optimise once more, with all that has come, and write the result file."""

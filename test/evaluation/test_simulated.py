@@ -2,12 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data sets that are drawn, drives that go backwards, and drives against their own past."""
 
+from dataclasses import replace
+import json
+
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core.types import (
+    Candidate,
+    Localization,
+    LocalizationState,
+    Match,
+    Reason,
+    RelativePose,
+    Status,
+)
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import open_material
+from convseq_ros.evaluation.recognition import _match, _stored
 from convseq_ros.evaluation.simulated import read_simulated
 import numpy as np
 import pytest
@@ -106,21 +119,6 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
 
 
 def test_what_is_remembered_of_an_answer_comes_back_but_for_its_pose():
-    from dataclasses import replace
-    import json
-
-    from convseq_ros.core.types import (
-        Candidate,
-        Localization,
-        LocalizationState,
-        Match,
-        Reason,
-        RelativePose,
-        Status,
-    )
-    from convseq_ros.evaluation.recognition import _match, _stored
-    import numpy as np
-
     known = Localization(LocalizationState.LOCALISED, 0.5, 3)
     best = Candidate(3, 30, 0.75, (1.0, -2.0), 88)
     match = Match(

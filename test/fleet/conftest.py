@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-FRAMES, DRIVEN = 12, 30
+FRAMES, DRIVEN = 8, 20
 SETTINGS = '--keyframe-overlap', '1'
 
 

@@ -14,7 +14,7 @@ from convseq_ros.fleet.session import FleetSession
 from convseq_ros.results import read_results
 import pytest
 
-FRAMES = 30
+FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
 
 
@@ -44,7 +44,7 @@ def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected
     session = FleetSession(client, sorted(maps.glob('*.db')), Config())
 
     def kill(number):
-        if number in (12, 30):
+        if number in (8, 20):
             pids = client.run(os.getpid)
             os.kill(pids[min(pids)], signal.SIGKILL)
 
@@ -70,7 +70,7 @@ def test_maps_that_cannot_be_opened_are_left_out_and_named(
     assert len(warnings) == 2 and all('the other maps answer' in line for line in warnings)
     assert 'map_0a.db' in warnings[0] + warnings[1]
     assert 'image_size_px' in warnings[0] + warnings[1]
-    assert '90 places of 3 maps, 2 of 5 maps missing' in printed.out
+    assert '60 places of 3 maps, 2 of 5 maps missing' in printed.out
     # The others answer as if there were no more.
     reasons = [row['reason'] for row in read_results(table)]
     assert reasons == [said[1] for said in expected]

@@ -34,6 +34,7 @@ class LOOKS:
     shift: int = 2  # places by which two drives may part on that way
     asked: int = 2  # pairs of references that are compared for a frame; some 5 ms each
     memory: int = 64  # pairs that are remembered
+    kept: int = 1000  # places of which is remembered what these tell
     controls: int = 4  # places elsewhere in the other session that geometry compares, too
     least_lead: float = 6.0  # over the best of these, in square roots of its strength
     least_m: float = 2.0  # apart, by poses of one frame, two looks may be one place in any case
@@ -58,6 +59,7 @@ class Neighbourhood:
         """Forget which places are looks of each other."""
         # Pairs of references of two sessions, and whether they show one place; newest last.
         self._pairs: deque[tuple[int, int, bool]] = deque(maxlen=LOOKS.memory)
+        self._looks: dict[int, list[int]] = {}  # as far as these pairs tell
 
     def near(self, ends: Indices, index: int, distance: int) -> Mask:
         """Return which places are near one of the same session, or near another look of it."""
@@ -73,13 +75,18 @@ class Neighbourhood:
 
     def looks(self, index: int) -> list[int]:
         """Return places of other sessions that are known to show the same, one of a session."""
+        if not self._pairs or index in self._looks:
+            return self._looks.get(index, [])
         found: dict[int, int] = {}
         for one, other, is_same in reversed(self._pairs):
             for own, look in ((one, other), (other, one)) if is_same else ():
                 first, end = self.bounds.span(look)
                 if index in self.bounds.around(own, LOOKS.reach):
                     found.setdefault(first, min(max(look + index - own, first), end - 1))
-        return list(found.values())
+        if len(self._looks) >= LOOKS.kept:
+            self._looks.clear()
+        self._looks[index] = list(found.values())
+        return self._looks[index]
 
     def are_in_one_frame(self, one: int, other: int) -> bool:
         """Return whether the poses of two places are in one frame: of a drive, or by name."""
@@ -108,6 +115,7 @@ class Neighbourhood:
                 return
             is_same, asked = self._is_same(best, rival, distance), asked + 1
             self._pairs.append((best, rival, is_same))
+            self._looks.clear()
             if not is_same:
                 return
 

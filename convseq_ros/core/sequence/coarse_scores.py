@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: how alike a query and all references are by their global descriptors."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from convseq_ros.core.compiled import kernels_of
@@ -13,7 +13,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, Sums
 from convseq_ros.core.sequence.diagonals import Rows, Values
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves, products, widened
-from convseq_ros.core.types import Descriptor, Row
+from convseq_ros.core.types import Descriptor, Indices, Row
 import numpy as np
 import numpy.typing as npt
 
@@ -139,6 +139,9 @@ class CoarseScores:
     def sums(self, asked: Sequence[Asked]) -> list[Sums]:
         """Return all sums along diagonals."""
         return [all_sums(one, self._map.bounds) for one in asked]
+
+    def expect(self, places: Callable[[], Indices]) -> None:
+        """Do nothing: they are at hand."""
 
     def _follow_map(self, references: Halves) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:

@@ -87,18 +87,20 @@ def all_sums(
     steps = np.array(diagonal(len(asked.rows), asked.velocity))
     kernels = kernels_of(__package__)
     scores = kernels.partial_scores(asked.rows, steps, bounds.starts, means)
-    finite = scores[np.isfinite(scores)].astype(np.float64)
-    spread = Spread()
+    finite, spread = scores[np.isfinite(scores)], Spread()
     if finite.size:
-        sums = float(finite.sum()), float(finite @ finite)
+        wide = finite.astype(np.float64)
+        # Not by BLAS, whose threads wait for each other on a busy machine.
+        sums = float(wide.sum()), float(np.square(wide).sum())
         spread = Spread(finite.size, *sums, float(finite.min()), float(finite.max()))
     return Sums(np.arange(len(scores)), scores, spread)
 
 
 def best_sums(asked: Asked, found: Sums) -> Sums:
     """Return those of all sums that are asked for, and perhaps a few more."""
-    best = top(found.scores, asked.most)
-    best = np.union1d(best[np.isfinite(found.scores[best])], asked.known)
+    best, wanted = top(found.scores, asked.most), np.zeros(len(found.scores), np.bool_)
+    wanted[best], wanted[asked.known] = np.isfinite(found.scores[best]), True
+    best = np.flatnonzero(wanted)
     return Sums(best, found.scores[best], found.spread)
 
 

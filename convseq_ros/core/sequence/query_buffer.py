@@ -109,6 +109,12 @@ class QueryBuffer:
             row[missing] = scores
             self.pairs_scored += len(missing)
 
+    def unscored(self, count: int, ends: Indices, velocity: float = 1.0) -> Indices:
+        """Return references on diagonals of so many frames that lack a pair score, each anew."""
+        shown = self._diagonals(count, ends, velocity)
+        missing = [met[np.isnan(row[met])] for _, _, row, met in shown]
+        return np.concatenate([np.zeros(0, np.int64), *missing])
+
     def score_promising(self, count: int, ends: Indices, velocity: float = 1.0) -> None:
         """Score the newest half, if `partial`, of diagonals, and the rest of the better half."""
         newest = -(-count // 2) if self._partial else count

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which sequences are scored: all of them, as in the paper, or those of a shortlist."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from convseq_ros.config import Config
@@ -34,6 +34,9 @@ class Coarse(Protocol):
 
     def sums(self, asked: Sequence[Asked]) -> list[Sums]:
         """Return sums along diagonals, all or those that are asked for."""
+
+    def expect(self, places: Callable[[], Indices]) -> None:
+        """Be told what says which places will be read next."""
 
 
 class ExhaustiveSearch:
@@ -107,11 +110,13 @@ class ShortlistSearch(ExhaustiveSearch):
         ends = shortlist.update(wanted, sums, rivals)
         # What was just entered is likely by the newest frame alone, by pair scores.
         scouts = shortlist.top(alone, rivals, SHORTLIST.scouts)
+        frames = max(length, window)
+        self._coarse.expect(lambda: np.append(buffer.unscored(frames, ends, velocity), scouts))
         buffer.score(1, scouts)
         scores = buffer.approximate_scores(1, scouts)
         entered = scouts[np.argsort(-scores, kind='stable')[: SHORTLIST.entered]]
         ends = np.union1d(ends, entered)
-        buffer.score_promising(max(length, window), ends, velocity)
+        buffer.score_promising(frames, ends, velocity)
         return ends, velocity
 
 
