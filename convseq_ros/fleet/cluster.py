@@ -29,6 +29,9 @@ _LOCAL = {
     # A worker that is busy in C for long does not answer; it is not dead.
     'distributed.scheduler.worker-ttl': '5 minutes',
     'distributed.admin.tick.limit': '60s',
+    # A worker that died is started again by its nanny. This long after one death Dask would close
+    # whoever of that name is being started again just then, after another one.
+    'distributed.deploy.lost-worker-timeout': '1 day',
     # No pages: the port that Dask opens for them answers nothing.
     'distributed.scheduler.http.routes': [],
     'distributed.worker.http.routes': [],
