@@ -10,10 +10,12 @@ import signal
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.editing import parts_of, rename_session, write_parts
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Pose
+from convseq_ros.errors import MapError
 import cv2
 import numpy as np
 import pytest
@@ -198,6 +200,21 @@ def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
         owner.close()
     assert code == 1 and 'another program adds to this map' in line and line.count('\n') == 1
     assert len(open_map(two)) == 2 * PLACES
+
+
+def test_what_was_added_after_a_map_was_read_is_not_lost(two):
+    parts = parts_of(two)
+    with MapBuilder(two, CONFIG, True, 'late') as builder:
+        for frame in frames(2):
+            builder.process(frame)
+    before = two.read_bytes()
+    with pytest.raises(MapError, match='was changed meanwhile; run it again'):
+        write_parts(parts[:1], two, lambda steps: steps, replaces=True)
+    assert two.read_bytes() == before
+    parts = parts_of(two)
+    rename_session(replace(parts[0], session=replace(parts[0].session, name='again')))
+    with pytest.raises(MapError, match='was changed meanwhile'):
+        write_parts(parts[1:], two, lambda steps: steps, replaces=True)
 
 
 def test_a_full_disk_leaves_all_as_it_was(two, maps, tmp_path, run):

@@ -108,14 +108,16 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
     Write sessions as one map, in their order, whole or not at all; return its places.
 
     MapError if they were made with different settings or one is there twice, if there is a map
-    of this name already, unless it `replaces` that, or if another program adds to it or the disk
-    is full.
+    of this name already, unless it `replaces` that one, of which the parts are and which nobody
+    changed since, or if another program adds to it or the disk is full.
     """
     refuse_unlike(parts)
     with replaced(path) as part_file:
-        if not replaces and path.exists():
-            raise MapError(f'{path}: exists already; name another file')
         own = parts[0].reference_map
+        if replaces:
+            _refuse_changed(path, own)
+        elif path.exists():
+            raise MapError(f'{path}: exists already; name another file')
         every = [(number, at) for number, part in enumerate(parts) for at in part.places]
         with MapWriter(part_file, own.encoding, own.keyframes) as writer:
             for part in parts:
@@ -123,6 +125,16 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
             for start in watch(range(0, len(every), _AT_ONCE)):
                 _copy(writer, parts, every[start : start + _AT_ONCE])
         return writer.committed
+
+
+def _refuse_changed(path: Path, read: ReferenceMap) -> None:
+    """Raise MapError if a file is no longer what was read; for who holds its lock."""
+    now = MapReader(path).reference_map()
+    was, is_ = (
+        (one.map_id, len(one), [session.row for session in one.sessions]) for one in (read, now)
+    )
+    if was != is_:
+        raise MapError(f'{path}: was changed meanwhile; run it again')
 
 
 def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, int]]) -> None:
