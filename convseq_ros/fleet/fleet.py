@@ -108,6 +108,8 @@ class Fleet:
         *self._starts, self.count = starts
         self._abouts = abouts
         self.offsets = dict(zip(abouts, self._starts, strict=True))
+        sessions = accumulate((len(about.sessions) for about in abouts.values()), initial=0)
+        self._first_sessions = dict(zip(abouts, sessions, strict=False))
 
     def reference_map(self) -> ReferenceMap:
         """Return the map that they make together; what is large is read from workers."""
@@ -148,7 +150,7 @@ class Fleet:
         paths, asked = [*self._abouts], dict[str, list[int]]()
         for index in indices:
             asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
-        found, sessions = dict[int, tuple[Place, Picture]](), 0
+        found = dict[int, tuple[Place, Picture]]()
         replies = self._ask_some(
             'pictures',
             [
@@ -157,8 +159,7 @@ class Fleet:
             ],
         )
         for (path, some), reply in zip(asked.items(), replies, strict=True):
-            before = paths[: paths.index(path)]
-            sessions = sum(len(self._abouts[one].sessions) for one in before)
+            sessions = self._first_sessions[path]
             if not isinstance(reply, Pictures):
                 self.missing.setdefault(path, reply or f'{path}: its worker is gone')
                 shape = ReferenceMap(self._abouts[path].encoding).cell_shape

@@ -10,7 +10,7 @@ from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual
 from convseq_ros.core.sequence.coarse_sums import Asked, Sums
 from convseq_ros.core.sequence.diagonals import Values
 from convseq_ros.core.types import Descriptor, Indices
-from convseq_ros.fleet.shard import Answer, Direction, Question
+from convseq_ros.fleet.shard import Answer, Direction, KEPT_ROWS, Question
 import numpy as np
 
 Rows = Sequence[Any]  # of directions, newest first; None for an uninformative frame
@@ -67,6 +67,5 @@ class FleetScores:
         answer = self._ask(Question(self._key, self._usual, rows, steps))
         for key, (total, count) in answer.totals.items():
             self._means[key] = np.float32(total / count if count else 0.0)
-        kept: Any = [*self._means][-64:]
-        self._means = {key: self._means[key] for key in kept}
+        self._means = dict([*self._means.items()][-KEPT_ROWS:])
         return answer

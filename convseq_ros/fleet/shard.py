@@ -26,7 +26,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
-_KEPT_ROWS = 64  # of coarse scores; a buffer of frames has 25
+KEPT_ROWS = 64  # of coarse scores; a buffer of frames has 25
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -136,7 +136,7 @@ class Shard:
             row = usual.row(self._map.global_descriptors, self._nearness, direction.numbers)
             self._rows[direction.key] = row
         self._rows.move_to_end(direction.key)
-        while len(self._rows) > _KEPT_ROWS:
+        while len(self._rows) > KEPT_ROWS:
             self._rows.popitem(last=False)
         return row
 

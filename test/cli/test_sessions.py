@@ -215,6 +215,9 @@ def test_what_was_added_after_a_map_was_read_is_not_lost(two):
     rename_session(replace(parts[0], session=replace(parts[0].session, name='again')))
     with pytest.raises(MapError, match='was changed meanwhile'):
         write_parts(parts[1:], two, lambda steps: steps, replaces=True)
+    write_parts(parts_of(two)[1:], two, lambda steps: steps, replaces=True)
+    with pytest.raises(MapError, match='was changed meanwhile'):
+        rename_session(parts[0])
 
 
 def test_a_full_disk_leaves_all_as_it_was(two, maps, tmp_path, run):

@@ -157,3 +157,5 @@ def rename_session(part: Part) -> None:
                 'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
                 (part.name, row_crc(row), part.number, part.session.id),
             )
+            if not database.number('SELECT changes()'):
+                raise MapError(f'{part.path}: was changed meanwhile; run it again')
