@@ -23,7 +23,8 @@ def peaks(
     rows : sequence of k ndarrays of float32, shape (R,), or None
         Pair scores, newest first, which is not None; NaN for none, older rows may be shorter.
     steps : ndarray of intp, shape (V, k)
-        How many references before its end each diagonal meets each frame, ascending.
+        How many references before its end each diagonal meets each frame, newest first, or
+        negative, how many after it.
     starts : ndarray of int64, shape (S,)
         Where sessions begin, ascending, the first at 0; no diagonal leaves its own.
 
@@ -36,7 +37,8 @@ def peaks(
     """
     found = np.zeros((len(steps), 3))
     for velocity, own in enumerate(steps):
-        scores = np.concatenate([_scores_inside(part, own) for part in _by_session(rows, starts)])
+        parts = _by_session(rows, starts)
+        scores = np.concatenate([_scores_inside(*_ahead(part, own)) for part in parts])
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
     return found
@@ -82,9 +84,9 @@ def partial_scores(
     """
     if means is None:
         means = [0 if row is None else mean_score(row) for row in rows]
-    return np.concatenate(
-        [_partial_scores(part, steps, means) for part in _by_session(rows, starts)]
-    )
+    back = -1 if steps[-1] < 0 else 1
+    parts = (_ahead(part, steps) for part in _by_session(rows, starts))
+    return np.concatenate([_partial_scores(*part, means)[::back] for part in parts])
 
 
 def _by_session(rows: Sequence[Row | None], starts: Indices) -> Iterator[list[Row | None]]:
@@ -92,6 +94,23 @@ def _by_session(rows: Sequence[Row | None], starts: Indices) -> Iterator[list[Ro
     ends = [*starts[1:].tolist(), None]
     for start, end in zip(starts.tolist(), ends, strict=True):
         yield [None if row is None else row[start:end] for row in rows]
+
+
+def _ahead(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp]
+) -> tuple[Sequence[Row | None], npt.NDArray[np.intp]]:
+    """Return rows and steps; read from their ends if steps were negative."""
+    newest = rows[0]
+    assert newest is not None
+    if steps[-1] >= 0:
+        return rows, steps
+    flipped: list[Row | None] = []
+    for row in rows:
+        whole = np.full(len(newest), np.nan, np.float32)
+        if row is not None:
+            whole[: len(row)] = row
+        flipped.append(None if row is None else whole[::-1])
+    return flipped, -steps
 
 
 def _partial_scores(
