@@ -22,7 +22,7 @@ def frame(entropy=0.6, informative=True):
 def length(frames, similar, config=RULE):
     """Choose k where the i-th frame outward has the i-th similarity to the anchor."""
     by_identity = {id(each): value for each, value in zip(frames, similar, strict=True)}
-    return choose_length(frames, lambda _, other: by_identity[id(other)], config)
+    return choose_length(frames, lambda _, other, _least: by_identity[id(other)], config)
 
 
 def frames(count, entropy=0.6):
