@@ -73,8 +73,8 @@ class FeatureCache:
     _threads: Threads
     _most: int | None
     _kept: dict[int, Any] = field(default_factory=dict)
-    _query: Any = None  # which was asked for first when scores were asked for last
-    _shifts: dict[int, Shift] = field(default_factory=dict)  # from it to references, as far as told
+    _query: Any = None  # the first of those that were asked for last, and its shifts
+    _shifts: dict[int, Shift] = field(default_factory=dict)
 
     def clear(self) -> None:
         self._kept.clear()

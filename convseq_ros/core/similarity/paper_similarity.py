@@ -22,9 +22,7 @@ class PaperSimilarity:
         self._exact = _scored(exact)
         self._fast = self._exact if fast.exact else _scored(fast)
 
-    def __call__(
-        self, query: Descriptor, other: Descriptor, limit: float | None = None
-    ) -> float:
+    def __call__(self, query: Descriptor, other: Descriptor, limit: float | None = None) -> float:
         """
         Return the pair score of an informative query and another descriptor, in [0, 1].
 
