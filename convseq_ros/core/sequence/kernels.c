@@ -93,19 +93,23 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
     return 0;
 }
 
-// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs.
-KERNEL(partial_scores)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                       const float *expected, const int64_t *starts, intptr_t sessions,
-                       intptr_t frames, intptr_t fewest, float *scores)
+// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs. What
+// lies partly off its session counts, too, unless there is a reach: then a diagonal ends so far
+// after the start at least, and its mean is that of the known pairs.
+KERNEL(scores_along)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
+                     const float *expected, const int64_t *starts, intptr_t sessions,
+                     intptr_t frames, intptr_t fewest, intptr_t reach, float *scores)
 {
     int32_t known[ENDS];
     for (intptr_t session = 0, first = 0, start = 0; first < lengths[0];) {
         intptr_t end = end_of(session, starts, sessions, lengths[0]);
         intptr_t ends = end - first < ENDS ? end - first : ENDS;
         add_up(rows, lengths, steps, expected, start, frames, first, ends, scores + first, known);
-        for (intptr_t place = 0; place < ends; place++)
-            scores[first + place] =
-                known[place] >= fewest ? scores[first + place] / (float)frames : -INFINITY;
+        for (intptr_t place = 0; place < ends; place++) {
+            int is_scored = known[place] >= fewest && first + place - start >= reach;
+            float count = (float)(reach < 0 ? frames : known[place]);
+            scores[first + place] = is_scored ? scores[first + place] / count : -INFINITY;
+        }
         first += ends;
         if (first == end)
             session++, start = end;

@@ -36,18 +36,26 @@ def peaks(
     """
     found = np.zeros((len(steps), 3))
     for velocity, own in enumerate(steps):
-        scores = np.concatenate([_scores_inside(part, own) for part in _by_session(rows, starts)])
+        scores = whole_scores(rows, own, starts)
+        scores = scores[np.isfinite(scores)]
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
     return found
 
 
-def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
-    """Return the scores of diagonals inside one session, of those that have one."""
+def whole_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> Row:
+    """Return what `sequence_scores` does of whole windows, (R,), as `partial_scores` does."""
+    return np.concatenate([_whole_scores(part, steps) for part in _by_session(rows, starts)])
+
+
+def _whole_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
     newest, reach = rows[0], steps[-1]
     assert newest is not None
+    found = np.full(len(newest), -np.inf, np.float32)
     if reach >= len(newest):
-        return np.zeros(0, np.float32)
+        return found
     total, known = np.zeros((2, len(newest) - reach), np.float32)
     for row, step in zip(rows, steps, strict=True):
         if row is not None:
@@ -56,7 +64,8 @@ def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> R
             total[: len(met)] += np.where(there, met, np.float32(0))
             known[: len(met)] += there
     scored = np.isfinite(newest[reach:]) & (known > 0) & (2 * known >= len(rows))
-    return np.asarray(total[scored] / known[scored], np.float32)
+    np.divide(total, known, out=found[reach:], where=scored)
+    return found
 
 
 def partial_scores(
