@@ -21,8 +21,11 @@ from convseq_ros.errors import FleetError
 from convseq_ros.installing import pip_install
 
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
-# Python that a worker runs first.
-_LEAVES_CTRL_C_TO_US = 'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)'
+# Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
+_FIRST = (
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); '
+    'import cv2; cv2.setNumThreads(1)'
+)
 _LOCAL = {
     # Maps and cells are numbers that hardly shrink.
     'distributed.comm.compression': False,
@@ -32,6 +35,9 @@ _LOCAL = {
     # A worker that died is started again by its nanny. This long after one death Dask would close
     # whoever of that name is being started again just then, after another one.
     'distributed.deploy.lost-worker-timeout': '1 day',
+    # Dask would look a hundred times a second at what its workers do.
+    'distributed.worker.profile.enabled': False,
+    'distributed.admin.system-monitor.interval': '10s',
     # No pages: the port that Dask opens for them answers nothing.
     'distributed.scheduler.http.routes': [],
     'distributed.worker.http.routes': [],
@@ -88,7 +94,7 @@ def connected(cluster: Cluster) -> Iterator[Any]:
                     silence_logs=logging.CRITICAL,
                     memory_limit=0,
                     local_directory=folder,
-                    preload=_LEAVES_CTRL_C_TO_US,
+                    preload=_FIRST,
                 )
             )
         try:

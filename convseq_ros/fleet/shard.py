@@ -154,6 +154,14 @@ class Shard:
         return replace(found, ends=found.ends + offset)
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Call:
+    """A method of a holder, and its arguments: one object, which Dask does not take to pieces."""
+
+    method: str
+    what: tuple[Any, ...]
+
+
 class Holder:
     """The shards of one worker, some maps in the fleet's order; an actor of Dask."""
 
@@ -164,6 +172,10 @@ class Holder:
                 self._shards[path] = Shard(Path(path))
             except (MapError, OSError) as error:
                 self._lost[path] = str(error)
+
+    def ask(self, call: Call) -> Any:
+        """Return what a method returns."""
+        return getattr(self, call.method)(*call.what)
 
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         """Return what is known of each map, and why others cannot be opened."""
