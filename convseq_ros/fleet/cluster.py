@@ -23,8 +23,7 @@ from convseq_ros.installing import pip_install
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
 # Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
 _FIRST = (
-    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); '
-    'import cv2; cv2.setNumThreads(1)'
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import cv2; cv2.setNumThreads(1)'
 )
 _LOCAL = {
     # Maps and cells are numbers that hardly shrink.
