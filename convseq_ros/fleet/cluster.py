@@ -83,19 +83,7 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         opened.enter_context(dask.config.set(_LOCAL))
         if not address:
             folder = opened.enter_context(tempfile.TemporaryDirectory())
-            address = opened.enter_context(
-                distributed.LocalCluster(
-                    n_workers=cluster.workers,
-                    threads_per_worker=1,
-                    host='127.0.0.1',
-                    dashboard_address=None,
-                    scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
-                    silence_logs=logging.CRITICAL,
-                    memory_limit=0,
-                    local_directory=folder,
-                    preload=_FIRST,
-                )
-            )
+            address = opened.enter_context(_started(cluster.workers, folder))
         try:
             client = distributed.Client(
                 address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
@@ -107,6 +95,32 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         if cluster.scheduler:
             _refuse_foreign(client, cluster.scheduler)
         yield client
+
+
+def _started(workers: int, folder: str) -> Any:
+    """Return processes of this machine; FleetError if they do not start, twice."""
+    import distributed
+
+    for last in (False, True):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host='127.0.0.1',
+                dashboard_address=None,
+                scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
+                silence_logs=logging.CRITICAL,
+                memory_limit=0,
+                local_directory=folder,
+                preload=_FIRST,
+            )
+        except (OSError, RuntimeError) as error:
+            # Seen once, on a machine with six times as much to do as it has cores.
+            if last:
+                why = error.__cause__ or error
+                what = ' '.join(f'{error} {type(why).__name__}: {why}'.split())[:200]
+                raise FleetError(f'{workers} workers did not start ({what}); try fewer') from None
+    raise AssertionError('the last try returns or raises')
 
 
 def checked_address(cluster: Cluster) -> str:
