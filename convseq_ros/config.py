@@ -82,6 +82,10 @@ class MatchingConfig(Checked):
         'times sparser than the places of the map, and makes up for dropped frames, which gaps '
         'between stamps tell.',
     )
+    both_directions: bool = parameter(
+        False, 'With velocity_search, also finds drives that meet the places of the map in '
+        'reverse order: in reverse gear, or with a rear camera on the way back.',
+    )
     kernel: str = parameter(
         'auto', 'Implementation of pair scores: int8 and float32 are compiled C, numpy is not; '
         'auto takes the fastest that this machine has.',

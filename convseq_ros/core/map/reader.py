@@ -26,7 +26,6 @@ import numpy as np
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
 _LOWEST = -(1 << 63)  # integer of SQLite
-_LOWEST = -(1 << 63)  # integer of SQLite
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
