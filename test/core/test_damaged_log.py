@@ -5,6 +5,7 @@
 import shutil
 
 from convseq_ros.config import KeyframeConfig
+from convseq_ros.core.map.log import _sums
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -61,6 +62,17 @@ def test_a_flipped_bit_of_what_was_committed_is_told(crashed, tmp_path, at, open
     with pytest.raises(MapError, match=r'map\.db-wal: damaged at byte \d+; .* restore it'):
         open_it(path)
     assert path.with_name('map.db-wal').read_bytes() == before
+
+
+@pytest.mark.parametrize('size', [0, 3, 1000, 1 << 31])
+def test_a_size_of_pages_that_cannot_be_is_told(crashed, tmp_path, size):
+    def declare(data):
+        data[8:12] = size.to_bytes(4, 'big')
+        sums = _sums(bytes(data[:24]), '<>'[data[3] & 1], (0, 0))
+        data[24:32] = b''.join(one.to_bytes(4, 'big') for one in sums)
+
+    with pytest.raises(MapError, match='damaged at byte 0'):
+        MapReader(damaged(crashed, tmp_path, declare))
 
 
 def test_a_whole_log_is_read_and_what_was_never_safe_is_passed_over(crashed, tmp_path):

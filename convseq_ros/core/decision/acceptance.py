@@ -156,6 +156,18 @@ class Acceptance:
             return min(evidence, 0.0)
         return evidence
 
+    def placed(self, best: int, least: float) -> int:
+        """
+        Return the place that a match belongs to: the best, or one beside it.
+
+        A track of so much evidence at the map's velocity says where it ends. Any other may end
+        beside the place that the newest frame shows.
+        """
+        is_sure = self._velocity == 1.0 and (self._along(best) or 0.0) >= least
+        if is_sure or self._geometry is None:
+            return best
+        return self._verified.placed(best, self._geometry)
+
     def newest_score(self, reference: int) -> float:
         """Return the pair score of the newest frame with a likely place."""
         return 0.0 if self._row is None else max(0.0, float(self._row[reference]))

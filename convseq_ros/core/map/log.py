@@ -10,10 +10,12 @@ one before is safe.
 The format is that of https://sqlite.org/fileformat2.html, section 4.
 """
 
+from contextlib import suppress
 from functools import cache
+import os
 from pathlib import Path
 import struct
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from convseq_ros.core.map.format import PAGE_BYTES
 from convseq_ros.errors import MapError
@@ -23,7 +25,9 @@ import numpy.typing as npt
 _HEAD, _FRAME = struct.Struct('>8I'), struct.Struct('>6I')
 _MAGIC = 0x377F0682  # the last bit tells the order of the bytes that are summed
 _WORDS = 0xFFFFFFFF
+_SUMMED_OF_HEAD = 24  # bytes
 _SUMMED = 8  # bytes of a frame's head that are summed, before its page
+_PAGES = frozenset(1 << power for power in range(9, 17))  # bytes that a page may have
 
 Words = npt.NDArray[np.uint32]
 
@@ -38,40 +42,49 @@ class _Weights(NamedTuple):
 
 def refuse_damaged_log(log: Path) -> None:
     """Raise MapError if what was committed to a map's log is not there any more."""
-    try:
-        data = log.read_bytes()
-    except FileNotFoundError:
-        return
-    if len(data) > _HEAD.size + PAGE_BYTES and (at := _damaged_at(data)) >= 0:
+    at = -1
+    with suppress(OSError):  # SQLite says what is wrong
+        if log.is_file():
+            with log.open('rb') as file:
+                at = _damaged_at(file)
+    if at >= 0:
         raise MapError(
             f'{log}: damaged at byte {at}; it holds what was added to the map last: restore it, '
             'or delete it to go on without'
         )
 
 
-def _damaged_at(data: bytes) -> int:
+def _damaged_at(file: BinaryIO) -> int:
     """Return where damage begins; -1 if there is none, or nothing that was safe."""
-    magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack_from(data)
-    sums = first, second
-    if magic & ~1 != _MAGIC or _sums(data[:24], '<>'[magic & 1], (0, 0)) != sums:
+    if os.fstat(file.fileno()).st_size <= _HEAD.size + PAGE_BYTES:
+        return -1  # nothing was safe
+    head, at = file.read(_HEAD.size), _HEAD.size
+    magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
+    sums, order = (first, second), '<>'[magic & 1]
+    if magic & ~1 != _MAGIC or _sums(head[:_SUMMED_OF_HEAD], order, (0, 0)) != sums:
         return 0  # it is safe before anything follows it
-    order, size = '<>'[magic & 1], _FRAME.size + page_bytes
-    frames = range(_HEAD.size, len(data) - size + 1, size)
-    for at in frames:
-        _, _, *own, first, second = _FRAME.unpack_from(data, at)
-        content = data[at : at + _SUMMED] + data[at + _FRAME.size : at + size]
-        found = _sums(content, order, sums)
-        if own == salts and found == (first, second):
-            sums = found
-            continue
-        flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
-        if flipped == 1 and found == (first, second):
-            return at
-        if not flipped and _is_one_bit(content, order, sums, (first, second)):
-            return at
-        later = (_FRAME.unpack_from(data, one) for one in frames if one >= at)
-        commits = sum(bool(pages) and own == salts for _, pages, *own, _, _ in later)
-        return at if commits > 1 else -1
+    if page_bytes not in _PAGES:
+        return 0
+    damaged_at, commits, size = -1, 0, _FRAME.size + page_bytes
+    while len(frame := file.read(size)) == size:
+        _, pages, *own, first, second = _FRAME.unpack_from(frame)
+        if damaged_at < 0:
+            content = frame[:_SUMMED] + frame[_FRAME.size :]
+            found = _sums(content, order, sums)
+            if own == salts and found == (first, second):
+                sums = found
+            else:
+                flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
+                if flipped == 1 and found == (first, second):
+                    return at
+                if not flipped and _is_one_bit(content, order, sums, (first, second)):
+                    return at
+                damaged_at = at
+        # One commit may be half written; before a second one the first was safe.
+        commits += damaged_at >= 0 and bool(pages) and own == salts
+        if commits > 1:
+            return damaged_at
+        at += size
     return -1
 
 
