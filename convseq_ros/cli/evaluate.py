@@ -135,7 +135,7 @@ def run(chosen: argparse.Namespace) -> int:
         distractors=chosen.distractors,
         argv=tuple(sys.argv),
     )
-    data_sets = [open_data_set(text, chosen.data_root) for text in chosen.sets]
+    data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
     summaries = evaluate(data_sets, config, plan, chosen.output, cache, _say)
     _print(summaries, summary_rows(summaries), chosen.json)
     return 0
@@ -145,7 +145,7 @@ def _run_studies(chosen: argparse.Namespace, config: Config, cache: Cache) -> in
     if chosen.sets:
         raise ConfigError(f'{chosen.sets[0]}: a study names its own sets; leave it out')
     for path in chosen.study:
-        study = read_study(path, chosen.data_root)
+        study = read_study(path, chosen.data_root, config.reading)
         rows = run_study(study, config, chosen.output, cache, tuple(sys.argv), _say)
         _print(rows, rows, chosen.json)
     return 0

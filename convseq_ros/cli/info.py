@@ -11,6 +11,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
 from convseq_ros.core.map.format import FORMAT_VERSION
@@ -23,13 +24,14 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('file', type=Path, help='map or recording; it is not changed')
     parser.add_argument('--json', action='store_true', help='print as JSON')
+    add_reading(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Print what the map or the recording holds."""
     file: Path = chosen.file
     if file.is_dir() or is_recording(file):
-        found = describe_recording(file)
+        found = describe_recording(file, chosen_reading(chosen))
         print(json.dumps(found) if chosen.json else '\n'.join(recording_lines(found)))
         return 0
     reader = MapReader(file)

@@ -8,6 +8,7 @@ from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -30,14 +31,15 @@ class Session:
         self.is_growing = config.online.mode == 'online'
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
         self._autosave = NoAutosave()
+        encoding = with_mask_read(config.encoding, config.reading)
         if path is None:
-            reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
+            reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
         elif self.is_growing:
             append = None if make else True
-            autosave = Autosave(path, config.encoding, config.keyframes, append)
+            autosave = Autosave(path, encoding, config.keyframes, append)
             self._autosave, reference_map = autosave, autosave.reference_map
         else:
-            reference_map = open_map(path, config.encoding)
+            reference_map = open_map(path, encoding)
         try:
             self.recognizer = PlaceRecognizer(reference_map, config)
         except BaseException:

@@ -25,6 +25,7 @@ from convseq_ros.evaluation.truth import Truth
 from convseq_ros.files import read_yaml
 from convseq_ros.parameter import refuse_unknown as refuse_unknown_parameters
 from convseq_ros.parameter import Value
+from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
 STUDIES = READY_MADE / 'studies'
@@ -63,7 +64,7 @@ def ready_made_studies() -> list[str]:
     return sorted(path.stem for path in STUDIES.glob('*.yaml'))
 
 
-def read_study(path: Path, data_root: Path) -> Study:
+def read_study(path: Path, data_root: Path, reading: ReadingConfig = ReadingConfig()) -> Study:
     """
     Return what a study file, or a ready-made study of that name, says.
 
@@ -79,7 +80,7 @@ def read_study(path: Path, data_root: Path) -> Study:
         raise ConfigError(
             f'{path}: no study; give a YAML file or one of {", ".join(ready_made_studies())}'
         )
-    said = read_yaml(path)
+    said = read_yaml(path, reading)
     refuse_unknown(said, ('name', 'sets', 'methods', 'vary', 'change'), path)
     sets = _texts(said.get('sets', []), path, 'sets')
     if not sets:
@@ -94,7 +95,7 @@ def read_study(path: Path, data_root: Path) -> Study:
             check_change(kind, amount)
     return Study(
         str(said.get('name', path.stem)),
-        tuple(_data_set(text, path, data_root) for text in sets),
+        tuple(_data_set(text, path, data_root, reading) for text in sets),
         tuple(_texts(said.get('methods', ['convseq']), path, 'methods')),
         {name: tuple(map(core[name].check, values)) for name, values in vary.items()},
         {kind: tuple(map(float, amounts)) for kind, amounts in change.items()},
@@ -205,9 +206,10 @@ def _figures(
     }
 
 
-def _data_set(text: str, path: Path, data_root: Path) -> DataSet:
+def _data_set(text: str, path: Path, data_root: Path, reading: ReadingConfig) -> DataSet:
     beside = path.parent / text
-    return open_data_set(str(beside) if beside.suffix and beside.exists() else text, data_root)
+    known = str(beside) if beside.suffix and beside.exists() else text
+    return open_data_set(known, data_root, reading)
 
 
 def _texts(said: Any, path: Path, name: str) -> list[str]:
