@@ -7,7 +7,8 @@ Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
        [--images-px 320]
 
 Rows tell the pose from the place that lies nearest along the way, from the one 2 m before that,
-and what is shipped then: it is measured once more from the place that turns out to be nearest.
+and what is shipped then: it is measured once more from the place that turns out to be nearest;
+`ms` are medians of the processor's time, on all cores.
 Streets are drawn: mapped by day, a place each metre; driven again in the evening, under clouds,
 and at night with noise, anywhere between the own lane and 2 m to the left, up to 3 degrees turned.
 Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt: each image is asked
@@ -50,7 +51,7 @@ class Error:
     turn_deg: float
     squared: float  # normalised error of all six numbers
     same_m: float  # error of saying that the query is at its place
-    ms: float  # that it took
+    ms: float  # of the processor that it took
 
 
 class FromOnePlace(RelativePoses):
@@ -146,9 +147,9 @@ def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | No
 
 def error(poses, features, frame, found, place) -> Error | None:
     """Return what is wrong with one pose; None if none in metres is measured."""
-    started = time.perf_counter()
+    started = time.process_time()
     told = poses.measure(features, frame, found)
-    ms = (time.perf_counter() - started) * 1e3
+    ms = (time.process_time() - started) * 1e3
     if told is None or told.position_m is None:
         return None
     truth = inverse(matrix(place)) @ matrix(frame.pose)
