@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
@@ -15,15 +15,6 @@ from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
 
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
-
-
-@constants
-class CONFIDENCE:
-    """Between what fits drawn streets that repeat, and dark images (scripts/fit_acceptance.py)."""
-
-    offset: float = -0.2  # of a logistic function: log odds at an evidence of 1
-    slope: float = 2.1  # log odds per e-fold
-    least_evidence: float = 0.1  # added, so that none has a logarithm
 
 
 class Acceptance:
@@ -220,9 +211,3 @@ class Acceptance:
         own = self._verified.recent_strength(self._frame, best, self._direction)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength
-
-
-def confidence(evidence: float) -> float:
-    """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
-    strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
-    return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))
