@@ -114,7 +114,7 @@ KERNEL(pack_floats)(const float *rows, intptr_t count, intptr_t numbers, int ref
 KERNEL(peak)(intptr_t loops, int32_t *found)
 {
     QueryNumber numbers[NUMBERS] = {1, 2, 3, 4};
-    Words sums[12] = {0}, reference = splat(0x01020304);
+    Words sums[12] = {0}, reference = splat(0x02010201);
     QueryStep query = query_step(numbers, 0);
     for (intptr_t loop = 0; loop < loops; loop++)
 #pragma GCC unroll 12
