@@ -10,7 +10,6 @@ one before is safe.
 The format is that of https://sqlite.org/fileformat2.html, section 4.
 """
 
-from contextlib import suppress
 from functools import cache
 import os
 from pathlib import Path
@@ -27,6 +26,8 @@ _MAGIC = 0x377F0682  # the last bit tells the order of the bytes that are summed
 _WORDS = 0xFFFFFFFF
 _SUMMED_OF_HEAD = 24  # bytes
 _SUMMED = 8  # bytes of a frame's head that are summed, before its page
+_PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # that SQLite has
+_LOOKED_AT = 8192  # frames; 500 places, which are the most in a commit, take some 1,500
 _PAGES = frozenset(1 << power for power in range(9, 17))  # bytes that a page may have
 
 Words = npt.NDArray[np.uint32]
@@ -42,11 +43,12 @@ class _Weights(NamedTuple):
 
 def refuse_damaged_log(log: Path) -> None:
     """Raise MapError if what was committed to a map's log is not there any more."""
-    at = -1
-    with suppress(OSError):  # SQLite says what is wrong
-        if log.is_file():
-            with log.open('rb') as file:
-                at = _damaged_at(file)
+    try:
+        with log.open('rb') as file:
+            is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
+            at = _damaged_at(file) if is_large else -1
+    except FileNotFoundError:
+        return
     if at >= 0:
         raise MapError(
             f'{log}: damaged at byte {at}; it holds what was added to the map last: restore it, '
@@ -54,38 +56,38 @@ def refuse_damaged_log(log: Path) -> None:
         )
 
 
-def _damaged_at(file: BinaryIO) -> int:
+def _damaged_at(log: BinaryIO) -> int:
     """Return where damage begins; -1 if there is none, or nothing that was safe."""
-    if os.fstat(file.fileno()).st_size <= _HEAD.size + PAGE_BYTES:
-        return -1  # nothing was safe
-    head, at = file.read(_HEAD.size), _HEAD.size
+    head = log.read(_HEAD.size)
     magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
     sums, order = (first, second), '<>'[magic & 1]
-    if magic & ~1 != _MAGIC or _sums(head[:_SUMMED_OF_HEAD], order, (0, 0)) != sums:
+    is_head = magic & ~1 == _MAGIC and page_bytes in _PAGE_BYTES
+    if not is_head or _sums(head[:24], order, (0, 0)) != sums:
         return 0  # it is safe before anything follows it
-    if page_bytes not in _PAGES:
-        return 0
-    damaged_at, commits, size = -1, 0, _FRAME.size + page_bytes
-    while len(frame := file.read(size)) == size:
-        _, pages, *own, first, second = _FRAME.unpack_from(frame)
-        if damaged_at < 0:
-            content = frame[:_SUMMED] + frame[_FRAME.size :]
-            found = _sums(content, order, sums)
-            if own == salts and found == (first, second):
-                sums = found
-            else:
-                flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
-                if flipped == 1 and found == (first, second):
-                    return at
-                if not flipped and _is_one_bit(content, order, sums, (first, second)):
-                    return at
-                damaged_at = at
-        # One commit may be half written; before a second one the first was safe.
-        commits += damaged_at >= 0 and bool(pages) and own == salts
-        if commits > 1:
-            return damaged_at
-        at += size
+    at, size = _HEAD.size, _FRAME.size + page_bytes
+    while len(frame := log.read(size)) == size:
+        _, _, *own, first, second = _FRAME.unpack_from(frame)
+        content = frame[:_SUMMED] + frame[_FRAME.size :]
+        found = _sums(content, order, sums)
+        flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
+        if found != (first, second) or flipped:
+            is_flip = flipped == 1 and found == (first, second)
+            is_flip |= not flipped and _is_one_bit(content, order, sums, (first, second))
+            return at if is_flip or _commits(log, at, size, salts) > 1 else -1
+        sums, at = found, at + size
     return -1
+
+
+def _commits(log: BinaryIO, at: int, size: int, salts: list[int]) -> int:
+    """Return how many commits of a log end there or later; not all, if they are many."""
+    found = 0
+    for number in range(_LOOKED_AT):
+        log.seek(at + number * size)
+        if len(head := log.read(_FRAME.size)) < _FRAME.size or found > 1:
+            break
+        _, pages, *own, _, _ = _FRAME.unpack(head)
+        found += bool(pages) and own == salts
+    return found
 
 
 def _sums(content: bytes, order: str, before: tuple[int, int]) -> tuple[int, int]:
