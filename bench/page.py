@@ -23,6 +23,7 @@ _TITLES = {
     'avx2': 'A whole frame without AVX-512',
     'sequence': 'The sequence stage',
     'memory': 'Maps: opening, memory, disk',
+    'start': 'From the start to the first answer',
     'node': 'The live node',
     'drive': 'The live node on a drive',
 }
@@ -58,6 +59,10 @@ _ABOUT = {
     'sequence': 'Sums of kept pair scores along diagonals.',
     'memory': (
         'In processes of their own, with default parameters; resident after {frames} frames.'
+    ),
+    'start': (
+        'From the start of the process `vpr_node` to the first answer about an image; a camera is '
+        'on before. Programs and map lie in the file cache.'
     ),
     'node': (
         'The real `vpr_node` with default parameters in a process of its own; another process '

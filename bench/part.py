@@ -50,6 +50,7 @@ PARTS = {
     'memory': (ONE,),
     'stages': (ONE_CORE,),
     'avx2': (Setting(1, pinned=True, kernels='avx2'),),
+    'start': (TWO, ONE),
     'node': (TWO, ONE),
     'drive': (ONE,),
 }

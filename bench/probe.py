@@ -69,6 +69,7 @@ class Probe:
         self._next = 0
         self._sent_ns: dict[int, int] = {}
         self._run = Run()
+        self._answered_s = 0.0  # when the last answer came, time.perf_counter
         rclpy.init()
         self._node = rclpy.create_node('bench_probe')
         self._publisher = self._node.create_publisher(Image, TOPIC, 10)
@@ -115,6 +116,16 @@ class Probe:
             time.sleep(0.01)
         return run
 
+    def first_answer_s(self, rate_hz: float, start_s: float) -> float:
+        """Publish at a rate until the first answer comes; return when, after `start_s`."""
+        self._run, end_s = Run(), time.perf_counter() + _PATIENCE_S
+        while not self._run.latencies_ms:
+            if time.perf_counter() > end_s:
+                raise ConvseqError('the node gave no answer')
+            self._send()
+            time.sleep(1 / rate_hz)
+        return self._answered_s - start_s
+
     def _send(self) -> None:
         message = self._messages[self._next % len(self._messages)]
         self._next += 1
@@ -127,6 +138,7 @@ class Probe:
         now_ns = time.perf_counter_ns()
         sent_ns = self._sent_ns.pop(stamp_to_ns(message.header.stamp), None)
         if sent_ns is not None:
+            self._answered_s = now_ns / 1e9
             self._run.latencies_ms.append((now_ns - sent_ns) / 1e6)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

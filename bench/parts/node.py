@@ -71,7 +71,7 @@ def probed(
     from bench.probe import isolate, Probe
 
     isolate(work.folder)
-    with _running_node(work, path) as process:
+    with running_node(work, path) as process:
         probe = Probe(images)
         try:
             probe.wait()
@@ -111,7 +111,7 @@ def _environment() -> dict[str, str]:
 
 
 @contextmanager
-def _running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
+def running_node(work: Work, path: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run the node with a map on the first cores; the probe may use the others."""
     from bench.probe import TOPIC
 

@@ -61,7 +61,7 @@ def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
     topic : str, optional
         Image topic of a recording that has several.
     reading : ReadingConfig, optional
-        Which images are too large.
+        What is too large.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def open_annotated(
     poses : Path, optional
         File as for `read_pose_file`, instead of `odom`.
     reading : ReadingConfig, optional
-        Which images are too large.
+        What is too large.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def open_annotated(
     pose_at: PoseAt | None = None
     frame = ''
     if poses:
-        pose_at = read_pose_file(poses, len(source))
+        pose_at = read_pose_file(poses, len(source), reading)
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
         pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
@@ -136,7 +136,7 @@ def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf
         return None
     file = Path(camera_info)
     if file.is_file():
-        return lambda height, width: read_camera_file(file, height, width)
+        return lambda height, width: read_camera_file(file, height, width, reading)
     if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
     camera = read_camera(path, camera_info, reading)

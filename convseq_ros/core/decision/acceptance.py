@@ -120,7 +120,13 @@ class Acceptance:
             return alone if along is None else along
         if self._is_own(reference):
             return max(along, alone)
-        return max(along, alone + (self._track.evidence(self._frame, reference) or 0.0))
+        own = self._track.evidence(self._frame, reference, self._direction)
+        return max(along, alone + (own or 0.0))
+
+    @property
+    def _direction(self) -> float:
+        """The map's own velocity, negative on a drive that meets its places in reverse order."""
+        return math.copysign(1.0, self._velocity)
 
     def _is_near(self, reference: int, other: int) -> bool:
         """Return whether two places may belong to one track, or to its looks."""
@@ -132,12 +138,14 @@ class Acceptance:
 
     def entered(self) -> tuple[int, float] | None:
         """Return what the newest few frames show alone; None on the border of a session."""
-        seen = self._verified.alone(self._frame)
+        seen = self._verified.alone(self._frame, self._direction)
         if seen is None:
             return None
         reference, evidence = seen
         first, end = self.places.bounds.span(reference)
-        if not first < reference < min(end, self._usable) - TRACK.border:
+        end = min(end, self._usable)
+        before, after = (0, TRACK.border) if self._direction > 0 else (TRACK.border - 1, 1)
+        if not first + before < reference < end - after:
             return None
         return reference, evidence * (VERIFIED.of_own_drive if self._is_own(reference) else 1.0)
 
@@ -197,7 +205,7 @@ class Acceptance:
         """Return whether a place is verified too badly to be one that this drive has shown."""
         if not self._is_own(best):
             return False
-        own = self._verified.recent_strength(self._frame, best)
+        own = self._verified.recent_strength(self._frame, best, self._direction)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength
 

@@ -42,7 +42,7 @@ def _candidate(index: int, score: float, places: Sequence[Place]) -> Candidate:
 def why_none(usable: int, length: int, velocity: float, bounds: SessionBounds) -> Reason:
     """Return why no sequence of so many frames has a score, with so many usable references."""
     longest = np.diff(bounds.starts[bounds.starts < usable], append=usable).max(initial=0)
-    short = longest <= diagonal(length, velocity)[-1]
+    short = longest <= abs(diagonal(length, velocity)[-1])
     return Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP
 
 

@@ -147,14 +147,15 @@ class VerifiedEvidence:
             evidence = max(0.0, min(whole, most))
         self._sightings = [*kept, Sighting(frame, reference, evidence, strength)]
 
-    def alone(self, frame: int) -> tuple[int, float] | None:
+    def alone(self, frame: int, direction: float = 1.0) -> tuple[int, float] | None:
         """
         Return the newest frame's likeliest place, and how strongly the newest frames speak for it.
 
         The most that any number of them, up to five, say: the sum of those on one way, over the
-        square root of how many they are; in units of the evidence of a track.
+        square root of how many they are; in units of the evidence of a track. The direction is -1
+        of a drive that meets the places in reverse order.
         """
-        on_way = self._on_way(frame)
+        on_way = self._on_way(frame, direction)
         if 0 not in on_way:
             return None
         total = most = 0.0
@@ -163,16 +164,16 @@ class VerifiedEvidence:
             most = max(most, total / math.sqrt(past + 1))
         return on_way[0].reference, most / VERIFIED.alone
 
-    def recent_strength(self, frame: int, reference: int) -> float | None:
+    def recent_strength(self, frame: int, reference: int, direction: float = 1.0) -> float | None:
         """Return how strongly a place is verified by the newest frames, on average, if it is."""
-        on_way = self._on_way(frame)
+        on_way = self._on_way(frame, direction)
         is_near = self._places.is_near
         if 0 not in on_way or not is_near(reference, on_way[0].reference, TRACK.same_track):
             return self.strength(reference, TRACK.same_track)
         recent = [one.strength for past, one in on_way.items() if past < VERIFIED.recent]
         return sum(recent) / len(recent)
 
-    def _on_way(self, frame: int) -> dict[int, Sighting]:
+    def _on_way(self, frame: int, direction: float) -> dict[int, Sighting]:
         """Return the likeliest places that a robot may have come along, by frames ago."""
         if not self._sightings or self._sightings[-1].frame != frame:
             return {}
@@ -182,7 +183,7 @@ class VerifiedEvidence:
             first, last = self._places.bounds.span(end)
             for one in self._sightings:
                 past = frame - one.frame
-                off = abs(end - one.reference - past)
+                off = abs(end - one.reference - direction * past)
                 is_own = first <= one.reference < last
                 if is_own and off <= VERIFIED.same_scene + VERIFIED.drift * past:
                     found[past] = one

@@ -85,8 +85,8 @@ class Shortlist:
     def _later(self, ends: Indices, step: int, usable: int) -> Indices:
         """Return places so many further on in their sessions, of those that have such a one."""
         later = ends + step
-        there = self._bounds.firsts(later) == self._bounds.firsts(ends)
-        return later[there & (later < usable)]
+        firsts, stops = self._bounds.spans(ends)
+        return later[(later >= firsts) & (later < np.minimum(stops, usable))]
 
     def _best(self, sums: Sums, length: int, rival_distance: int) -> list[int]:
         """Return the best, and for the last quarter the best elsewhere."""
