@@ -9,7 +9,8 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
-from convseq_ros.core.decision.acceptance import Acceptance, confidence
+from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason

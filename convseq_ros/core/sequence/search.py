@@ -122,6 +122,7 @@ class ShortlistSearch(ExhaustiveSearch):
         scores = buffer.approximate_scores(1, scouts)
         entered = scouts[np.argsort(-scores, kind='stable')[:entering]]
         ends = np.union1d(ends, entered)
+        self._coarse.expect(lambda: buffer.unscored(frames, ends, velocity))
         buffer.score_promising(frames, ends, velocity)
         return ends, velocity
 
