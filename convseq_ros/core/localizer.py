@@ -12,6 +12,7 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.verified_evidence import VERIFIED
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
 
@@ -55,7 +56,8 @@ class _Sighting:
     odometry: Pose | None  # of that frame
     confidence: float | None
     quality: float | None  # that not both are false, this match and the one that agrees before it
-    agreeing: int  # sure matches that agree on where it is, one after another, up to this one
+    agreeing: int  # sightings that agree on where it is, one after another, up to this one
+    is_sure: bool  # a sure match
 
 
 class Localizer:
@@ -135,12 +137,16 @@ class Localizer:
             return None
         if reference >= known:
             return None
-        before, count, sure = self._seen, 1, own
-        if before and self._keyframes - before.keyframe < LOCALIZER.silent_keyframes:
-            if self._agree(before, reference, odometry):
+        before, count, sure, is_sure = self._seen, 1, own, match.reason in _SURE
+        if before and (ago := self._keyframes - before.keyframe) < LOCALIZER.silent_keyframes:
+            # One that is not sure must lie on one way with the other, frame for frame.
+            off = VERIFIED.same_scene + math.floor(VERIFIED.drift * ago)
+            is_on_way = self._map.is_near(before.reference + ago, reference, off)
+            agrees = self._agree(before, reference, odometry)
+            if agrees and (is_on_way or (is_sure and before.is_sure)):
                 count += before.agreeing
                 sure = _either(before.confidence, sure)
-        return _Sighting(self._keyframes, reference, odometry, own, sure, count)
+        return _Sighting(self._keyframes, reference, odometry, own, sure, count, is_sure)
 
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
