@@ -14,8 +14,8 @@ class LocalizationConfig(Checked):
     """When it is known where in a map the robot is, and when no longer."""
 
     localize_keyframes: int = parameter(
-        2, 'The robot is localised when so many accepted matches, one after another, agree on '
-        'where it is.', unit='keyframes', low=1, high=100,
+        2, 'The robot is localised when so many matches, one after another, agree on where it is: '
+        'accepted ones, or nearly.', unit='keyframes', low=1, high=100,
     )
     lost_keyframes: int = parameter(
         4, 'The robot is lost when so many keyframes, one after another, show another place than '

@@ -81,14 +81,13 @@ def _pose(matches: Sequence[Match], recognizer: PlaceRecognizer) -> PoseEstimate
     known = matches[-1].localization
     if known is None or known.reference_index is None:
         return None
-    sure = next(one for one in reversed(matches) if one.accepted)
-    return estimate_pose(
-        recognizer.reference_map.places,
-        known.reference_index,
-        yaw_rad=sure.relative_yaw_rad,
-        row=recognizer.buffer.row if sure is matches[-1] else None,
-        relative=sure.relative_pose,
-    )
+    places, index, row = recognizer.reference_map.places, known.reference_index, None
+    for match in reversed(matches):
+        row = recognizer.buffer.row if match is matches[-1] else None
+        if match.accepted and match.accepted.reference_index == index:
+            yaw_rad, relative = match.relative_yaw_rad, match.relative_pose
+            return estimate_pose(places, index, yaw_rad=yaw_rad, row=row, relative=relative)
+    return estimate_pose(places, index)
 
 
 def _answer(

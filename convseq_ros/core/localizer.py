@@ -9,7 +9,10 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.verified_evidence import VERIFIED
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
 
@@ -18,6 +21,9 @@ from convseq_ros.core.types import Localization, LocalizationState, Match, Pose,
 class LOCALIZER:
     """Engineering; scripts/relocalise.py measures what comes of it."""
 
+    # Of an accepted match's evidence, with which a place counts as sure, as two must agree. What a
+    # few frames alone say of wrong places is a third at most, on drawn nights and terraces.
+    likely: float = 0.6
     near_m: float = 5.0  # beyond what odometry says, within which it is the same place
     # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
     # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
@@ -36,27 +42,30 @@ _SILENT = frozenset(
         Reason.OUT_OF_ORDER,
     }
 )  # fmt: skip
-# Of frames whose best candidate is sure.
+# Of frames whose best candidate is sure, and of those whose best one is denied.
 _SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+_DENIED = frozenset({Reason.IMPLAUSIBLE, Reason.UNVERIFIED})
 
 
 @dataclass(frozen=True, slots=True)
 class _Sighting:
-    """A place that was recognised for sure."""
+    """A place that was recognised for sure, or nearly."""
 
     keyframe: int  # number of the frame that shows it
     reference: int
     odometry: Pose | None  # of that frame
     confidence: float | None
     quality: float | None  # that not both are false, this match and the one that agrees before it
-    agreeing: int  # sure matches that agree on where it is, one after another, up to this one
+    agreeing: int  # sightings that agree on where it is, one after another, up to this one
+    is_sure: bool  # a sure match
 
 
 class Localizer:
     """
     Holds `lost`, `candidate` or `localised` over the matches of a drive.
 
-    A sure match is a candidate; `localize_keyframes` of them that agree make it localised. It
+    A sure match is a candidate, and so is a place for which the newest few frames alone speak with
+    .6 of a match's evidence; `localize_keyframes` of them that agree make it localised. It
     stays so while nothing speaks against it, also where matches are not sure. Two places agree if
     they are no further apart in the map than odometry says, or, where there is no odometry or no
     pose, near by their numbers. `lost_keyframes` in a row that show another place, or have half
@@ -66,10 +75,11 @@ class Localizer:
     """
 
     def __init__(
-        self, places: Sequence[Place], config: Config, neighbourhood: Neighbourhood | None = None
+        self, places: Sequence[Place], config: Config, acceptance: Acceptance | None = None
     ) -> None:
-        self._places, self._config = places, config.localization
-        self._map = neighbourhood or Neighbourhood()
+        self._places, self._config, self._acceptance = places, config.localization, acceptance
+        self._map = acceptance.places if acceptance else Neighbourhood()
+        self._least_evidence = LOCALIZER.likely * config.acceptance.min_evidence
         self._near_places = config.acceptance.rival_distance
         self.reset()
 
@@ -91,6 +101,7 @@ class Localizer:
         sessions.
         """
         self._near_places = config.acceptance.rival_distance
+        self._least_evidence = LOCALIZER.likely * config.acceptance.min_evidence
         if match.reason not in _SILENT:
             self._keyframes, self._last = self._keyframes + 1, match
             self._reasons[match.reason] += 1
@@ -117,17 +128,25 @@ class Localizer:
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
-        best = match.best
-        if best is None or match.reason not in _SURE or best.reference_index >= known:
+        likely = self._acceptance.entered() if self._acceptance else None
+        if match.best and match.reason in _SURE:
+            reference, own = match.best.reference_index, match.confidence
+        elif likely and likely[1] >= self._least_evidence and match.reason not in _DENIED:
+            reference, own = likely[0], confidence(likely[1])
+        else:
             return None
-        before, count, sure = self._seen, 1, match.confidence
-        if before and self._keyframes - before.keyframe < LOCALIZER.silent_keyframes:
-            if self._agree(before, best.reference_index, odometry):
+        if reference >= known:
+            return None
+        before, count, sure, is_sure = self._seen, 1, own, match.reason in _SURE
+        if before and (ago := self._keyframes - before.keyframe) < LOCALIZER.silent_keyframes:
+            # One that is not sure must lie on one way with the other, frame for frame.
+            off = VERIFIED.same_scene + math.floor(VERIFIED.drift * ago)
+            is_on_way = self._map.is_near(before.reference + ago, reference, off)
+            agrees = self._agree(before, reference, odometry)
+            if agrees and (is_on_way or (is_sure and before.is_sure)):
                 count += before.agreeing
                 sure = _either(before.confidence, sure)
-        return _Sighting(
-            self._keyframes, best.reference_index, odometry, match.confidence, sure, count
-        )
+        return _Sighting(self._keyframes, reference, odometry, own, sure, count, is_sure)
 
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None

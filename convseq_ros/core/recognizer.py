@@ -56,7 +56,7 @@ class PlaceRecognizer:
         self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
         self._closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
-        self.localizer = Localizer(reference_map.places, config, self._acceptance.places)
+        self.localizer = Localizer(reference_map.places, config, self._acceptance)
         self._last: Match | None = None
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:

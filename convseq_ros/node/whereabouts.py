@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 
 _MOST_CALLS = 100  # that wait at a time, each for some 20 us a turn
 _LOCALISED = LocalizationState.LOCALISED
+_UNMEASURED = 'it is measured with the next match that is accepted'
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,9 @@ class Whereabouts:
     ) -> None:
         self.config = config
         self._node, self._situation, self._advice = node, situation, advice
-        self._known = _Known(0, Localization(), None, '')
+        self._known = _Known(0, Localization(), None, _UNMEASURED)
         self._given_up = False
+        self._owes = False  # an initial pose, from when it is localised until a match is accepted
         self._waiting = 0  # calls
         self._state = node.create_publisher(DiagnosticStatus, '~/localization', LATCHED)
         self._initial_pose = (
@@ -84,13 +86,18 @@ class Whereabouts:
         is_found = now.state is _LOCALISED
         if match.accepted:
             remark = _remark(match, estimate)
+        elif now.state is LocalizationState.LOST:
+            estimate, remark = None, _UNMEASURED
         else:
             estimate, remark = before.estimate, before.remark
         self._known = _Known(before.frame + 1, now, estimate, remark)
-        if now.state is not before.localization.state:
+        is_new = now.state is not before.localization.state
+        if is_new:
             self._publish(now)
-            if is_found and self._initial_pose and match.accepted:
-                self._announce(match, estimate, remark)
+        self._owes = is_found and (is_new or self._owes)
+        if self._owes and self._initial_pose and match.accepted:
+            self._owes = False
+            self._announce(match, estimate, remark)
 
     def give_up(self) -> None:
         """Answer whoever waits: the node is ending."""

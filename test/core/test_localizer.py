@@ -3,6 +3,7 @@
 """Lost, candidate, localised: worked by hand on made-up matches."""
 
 from convseq_ros.config import Config
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.localizer import LOCALIZER, Localizer
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.types import Candidate, LocalizationState, Match, Pose, Reason, Status
@@ -16,11 +17,23 @@ STREET = [Place(index, pose=Pose((float(index), 0.0, 0.0), AHEAD)) for index in 
 WITHOUT_POSES = [Place(index) for index in range(300)]
 
 
+class Few:
+    """Stands in for an acceptance, and says what the newest few frames alone show."""
+
+    def __init__(self):
+        self.places, self.shown = Neighbourhood(), None
+
+    def entered(self):
+        return self.shown
+
+
 class Robot:
     """Tells a localiser what is recognised, and how far odometry says that it went."""
 
     def __init__(self, places=STREET, known=300):
-        self.localizer, self.known, self.frame = Localizer(places, Config()), known, 0
+        self.few = Few()
+        self.localizer = Localizer(places, Config(), self.few)
+        self.known, self.frame = known, 0
 
     def sees(
         self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9, inliers=None
@@ -65,6 +78,36 @@ def test_one_match_is_a_candidate_and_two_that_agree_are_enough():
     assert (second.state, second.reference_index) == (LOCALISED, 41)
     assert second.quality == pytest.approx(1 - 0.3 * 0.1)
     assert second.problem == ''
+
+
+NEARLY = LOCALIZER.likely * Config().acceptance.min_evidence + 0.001
+
+
+def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
+    robot = Robot()
+    robot.few.shown = 40, NEARLY - 0.002
+    assert robot.sees(reason=Reason.WARMING_UP, at_m=0.0).state is LOST
+    robot.few.shown = 40, NEARLY
+    first = robot.sees(reason=Reason.WARMING_UP, at_m=0.0)
+    assert (first.state, first.reference_index) == (CANDIDATE, 40)
+    robot.few.shown = 41, NEARLY
+    second = robot.sees(120, Reason.WEAK, at_m=1.0)
+    assert (second.state, second.reference_index) == (LOCALISED, 41)
+    assert second.quality == pytest.approx(1 - (1 - first.quality) ** 2)
+
+
+@pytest.mark.parametrize('reason', [Reason.IMPLAUSIBLE, Reason.UNVERIFIED, Reason.STATIONARY])
+def test_what_is_denied_or_no_keyframe_is_never_nearly_sure(reason):
+    robot = Robot()
+    robot.few.shown = 40, 9.0
+    assert [robot.sees(40, reason).state for _ in range(3)] == [LOST] * 3
+
+
+def test_nearly_sure_frames_must_agree_and_be_of_an_earlier_session():
+    robot = Robot(known=100)
+    for place in (40, 90, 150, 151):
+        robot.few.shown = place, NEARLY
+        assert robot.sees(reason=Reason.WARMING_UP, at_m=float(robot.frame)).state is CANDIDATE
 
 
 def test_two_matches_of_different_places_are_not_enough():

@@ -17,7 +17,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.sequence.coarse_sums import all_sums, top
 from convseq_ros.core.sequence.diagonals import sequence_scores
-from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.sequence.shortlist import SHORTLIST, Shortlist
 from convseq_ros.core.types import Frame
 from convseq_ros.sources import open_source
 import cv2
@@ -60,14 +60,16 @@ def run(image):
 
 
 def test_the_shortlist_finds_what_exhaustive_search_finds_with_fewer_pairs(reference_map, run):
-    places = range(20, 40)
+    places = range(20, 20 + SHORTLIST.first_frames + 8)
     listed = run(reference_map, 'shortlist', places, shortlist_length=12)
     scored = run(reference_map, 'exhaustive', places)
     for place, short, whole in list(zip(places, listed, scored, strict=True))[4:]:
         assert short.best.reference_index == whole.best.reference_index == place
         assert short.best.score == pytest.approx(whole.best.score)
         assert short.best.shift == whole.best.shift
-    later = [match.pairs_scored for match in listed[8:]]
+    # The first frames of a drive look at many places, each once.
+    assert {match.pairs_scored for match in listed[: SHORTLIST.first_frames]} == {PLACES}
+    later = [match.pairs_scored for match in listed[SHORTLIST.first_frames :]]
     assert max(later) < 12 * 5 and np.mean(later) < PLACES
     assert all(match.pairs_scored == PLACES for match in scored)
 

@@ -83,7 +83,7 @@ class Acceptance:
 
         Sequences of many frames find a place late that has just been entered.
         """
-        entered = self._entered()
+        entered = self.entered()
         places = [entered[0]] if entered else []
         places += [self._newest.reference] if self._newest else []
         found = [
@@ -99,7 +99,7 @@ class Acceptance:
         they follow. For a place of this very drive the larger counts: camera and light are the
         same, and another locker misleads both alike.
         """
-        entered = self._entered()
+        entered = self.entered()
         is_entered = entered is not None and self._is_near(reference, entered[0])
         alone = entered[1] if entered and is_entered else None
         newest = self._newest
@@ -127,7 +127,7 @@ class Acceptance:
         """Return whether a place was seen on this drive."""
         return self._session_start is not None and reference >= self._session_start
 
-    def _entered(self) -> tuple[int, float] | None:
+    def entered(self) -> tuple[int, float] | None:
         """Return what the newest few frames show alone; None on the border of a session."""
         seen = self._verified.alone(self._frame, self._direction)
         if seen is None:

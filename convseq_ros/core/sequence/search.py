@@ -78,12 +78,15 @@ class ShortlistSearch(ExhaustiveSearch):
     ) -> None:
         super().__init__(velocity)
         self._coarse, self._shortlist = coarse, Shortlist(k, bounds)
+        self._frames = 0  # of the drive
 
     def reset(self) -> None:
         for stage in (self._velocity, self._coarse, self._shortlist):
             stage.reset()
+        self._frames = 0
 
     def update(self, descriptor: Descriptor, usable: int) -> Values:
+        self._frames += 1
         return self._coarse.update(descriptor, usable)
 
     def verify(self, ends: Indices, scores: Values) -> None:
@@ -105,16 +108,19 @@ class ShortlistSearch(ExhaustiveSearch):
 
         velocity = self._velocity.update(rows, closer, self._coarse.peaks)
         wanted = shortlist.asked(rows, rivals, velocity)
-        newest = Asked(rows[:1], 1.0, enough(SHORTLIST.scouts, rivals), _NONE)
+        scouting, entering = SHORTLIST.scouts, SHORTLIST.entered
+        if self._frames <= SHORTLIST.first_frames:
+            scouting, entering = SHORTLIST.first_scouts, SHORTLIST.first_entered
+        newest = Asked(rows[:1], 1.0, enough(scouting, rivals), _NONE)
         sums, alone = self._coarse.sums([wanted, newest])
         ends = shortlist.update(wanted, sums, rivals)
         # What was just entered is likely by the newest frame alone, by pair scores.
-        scouts = shortlist.top(alone, rivals, SHORTLIST.scouts)
+        scouts = shortlist.top(alone, rivals, scouting)
         frames = max(length, window)
         self._coarse.expect(lambda: np.append(buffer.unscored(frames, ends, velocity), scouts))
         buffer.score(1, scouts)
         scores = buffer.approximate_scores(1, scouts)
-        entered = scouts[np.argsort(-scores, kind='stable')[: SHORTLIST.entered]]
+        entered = scouts[np.argsort(-scores, kind='stable')[:entering]]
         ends = np.union1d(ends, entered)
         self._coarse.expect(lambda: buffer.unscored(frames, ends, velocity))
         buffer.score_promising(frames, ends, velocity)
