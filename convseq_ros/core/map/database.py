@@ -9,7 +9,7 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, DEPTHS, FORMAT_VERSION, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -65,6 +65,10 @@ class Database:
         """Execute a statement; return what it yields."""
         self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
+
+    def has_depths(self) -> bool:
+        """Return whether a map knows depths of any place."""
+        return bool(self.number("SELECT count(*) FROM sqlite_master WHERE name = 'depths'"))
 
     def number(self, statement: str) -> int:
         """Return the one number that a statement yields."""
@@ -142,6 +146,8 @@ class Database:
                 remedy = f'run: convseq convert {path} NEW'
             raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
         found = self.rows('SELECT name, sql FROM sqlite_master')
+        if version == FORMAT_VERSION:
+            found = [one for one in found if one != ('depths', DEPTHS)]
         if len(found) != len(schema) or dict(found) != schema:
             others = sorted({str(name) for name, _ in found} - schema.keys())
             raise ValueError(f'{others or "tables"} that no map has')

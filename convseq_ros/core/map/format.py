@@ -39,6 +39,11 @@ TABLES = {
     # Of a place, as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
 }
+# Depths of the regions of places that have any; a map without depths has no such table.
+DEPTHS = (
+    'CREATE TABLE depths (reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
+    'crc32 INTEGER NOT NULL)'
+)
 SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')
