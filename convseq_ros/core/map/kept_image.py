@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a map keeps of places beside cells: images as JPEGs, for keypoints, and depths."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from weakref import WeakMethod
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.depth import Depths, unpacked_depths
@@ -48,8 +49,8 @@ class KeptImages:
 
     Parameters
     ----------
-    read : callable
-        From a place's index to its Picture, images and all; it may raise MapError.
+    pictures : method
+        Of the map that has these: `ReferenceMap.pictures`, which may raise MapError.
 
     Attributes
     ----------
@@ -60,8 +61,14 @@ class KeptImages:
 
     """
 
-    def __init__(self, read: Callable[[int], Picture]) -> None:
-        self._read, self.unreadable, self.problem = read, 0, ''
+    def __init__(self, pictures: Callable[[Sequence[int], bool], list[Picture]]) -> None:
+        # Not held, so that a map that is let go of is gone at once.
+        self._pictures, self.unreadable, self.problem = WeakMethod(pictures), 0, ''
+
+    def _read(self, index: int) -> Picture:
+        pictures = self._pictures()
+        assert pictures
+        return pictures([index], True)[0]
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""

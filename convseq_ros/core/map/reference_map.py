@@ -60,7 +60,7 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
-        self.images = KeptImages(lambda index: self.pictures([index], True)[0])
+        self.images = KeptImages(self.pictures)
 
     def __len__(self) -> int:
         return len(self.places)
