@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 8  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 10  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
@@ -132,7 +132,17 @@ def kernel(name: str, *arguments: Any) -> Callable[..., None]:
     """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
     function = library().functions[f'convseq_{name}_{library().variant}']
     function.argtypes, function.errcheck = arguments, _check
-    return function
+
+    def call(*given: Any) -> None:
+        try:
+            function(*given)
+        except ctypes.ArgumentError as error:
+            # ctypes says so of whatever comes up while it looks at an argument.
+            if KeyboardInterrupt.__name__ in str(error):
+                raise KeyboardInterrupt from None
+            raise
+
+    return call
 
 
 def _check(result: int, function: Any, _arguments: Any) -> None:

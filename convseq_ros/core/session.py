@@ -10,7 +10,9 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.lifelong import LifelongMap
+from convseq_ros.core.map.limits import within_limits
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 import numpy as np
@@ -28,14 +30,17 @@ class Session:
 
     def __init__(self, path: Path | None, config: Config, make: bool = True) -> None:
         self.path = path
-        self.is_growing = config.online.mode == 'online'
+        self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self._autosave = NoAutosave()
+        self._autosave, self.left_out = NoAutosave(), 0  # places, to keep the map's limits
         encoding = with_mask_read(config.encoding, config.reading)
         if path is None:
             reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
         elif self.is_growing:
             append = None if make else True
+            if config.online.mode == 'lifelong' and path.is_file() and path.stat().st_size:
+                MapReader(path, encoding, config.keyframes)  # refuses before anything is left out
+                _, self.left_out = within_limits(path, config.online)
             autosave = Autosave(path, encoding, config.keyframes, append)
             self._autosave, reference_map = autosave, autosave.reference_map
         else:
@@ -43,8 +48,10 @@ class Session:
         try:
             self.recognizer = PlaceRecognizer(reference_map, config)
         except BaseException:
-            self.close()
+            self._autosave.close()
             raise
+        if isinstance(mapping := self.recognizer.mapping, LifelongMap):
+            mapping.is_full = lambda: self.is_full
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
         # Why that is slow, with the remedy, if nobody asked for it.
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
@@ -72,6 +79,14 @@ class Session:
     def added(self) -> int:
         """Places that came in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the map's file is as large as it may be."""
+        most_mb = self.recognizer.config.online.max_map_mb
+        if not (self.path and most_mb and self.path.is_file()):
+            return False
+        return self.path.stat().st_size > 1e6 * most_mb
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
@@ -102,6 +117,7 @@ class Session:
 
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""
+        self.recognizer.mapping.finish()
         self._autosave.close()
 
 

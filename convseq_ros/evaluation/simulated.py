@@ -48,7 +48,8 @@ class SimulatedDrive:
 def _drawn(simulated: SimulatedDrive) -> tuple[Frame, ...]:
     """Return all frames: a drive is read for each method, and drawing takes longer than that."""
     drive = simulated.drive
-    street = Street(drive.distance_m(drive.num_frames) + 1.0, simulated.street)
+    furthest_m = max(drive.start_m, drive.distance_m(drive.num_frames))
+    street = Street(furthest_m + 1.0, simulated.street)
     return tuple(shot.frame for shot in draw(street, drive))
 
 

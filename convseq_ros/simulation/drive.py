@@ -42,16 +42,20 @@ class Drive:
     start_m : float
         Where the first frame is taken, metres along the way.
     speed_mps : float
-        Metres per second; 0 stands still.
+        Metres per second; 0 stands still, negative ones go back towards the beginning: in reverse
+        gear, or turned round with a `heading_deg` of 180.
     frame_rate_hz : float
     num_frames : int
     lane_offset_m : float
-        To the left of the middle of the street; the right lane is at -1.5.
+        To the left of the middle of the street, whichever way the vehicle goes; the right lane is
+        at -1.5, the opposite one at 1.5.
     lanes : tuple of (float, float)
         Instead of `lane_offset_m`: distances in metres, ascending, and the offsets there; between
         them the vehicle drives straight from one to the next.
     heading_deg : float
-        Yaw of the camera against the street, positive to the left.
+        Yaw of the vehicle against the street, positive to the left; 180 is turned round.
+    camera_yaw_deg : float
+        Yaw of the camera on the vehicle, positive to the left; 180 looks behind, 90 to the left.
     light : str
         'day', 'overcast', 'evening' or 'night'.
     brightness : float
@@ -77,6 +81,7 @@ class Drive:
     lane_offset_m: float = -1.5
     lanes: tuple[tuple[float, float], ...] = ()
     heading_deg: float = 0.0
+    camera_yaw_deg: float = 0.0
     light: str = 'day'
     brightness: float = 1.0
     noise: float = 0.0
@@ -93,7 +98,9 @@ class Drive:
         for name in ('frame_rate_hz', 'width_px', 'height_px'):
             if not getattr(self, name) > 0:
                 raise ConvseqError(f'{name}: {getattr(self, name)} is not positive')
-        for name in ('start_m', 'speed_mps', 'num_frames', 'brightness', 'noise', 'seed'):
+        if not math.isfinite(self.speed_mps):
+            raise ConvseqError(f'speed_mps: {self.speed_mps} is no speed')
+        for name in ('start_m', 'num_frames', 'brightness', 'noise', 'seed'):
             if not getattr(self, name) >= 0:
                 raise ConvseqError(f'{name}: {getattr(self, name)} is negative')
         for name, offset in (('lane_offset_m', self.lane_offset_m), *_named(self.lanes)):
@@ -109,7 +116,9 @@ class Drive:
         """What takes the images."""
         focal = self.width_px / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
         middle = self.width_px / 2, self.height_px / 2
-        return Camera(self.width_px, self.height_px, focal, focal, *middle)
+        yaw_rad = math.radians(self.camera_yaw_deg)
+        mount = _pose(0.0, 0.0, yaw_rad) if yaw_rad else None
+        return Camera(self.width_px, self.height_px, focal, focal, *middle, mount=mount)
 
     def distance_m(self, index: int) -> float:
         """Return how far along the way a frame is taken."""
@@ -123,7 +132,7 @@ class Drive:
         return float(np.interp(distance_m, at, offsets))
 
     def yaw_rad(self, distance_m: float) -> float:
-        """Return where the camera looks after a distance, 0 straight ahead, left positive."""
+        """Return how the vehicle is turned after a distance, 0 along the street, left positive."""
         ahead, behind = (self.offset_m(distance_m + d) for d in (_SLOPE_M, -_SLOPE_M))
         return math.radians(self.heading_deg) + math.atan2(ahead - behind, 2 * _SLOPE_M)
 
@@ -143,7 +152,7 @@ class Shot:
     image : ndarray of uint8, shape (H, W, 3)
         BGR.
     pose : Pose
-        Of the vehicle: x forward, y left, z up; the camera looks along its x.
+        Of the vehicle: x forward, y left, z up; the camera is there, and knows how it is turned.
     distance_m : float
         Along the way.
     odometry : Pose, optional
@@ -185,13 +194,19 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
     Raises
     ------
     ConvseqError
-        If the drive goes beyond the end of the way.
+        If the drive goes beyond an end of the way.
 
     """
-    if drive.distance_m(drive.num_frames - 1) > way.length_m:
+    ends_m = drive.start_m, drive.distance_m(drive.num_frames - 1)
+    if max(ends_m) > way.length_m:
         raise ConvseqError(
-            f'num_frames: the drive ends at {drive.distance_m(drive.num_frames - 1):g} m, '
+            f'num_frames: the drive ends at {max(ends_m):g} m, '
             f'beyond the street of {way.length_m:g} m; draw a longer street'
+        )
+    if drive.num_frames and min(ends_m) < 0:
+        raise ConvseqError(
+            f'num_frames: the drive ends at {min(ends_m):g} m, before the street begins; '
+            'let it begin further on'
         )
     light = LIGHTS[drive.light]
     grain = _grain(drive, light.noise + drive.noise)
@@ -205,13 +220,17 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
         views[spot.street] = view
         if len(views) > _MOST_VIEWS:
             del views[next(iter(views))]
-        image = view.draw(spot.street_x, spot.street_y, spot.street_yaw_rad)
-        half = spot.yaw_rad / 2
-        pose = Pose((spot.x, spot.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+        looks = spot.street_yaw_rad + math.radians(drive.camera_yaw_deg)
+        image = view.draw(spot.street_x, spot.street_y, looks)
+        pose = _pose(spot.x, spot.y, spot.yaw_rad)
         exposed = _expose(image, drive, grain, index)
         depth_m = view.depth_m if drive.has_depth else None
         known = drive.stamp_ns(index), exposed, pose, distance
         yield Shot(*known, camera=drive.camera, depth_m=depth_m)
+
+
+def _pose(x: float, y: float, yaw_rad: float) -> Pose:
+    return Pose((x, y, 0.0), (0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)))
 
 
 def _named(lanes: Sequence[tuple[float, float]]) -> Iterator[tuple[str, float]]:

@@ -229,3 +229,22 @@ def test_a_camera_that_changes_size_and_rate_is_followed_through(reference_map, 
         best is not None and abs(best.reference_index - at) <= 2 for at, best in found.items()
     ]
     assert np.mean(right[5:]) >= 0.9
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_a_drive_in_reverse_gear_is_recognised_if_asked(reference_map, drive, search):
+    def accepted(both):
+        matching = replace(OWN.matching, both_directions=both, search=search)
+        # Geometry alone would recognise such frames, each for itself.
+        config = replace(
+            OWN,
+            matching=matching,
+            acceptance=AcceptanceConfig(verification=False),
+            sequence=SequenceConfig(fixed_length=10),
+        )
+        matches = drive(PlaceRecognizer(reference_map, config), range(50, 10, -1))
+        return [match.accepted and match.accepted.reference_index for match in matches]
+
+    ahead, both = accepted(False), accepted(True)
+    assert both[15:] == list(range(35, 10, -1))
+    assert sum(one is not None for one in ahead) < 20

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+import sys
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.candidates import best_candidates, why_none
@@ -68,7 +69,9 @@ def test_what_is_near_is_of_the_same_session():
     assert np.flatnonzero(BOUNDS.near(every, 9, 3)).tolist() == [6, 7, 8, 9]
     assert np.flatnonzero(BOUNDS.near(every, 10, 3)).tolist() == [10, 11, 12, 13]
     assert np.flatnonzero(BOUNDS.near(every, 24, 30)).tolist() == [*range(10, 25)]
-    assert BOUNDS.firsts(np.array([0, 9, 10, 24, 25, 99])).tolist() == [0, 0, 10, 10, 25, 25]
+    firsts, ends = BOUNDS.spans(np.array([0, 9, 10, 24, 25, 99]))
+    assert firsts.tolist() == [0, 0, 10, 10, 25, 25]
+    assert ends.tolist() == [10, 10, 25, 25, sys.maxsize, sys.maxsize]
     assert BOUNDS.span(12) == (10, 25) and BOUNDS.span(25)[0] == 25
 
 

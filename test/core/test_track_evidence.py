@@ -247,6 +247,12 @@ def test_a_drive_at_another_velocity_is_followed_along_its_diagonal():
     assert run(scores)[-1][-1] < 2
 
 
+def test_a_drive_backwards_is_followed_along_its_diagonal():
+    scores = drawn_scores(frames=25, places=90, start=80, velocity=-2.0)
+    assert run(scores, velocity=-2.0)[-1][-1] > 3
+    assert run(scores)[-1][-1] < 2
+
+
 def test_a_map_that_grows_is_compared_as_far_as_it_goes():
     scores = drawn_scores(frames=40, start=-20)
     evidence = TrackEvidence()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 FRAMES, REFERENCES, K = 60, 400, 10
+BOTH = sorted([*VELOCITY.velocities, *(-one for one in VELOCITY.velocities)])
 KERNELS = ['numpy_kernels', *(['kernels'] if available() else [])]
 
 
@@ -21,14 +22,14 @@ def rows_at(velocity, seed=0):
     rng = np.random.default_rng(seed)
     scores = rng.normal(0.1, 0.02, (FRAMES, REFERENCES)).astype(np.float32)
     for frame in range(FRAMES):
-        true = 5 + round(frame * velocity)
-        if true < REFERENCES:
+        true = (5 if velocity > 0 else REFERENCES - 6) + round(frame * velocity)
+        if 0 <= true < REFERENCES:
             scores[frame, true] += 0.2
     return list(scores)
 
 
-def found_in(rows):
-    search = VelocitySearch()
+def found_in(rows, both=False):
+    search = VelocitySearch(both=both)
     return [search.update(rows[index - K + 1 : index + 1][::-1]) for index in range(K, FRAMES)]
 
 
@@ -36,6 +37,16 @@ def found_in(rows):
 def test_the_velocity_of_the_drive_is_found(velocity):
     found = found_in(rows_at(velocity))
     assert found[-1] == pytest.approx(velocity, rel=0.1, abs=0.08)
+
+
+@pytest.mark.parametrize('velocity', BOTH[::3])
+def test_the_velocity_is_found_in_both_directions(velocity):
+    found = found_in(rows_at(velocity), both=True)
+    assert found[-1] == pytest.approx(velocity, rel=0.1, abs=0.2)
+
+
+def test_a_drive_backwards_is_not_looked_for_unless_asked():
+    assert min(found_in(rows_at(-1.0))) > 0
 
 
 def test_one_to_one_is_kept_where_other_velocities_stand_out_hardly_more():
@@ -107,9 +118,9 @@ SESSIONS = strategies.builds(
 @pytest.mark.parametrize('kernels', KERNELS)
 @given(rows=DRAWN, bounds=SESSIONS)
 def test_peaks_are_those_of_sequence_scores(kernels, rows, bounds):
-    steps, own = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities]), bounds.starts
+    steps, own = np.array([diagonal(len(rows), one) for one in BOTH]), bounds.starts
     found = import_module(f'convseq_ros.core.sequence.{kernels}').peaks(rows, steps, own)
-    for velocity, (highest, mean, number) in zip(VELOCITY.velocities, found, strict=True):
+    for velocity, (highest, mean, number) in zip(BOTH, found, strict=True):
         scores = sequence_scores(rows, velocity, bounds=bounds)
         scores = scores[np.isfinite(scores)]
         assert number == scores.size
@@ -118,7 +129,19 @@ def test_peaks_are_those_of_sequence_scores(kernels, rows, bounds):
 
 
 @pytest.mark.parametrize('kernels', KERNELS)
-@given(rows=DRAWN, velocity=strategies.sampled_from(VELOCITY.velocities), bounds=SESSIONS)
+@given(rows=DRAWN, velocity=strategies.sampled_from(BOTH), bounds=SESSIONS)
+def test_whole_scores_are_those_of_every_end(kernels, rows, velocity, bounds):
+    steps, ends = np.array(diagonal(len(rows), velocity)), np.arange(len(rows[0]))
+    module = import_module(f'convseq_ros.core.sequence.{kernels}')
+    found = module.whole_scores(rows, steps, bounds.starts)
+    # All but one of the ends are scored pair by pair.
+    for some in (ends[1:], ends[:-1]):
+        scores = sequence_scores(rows, velocity, some, bounds=bounds)
+        assert found[some] == pytest.approx(scores, abs=1e-5)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN, velocity=strategies.sampled_from(BOTH), bounds=SESSIONS)
 def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
     kernels, rows, velocity, bounds
 ):
@@ -126,9 +149,10 @@ def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
     found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps, own)
     shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
     for end in range(0, len(rows[0]), 1 + len(rows[0]) // 40):
-        first = bounds.span(end)[0]
+        first, stop = bounds.span(end)
         pairs = [
-            row[end - step] if first <= end - step < len(row) else np.nan for row, step in shown
+            row[end - step] if first <= end - step < min(stop, len(row)) else np.nan
+            for row, step in shown
         ]
         known = np.isfinite(pairs)
         if 2 * known.sum() < len(rows):
@@ -150,6 +174,34 @@ def test_a_new_drive_starts_anew():
 def test_a_diagonal_of_velocity_two_meets_every_second_reference():
     assert diagonal(4, 2.0) == [0, 2, 4, 6]
     assert diagonal(5, 0.5) == [0, 1, 1, 2, 2]
+
+
+def test_a_diagonal_of_a_drive_backwards_is_the_same_on_the_other_side():
+    assert diagonal(4, -2.0) == [0, -2, -4, -6]
+    assert diagonal(5, -0.5) == [0, -1, -1, -2, -2]
+
+
+@given(rows=DRAWN, velocity=strategies.sampled_from(VELOCITY.velocities), bounds=SESSIONS)
+def test_backwards_scores_are_those_ahead_in_the_map_read_from_its_end(rows, velocity, bounds):
+    count = len(rows[0])
+    starts = [count - one for one in bounds.starts.tolist() if 0 < one < count]
+    mirrored = [None if row is None else np.full(count, np.nan, np.float32) for row in rows]
+    for row, other in zip(rows, mirrored, strict=True):
+        if row is not None:
+            other[count - len(row) :] = row[::-1]
+    ahead = sequence_scores(
+        mirrored, velocity, bounds=SessionBounds(tuple(sorted(starts))), partial=False
+    )
+    found = sequence_scores(rows, -velocity, bounds=bounds)
+    np.testing.assert_array_equal(found, ahead[::-1])
+
+
+def test_hand_worked_score_backwards():
+    newest = np.array([0.9, 0.1, 0, 0], np.float32)
+    older = np.array([0, 0, 0.7, 0.3], np.float32)
+    scores = sequence_scores([newest, older], velocity=-2.0)
+    assert scores[:2] == pytest.approx([(0.9 + 0.7) / 2, (0.1 + 0.3) / 2])
+    assert scores[2:].tolist() == [-np.inf, -np.inf]
 
 
 def test_hand_worked_score_at_velocity_two():

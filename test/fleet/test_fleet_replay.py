@@ -16,9 +16,11 @@ import pytest
 
 FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
+FIXED = '--fixed-length', '10'
+FLAGS = (), FIXED, (*FIXED, '--both-directions', 'true'), ('--matching', 'regional')
 
 
-@pytest.mark.parametrize('more', [(), ('--fixed-length', '10'), ('--matching', 'regional')])
+@pytest.mark.parametrize('more', FLAGS)
 def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, capsys, more):
     maps, one, again = drives
     tables = [tmp_path / name for name in ('one.csv', 'fleet.csv')]

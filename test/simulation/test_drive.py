@@ -5,6 +5,7 @@
 from dataclasses import replace
 import math
 
+from convseq_ros.core.rigid import matrix
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.light import LIGHTS
@@ -92,7 +93,7 @@ def test_standing_still_repeats_the_view():
         {'frame_rate_hz': 0.0},
         {'width_px': 0},
         {'num_frames': -1},
-        {'speed_mps': -1.0},
+        {'speed_mps': math.nan},
         {'start_m': math.nan},
         {'lane_offset_m': 4.0},
         {'field_of_view_deg': 180.0},
@@ -106,3 +107,21 @@ def test_an_impossible_drive_is_refused_by_name(wrong):
 def test_a_drive_beyond_the_street_is_refused():
     with pytest.raises(ConvseqError, match='longer street'):
         next(draw(Street(30.0), replace(SMALL, num_frames=100)))
+
+
+def test_a_rear_camera_on_the_way_back_sees_what_a_front_camera_saw():
+    ahead = list(draw(STREET, replace(SMALL, heading_deg=0.0, speed_mps=10.0)))
+    back = replace(SMALL, heading_deg=180.0, camera_yaw_deg=180.0, start_m=22.0, speed_mps=-10.0)
+    shots = list(draw(STREET, back))
+    assert [shot.distance_m for shot in shots] == [22.0, 21.0, 20.0]
+    for one, other in zip(ahead, shots[::-1], strict=True):
+        noise = np.abs(one.image.astype(float) - other.image).mean()
+        assert one.pose.position == other.pose.position and noise < 4.0
+        # The base is turned round, and the camera on it, too.
+        turned = matrix(other.pose) @ matrix(other.camera.mount)
+        np.testing.assert_allclose(turned, matrix(one.pose), atol=1e-9)
+
+
+def test_a_drive_back_beyond_the_beginning_is_refused():
+    with pytest.raises(ConvseqError, match=r'ends at -80 m, before the street begins'):
+        next(draw(STREET, replace(SMALL, num_frames=101, speed_mps=-10.0)))

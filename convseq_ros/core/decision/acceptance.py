@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
@@ -15,15 +15,6 @@ from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
 
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
-
-
-@constants
-class CONFIDENCE:
-    """Between what fits drawn streets that repeat, and dark images (scripts/fit_acceptance.py)."""
-
-    offset: float = -0.2  # of a logistic function: log odds at an evidence of 1
-    slope: float = 2.1  # log odds per e-fold
-    least_evidence: float = 0.1  # added, so that none has a logarithm
 
 
 class Acceptance:
@@ -120,7 +111,13 @@ class Acceptance:
             return alone if along is None else along
         if self._is_own(reference):
             return max(along, alone)
-        return max(along, alone + (self._track.evidence(self._frame, reference) or 0.0))
+        own = self._track.evidence(self._frame, reference, self._direction)
+        return max(along, alone + (own or 0.0))
+
+    @property
+    def _direction(self) -> float:
+        """The map's own velocity, negative on a drive that meets its places in reverse order."""
+        return math.copysign(1.0, self._velocity)
 
     def _is_near(self, reference: int, other: int) -> bool:
         """Return whether two places may belong to one track, or to its looks."""
@@ -132,12 +129,14 @@ class Acceptance:
 
     def _entered(self) -> tuple[int, float] | None:
         """Return what the newest few frames show alone; None on the border of a session."""
-        seen = self._verified.alone(self._frame)
+        seen = self._verified.alone(self._frame, self._direction)
         if seen is None:
             return None
         reference, evidence = seen
         first, end = self.places.bounds.span(reference)
-        if not first < reference < min(end, self._usable) - TRACK.border:
+        end = min(end, self._usable)
+        before, after = (0, TRACK.border) if self._direction > 0 else (TRACK.border - 1, 1)
+        if not first + before < reference < end - after:
             return None
         return reference, evidence * (VERIFIED.of_own_drive if self._is_own(reference) else 1.0)
 
@@ -147,6 +146,18 @@ class Acceptance:
         if evidence is not None and self._velocity != 1.0 and self._verified.denies(reference):
             return min(evidence, 0.0)
         return evidence
+
+    def placed(self, best: int, least: float) -> int:
+        """
+        Return the place that a match belongs to: the best, or one beside it.
+
+        A track of so much evidence at the map's velocity says where it ends. Any other may end
+        beside the place that the newest frame shows.
+        """
+        is_sure = self._velocity == 1.0 and (self._along(best) or 0.0) >= least
+        if is_sure or self._geometry is None:
+            return best
+        return self._verified.placed(best, self._geometry)
 
     def newest_score(self, reference: int) -> float:
         """Return the pair score of the newest frame with a likely place."""
@@ -197,12 +208,6 @@ class Acceptance:
         """Return whether a place is verified too badly to be one that this drive has shown."""
         if not self._is_own(best):
             return False
-        own = self._verified.recent_strength(self._frame, best)
+        own = self._verified.recent_strength(self._frame, best, self._direction)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength
-
-
-def confidence(evidence: float) -> float:
-    """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
-    strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
-    return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))

@@ -26,7 +26,7 @@ class TRACK:
     # The first three say what a place is.
     own_peak: int = 5  # references from the best that its own peak covers
     same_track: int = 2  # references by which two frames of one diagonal may differ
-    border: int = 2  # last references of a session, beyond which a peak may lie
+    border: int = 2  # references of a session where a drive leaves it: a peak may lie beyond
     window: int = 8  # frames of a diagonal whose scores are compared
     few: int = 3  # newest of these, by which a place that is just entered is likely
     memory: int = 30  # frames over which margins are summed
@@ -109,7 +109,7 @@ class TrackEvidence:
             if len(window) == TRACK.window:
                 self._variance += float(elsewhere.var())
                 self._windows += 1
-            if not self._is_last(best):
+            if not self._is_last(best, velocity):
                 rivals = self._beyond(scores, best, TRACK.own_peak)
                 chance = TRACK.chance * (self.scatter or 0.0) / math.sqrt(len(elsewhere))
                 margin = max(0.0, float(scores[top] - rivals.max()) - chance)
@@ -127,21 +127,21 @@ class TrackEvidence:
         The mean margin, in scatters and with what geometry adds, of those whose own best diagonal
         is this one, others 0; early in a drive over 20 frames at least. No more than the standard
         deviations by which the newest alone speaks for it; a third less at another velocity than
-        1. On a slower drive than the map's the last two references say nothing: so looks one that
-        has left the map and still sees its end. None while the scatter is unknown.
+        1. On a slower drive than the map's the two references where it leaves their session say
+        nothing: so looks one that has left and sees its end. None while the scatter is unknown.
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
         if (scatter := self.scatter) is None:
             return None
-        if velocity < 1.0 and self._is_last(reference):
+        if (is_slower := abs(velocity) < 1.0) and self._is_last(reference, velocity):
             return 0.0
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
         along = (
             one
             for one in self._along(frame, reference, velocity)
-            if velocity >= 1.0 or not self._is_last(one.reference)
+            if not (is_slower and self._is_last(one.reference, velocity))
         )
         sums = sum(one.margin / scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
@@ -208,10 +208,12 @@ class TrackEvidence:
         above = float(np.nanmax(near) - elsewhere.mean())
         return above / (float(elsewhere.std()) + TRACK.least_scatter)
 
-    def _is_last(self, reference: int) -> bool:
-        """Return whether a reference is among the last of its session that may be matched."""
-        end = min(self._places.bounds.span(reference)[1], len(self._usual))
-        return reference >= end - TRACK.border
+    def _is_last(self, reference: int, velocity: float) -> bool:
+        """Return whether a drive leaves a reference's session there, or may have left it."""
+        first, end = self._places.bounds.span(reference)
+        if velocity < 0:
+            return reference < first + TRACK.border
+        return reference >= min(end, len(self._usual)) - TRACK.border
 
     def _beyond(self, scores: Values, best: int, distance: int) -> Values:
         """Return what is known further than a distance from the best, and other looks of it."""

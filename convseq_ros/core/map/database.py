@@ -9,7 +9,7 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, DEPTHS, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, FURTHER, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -66,9 +66,10 @@ class Database:
         self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
 
-    def has_depths(self) -> bool:
-        """Return whether a map knows depths of any place."""
-        return bool(self.number("SELECT count(*) FROM sqlite_master WHERE name = 'depths'"))
+    def has(self, table: str) -> bool:
+        """Return whether there is such a table."""
+        asked = 'SELECT count(*) FROM sqlite_master WHERE name = ?'
+        return bool(self.rows(asked, (table,))[0][0])
 
     def number(self, statement: str) -> int:
         """Return the one number that a statement yields."""
@@ -147,7 +148,10 @@ class Database:
             raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
         found = self.rows('SELECT name, sql FROM sqlite_master')
         if version == FORMAT_VERSION:
-            found = [one for one in found if one != ('depths', DEPTHS)]
+            schema = {
+                **schema,
+                **{name: sql for name, sql in FURTHER.items() if (name, sql) in found},
+            }
         if len(found) != len(schema) or dict(found) != schema:
             others = sorted({str(name) for name, _ in found} - schema.keys())
             raise ValueError(f'{others or "tables"} that no map has')

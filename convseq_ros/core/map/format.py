@@ -4,9 +4,10 @@
 How a map is laid out in its SQLite file, format 4.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in their order. `places` is read when a map is opened; `pictures`
-and `images` when one is asked for. The cells are float16, divided by 64. Every row of every table
-has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
+the places of one lie together, in their order. `places`, and `uses` in the maps that have them,
+are read when a map is opened; `pictures` and `images` when one is asked for. The cells are
+float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
+bit refuses an answer and never changes one.
 """
 
 from collections.abc import Iterable
@@ -38,13 +39,17 @@ TABLES = {
     'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     # Of a place, as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
+    # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
+    'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
+    'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
+    # Of places whose regions' depths are known, once one is.
+    'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
+    'crc32 INTEGER NOT NULL)',
 }
-# Depths of the regions of places that have any; a map without depths has no such table.
-DEPTHS = (
-    'CREATE TABLE depths (reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
-    'crc32 INTEGER NOT NULL)'
-)
-SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+_CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+# Tables that only some maps have.
+FURTHER = {name: _CREATE.pop(name) for name in ('uses', 'depths')}
+SCHEMA = _CREATE
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')
 _UNSAID = {'image_mask': '', 'image_rotation_deg': 0}

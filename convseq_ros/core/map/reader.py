@@ -15,22 +15,17 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained, Rows
-from convseq_ros.core.map.format import (
-    decode_cells,
-    DEPTHS,
-    first_damaged,
-    MapSession,
-    Settings,
-    TABLES,
-)
+from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
 from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.uses import Use, Uses
 from convseq_ros.errors import MapError
 import numpy as np
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
+_LOWEST = -(1 << 63)  # integer of SQLite
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
@@ -110,7 +105,7 @@ class MapReader:
                     found[name] += self._database.number(f'SELECT count(*) FROM {what} AND {some}')
                 total = f'SELECT coalesce(sum(length(jpeg)), 0) FROM images WHERE {some}'
                 found['image_bytes'] += self._database.number(total)
-            if self._database.has_depths():
+            if self._database.has('depths'):
                 found['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **found}
 
@@ -136,8 +131,21 @@ class MapReader:
                 if (np.diff(of) < 0).any():
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
+            uses = self._uses(end)
         settings = self.encoding, places, self.pictures, self.keyframes
-        return ReferenceMap(*settings, self.settings.map_id, sessions)
+        return ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+
+    def _uses(self, end: int) -> Uses:
+        if not self._database.has('uses'):
+            return Uses()
+        rows, start = list[tuple[int, Use]](), _LOWEST
+        condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+        while some := self._sound('uses', condition, (start, _ROWS_AT_ONCE)):
+            rows += [(index, Use(*said)) for index, *said, _ in some]
+            start = some[-1][0] + 1
+        if foreign := [index for index, use in rows if not 0 <= index < end or use.is_off(end)]:
+            raise ValueError(f'reference {foreign[0]} has a use that cannot be')
+        return Uses(rows)
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""
@@ -157,7 +165,7 @@ class MapReader:
         return [found[index] for index in indices]
 
     def _depths_of(self, indices: list[int]) -> dict[int, bytes]:
-        if not self._database.has_depths():
+        if not self._database.has('depths'):
             return {}
         rows = self._sound('depths', _among(indices), tuple(indices))
         return {index: metres for index, metres, _ in rows}
@@ -173,7 +181,7 @@ class MapReader:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
         if row := first_damaged(rows):
-            of_place = 'reference_index' in TABLES.get(table, DEPTHS)
+            of_place = 'reference_index' in TABLES[table]
             one = f'reference {row[0]}' if of_place else table
             raise ValueError(f'{one} fails its checksum')
         return rows

@@ -35,12 +35,12 @@ class SessionBounds:
         end = self._starts[after] if after < len(self._starts) else sys.maxsize
         return self._starts[after - 1], end
 
-    def firsts(self, indices: Indices) -> Indices | int:
-        """Return the first places of the sessions of places (n,)."""
+    def spans(self, indices: Indices) -> tuple[Indices, Indices] | tuple[int, int]:
+        """Return the same of places (n,)."""
         if len(self._starts) == 1:
-            return 0
-        found: Indices = self.starts[np.searchsorted(self.starts, indices, 'right') - 1]
-        return found
+            return 0, sys.maxsize
+        after = np.searchsorted(self.starts, indices, 'right')
+        return self.starts[after - 1], np.append(self.starts, sys.maxsize)[after]
 
     def around(self, index: int, distance: int) -> range:
         """Return the places of the same session within a distance, and perhaps beyond the map."""

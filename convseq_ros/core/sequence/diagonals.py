@@ -17,8 +17,13 @@ ONE_SESSION = SessionBounds()
 
 
 def diagonal(length: int, velocity: float = 1.0) -> list[int]:
-    """Return how many references before its end a diagonal meets each frame, newest first."""
-    return [int(offset * velocity + 0.5) for offset in range(length)]
+    """
+    Return how many references before its end a diagonal meets each frame, newest first.
+
+    Negative ones, after its end, where the drive goes through the map backwards.
+    """
+    steps = [int(offset * abs(velocity) + 0.5) for offset in range(length)]
+    return steps if velocity > 0 else [-step for step in steps]
 
 
 def pairs_along(
@@ -29,12 +34,13 @@ def pairs_along(
     bounds: SessionBounds = ONE_SESSION,
 ) -> Values:
     """Return the pair scores (k, n) on diagonals, k steps each, by their ends; NaN for none."""
-    met, firsts = ends - np.array(steps, np.int64)[:, None], bounds.firsts(ends)
+    met, (firsts, stops) = ends - np.array(steps, np.int64)[:, None], bounds.spans(ends)
     pairs = np.full(met.shape, np.nan, dtype)
     for scores, row, indices in zip(pairs, rows, met, strict=True):
         if row is not None and len(row):
             scores[:] = row.take(indices, mode='clip')
-            scores[(indices < firsts) | (indices >= len(row))] = np.nan
+            stop = np.minimum(stops, len(row))
+            scores[(indices < firsts) | (indices >= stop)] = np.nan
     return pairs
 
 
@@ -50,20 +56,20 @@ def sequence_scores(
 
     The mean of pair scores along each diagonal (III-G), -inf where it leaves its session, the
     newest pair has no score, or less than half of the pairs have one. `velocity` is how many
-    references pass while one frame does, 1 in the paper; `ends` are ascending. If `partial`, up to
-    half of the pairs may lie off the session or lack scores, and then count as the mean of their
-    row's known ones, here or, where all references are asked for, of the whole row: a place is
-    found sooner after the start. ValueError if the newest frame has no scores; older rows may be
-    shorter.
+    references pass while one frame does, 1 in the paper, negative where these go backwards;
+    `ends` are ascending. If `partial`, up to half of the pairs may lie off the session or lack
+    scores, and then count as the mean of their row's known ones, here or, where all references
+    are asked for, of the whole row: a place is found sooner after the start. ValueError if the
+    newest frame has no scores; older rows may be shorter.
     """
     if rows[0] is None:
         raise ValueError('the newest frame of a sequence must be informative')
     steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
     ends = every if ends is None else ends
-    if partial and len(ends) == len(every):
-        found: Values = kernels_of(__package__).partial_scores(
-            rows, np.array(steps), bounds.starts
-        )
+    if len(ends) == len(every):
+        kernels = kernels_of(__package__)
+        compute = kernels.partial_scores if partial else kernels.whole_scores
+        found: Values = compute(rows, np.array(steps), bounds.starts)
         return found
     pairs = pairs_along(rows, ends, steps, np.float64, bounds)
     known = np.isfinite(pairs)
@@ -74,6 +80,7 @@ def sequence_scores(
         number = np.full(len(ends), sum(row is not None for row in rows))
     else:
         expected[:] = 0
-        scored &= ends - bounds.firsts(ends) >= steps[-1]
+        oldest, (firsts, stops) = ends - steps[-1], bounds.spans(ends)
+        scored &= (oldest >= firsts) & (oldest < np.minimum(stops, len(every)))
     total = np.where(known, pairs, expected[:, None]).sum(axis=0)
     return np.divide(total, number, out=np.full(len(ends), -np.inf), where=scored)

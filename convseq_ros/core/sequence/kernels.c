@@ -5,16 +5,17 @@
 enum { ENDS = 512 }; // of diagonals at a time: what rows hold of them stays in the nearest cache
 
 // Add up the pairs on diagonals, by their ends, and count those that are known; others, outside a
-// row or before the session's start, or not numbers, count as expected. No newest pair, no score.
+// row or the session, or not numbers, count as expected. No newest pair, no score.
 static void add_up(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                   const float *expected, intptr_t start, intptr_t frames, intptr_t first,
-                   intptr_t ends, float *restrict sums, int32_t *restrict known)
+                   const float *expected, intptr_t start, intptr_t end, intptr_t frames,
+                   intptr_t first, intptr_t ends, float *restrict sums, int32_t *restrict known)
 {
     for (intptr_t place = 0; place < ends; place++)
         sums[place] = 0, known[place] = 0;
     for (intptr_t frame = 0; frame < frames; frame++) {
         intptr_t least = start + steps[frame] > first ? start + steps[frame] - first : 0;
-        intptr_t most = lengths[frame] + steps[frame] - first;
+        intptr_t length = lengths[frame] < end ? lengths[frame] : end;
+        intptr_t most = length + steps[frame] - first;
         const float *restrict row = rows[frame] + (first - steps[frame]);
         const float usual = expected[frame];
         least = least < ends ? least : ends;
@@ -41,8 +42,8 @@ static intptr_t end_of(intptr_t session, const int64_t *starts, intptr_t session
 }
 
 // Write the highest and the mean score at each velocity, and how many diagonals have one: those
-// that end `reaches` after their session's start or later, with so many known pairs at least.
-// steps: [velocities][frames]; expected: zeros.
+// that lie in their session, from `reaches` before their end or, negative, to after it, with so
+// many known pairs at least. steps: [velocities][frames]; expected: zeros.
 KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
               const float *expected, const int64_t *starts, intptr_t sessions,
               const intptr_t *reaches, intptr_t velocities, intptr_t frames, intptr_t fewest,
@@ -56,17 +57,19 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
         intptr_t end = end_of(session, starts, sessions, lengths[0]);
         intptr_t last = block + ENDS < end ? block + ENDS : end;
         for (intptr_t velocity = 0; velocity < velocities; velocity++) {
-            intptr_t reach = start + reaches[velocity], first = block > reach ? block : reach;
-            if (first >= last)
+            intptr_t reach = reaches[velocity], least = reach > 0 ? start + reach : start;
+            intptr_t most = reach < 0 ? end + reach : end, first = block > least ? block : least;
+            intptr_t ends = (last < most ? last : most) - first;
+            if (ends <= 0)
                 continue;
-            add_up(rows, lengths, steps + velocity * frames, expected, start, frames, first,
-                   last - first, sums, known);
-            for (intptr_t behind = last - first; behind < last - first + LANES; behind++)
+            add_up(rows, lengths, steps + velocity * frames, expected, start, end, frames, first,
+                   ends, sums, known);
+            for (intptr_t behind = ends; behind < ends + LANES; behind++)
                 sums[behind] = 0, known[behind] = 0;
             // 16 sums, whatever the vectors' width, so that all processors add alike.
             Floats top = spread(-INFINITY), totals[16 / LANES] = {0};
             Words count = {0};
-            for (intptr_t place = 0; place < last - first; place += LANES) {
+            for (intptr_t place = 0; place < ends; place += LANES) {
                 Words pairs = *(const WordsAnywhere *)(known + place);
                 Words is_scored = pairs >= splat((int32_t)fewest);
                 Floats score = floats(sums + place) / __builtin_convertvector(pairs, Floats);
@@ -93,19 +96,28 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
     return 0;
 }
 
-// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs.
-KERNEL(partial_scores)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                       const float *expected, const int64_t *starts, intptr_t sessions,
-                       intptr_t frames, intptr_t fewest, float *scores)
+// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs. What
+// lies partly off its session counts, too, unless they are to be whole: then a diagonal, which
+// reaches from so far before its end or, negative, to after it, is scored inside its session
+// alone, and its mean is that of the known pairs.
+KERNEL(scores_along)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
+                     const float *expected, const int64_t *starts, intptr_t sessions,
+                     intptr_t frames, intptr_t fewest, intptr_t reach, intptr_t is_whole,
+                     float *scores)
 {
     int32_t known[ENDS];
     for (intptr_t session = 0, first = 0, start = 0; first < lengths[0];) {
         intptr_t end = end_of(session, starts, sessions, lengths[0]);
         intptr_t ends = end - first < ENDS ? end - first : ENDS;
-        add_up(rows, lengths, steps, expected, start, frames, first, ends, scores + first, known);
-        for (intptr_t place = 0; place < ends; place++)
-            scores[first + place] =
-                known[place] >= fewest ? scores[first + place] / (float)frames : -INFINITY;
+        add_up(rows, lengths, steps, expected, start, end, frames, first, ends, scores + first,
+               known);
+        for (intptr_t place = 0; place < ends; place++) {
+            intptr_t at = first + place;
+            int is_inside = reach < 0 ? at < end + reach : at >= start + reach;
+            int is_scored = known[place] >= fewest && (is_inside || !is_whole);
+            float count = (float)(is_whole ? known[place] : frames);
+            scores[at] = is_scored ? scores[at] / count : -INFINITY;
+        }
         first += ends;
         if (first == end)
             session++, start = end;

@@ -174,11 +174,12 @@ class QueryBuffer:
         self, count: int, ends: Indices, velocity: float
     ) -> Iterator[tuple[BufferedFrame, Features, Row, Indices]]:
         """Yield each newest frame that shows something, with the references that it meets."""
-        firsts = self.bounds.firsts(ends)
+        firsts, stops = self.bounds.spans(ends)
         for step, one in zip(diagonal(count, velocity), self.outward, strict=False):
             if one.row is not None and one.features is not None:
                 met = ends - step
-                yield one, one.features, one.row, met[(met >= firsts) & (met < len(one.row))]
+                there = (met >= firsts) & (met < np.minimum(stops, len(one.row)))
+                yield one, one.features, one.row, met[there]
 
 
 def is_partial(config: Config) -> bool:

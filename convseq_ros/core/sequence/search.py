@@ -116,6 +116,7 @@ class ShortlistSearch(ExhaustiveSearch):
         scores = buffer.approximate_scores(1, scouts)
         entered = scouts[np.argsort(-scores, kind='stable')[: SHORTLIST.entered]]
         ends = np.union1d(ends, entered)
+        self._coarse.expect(lambda: buffer.unscored(frames, ends, velocity))
         buffer.score_promising(frames, ends, velocity)
         return ends, velocity
 
@@ -126,7 +127,9 @@ def make_search(
     """Return the search that a configuration asks for, with what scores a map, if that is told."""
     matching = config.matching
     follows = matching.velocity_search and matching.matching == 'coherent'
-    velocity = VelocitySearch(reference_map.bounds) if follows else ConstantVelocity()
+    velocity = ConstantVelocity()
+    if follows:
+        velocity = VelocitySearch(reference_map.bounds, matching.both_directions)
     if matching.search == 'exhaustive':
         return ExhaustiveSearch(velocity)
     coarse, bounds = coarse or CoarseScores(reference_map), reference_map.bounds

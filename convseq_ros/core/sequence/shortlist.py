@@ -54,7 +54,8 @@ class Shortlist:
             scores[sums.at(verified)] += sums.spread.range
         listed = self._best(replace(sums, scores=scores), self._length, rival_distance)
         if len(before):
-            new = [index for index in listed if index not in before]
+            carried = set(before.tolist())
+            new = [index for index in listed if index not in carried]
             listed = list(set(listed).difference(new[self._length // SHORTLIST.admission :]))
         self._newest, self._listed = asked.rows[0], np.array(sorted(listed), np.int64)
         return self._listed
@@ -80,8 +81,8 @@ class Shortlist:
     def _later(self, ends: Indices, step: int, usable: int) -> Indices:
         """Return places so many further on in their sessions, of those that have such a one."""
         later = ends + step
-        there = self._bounds.firsts(later) == self._bounds.firsts(ends)
-        return later[there & (later < usable)]
+        firsts, stops = self._bounds.spans(ends)
+        return later[(later >= firsts) & (later < np.minimum(stops, usable))]
 
     def _best(self, sums: Sums, length: int, rival_distance: int) -> list[int]:
         """Return the best, and for the last quarter the best elsewhere."""

@@ -28,7 +28,8 @@ class VELOCITY:
     memory: int = 20  # frames over which the prominence is averaged
     close_memory: int = 10  # the same where pairs are scored
     power: int = 3  # of the prominence; frames that know their place outvote the others
-    preference: float = 0.95**3  # for one to one: another velocity stands out by a twentieth more
+    # For one to one, and once more for ahead: another velocity stands out by a twentieth more.
+    preference: float = 0.95**3
 
 
 class ConstantVelocity:
@@ -47,14 +48,18 @@ class VelocitySearch(ConstantVelocity):
     Follows the velocity whose best sequence stands out most from the mean, over 20 frames or so.
 
     What is averaged is a cube: frames that know their place outvote those that are in no map.
+    In `both` directions negative ones compete: a drive that meets the places in reverse order.
     """
 
-    def __init__(self, bounds: SessionBounds = ONE_SESSION) -> None:
-        self._bounds = bounds
+    def __init__(self, bounds: SessionBounds = ONE_SESSION, both: bool = False) -> None:
+        self._bounds, ahead = bounds, VELOCITY.velocities
+        self._velocities = (*ahead, *(-one for one in ahead)) if both else ahead
+        others = [(abs(one) != 1.0) + (one < 0) for one in self._velocities]
+        self._weights = VELOCITY.preference ** np.array(others, np.float64)
         self.reset()
 
     def reset(self) -> None:
-        self._prominence: Values = np.zeros(len(VELOCITY.velocities))
+        self._prominence: Values = np.zeros(len(self._velocities))
         self._closely: dict[float, float] = {}
 
     def update(
@@ -67,7 +72,7 @@ class VelocitySearch(ConstantVelocity):
         is what finds them, if not here.
         """
         if len(rows) >= VELOCITY.shortest and rows[0] is not None:
-            steps = np.array([diagonal(len(rows), one) for one in VELOCITY.velocities])
+            steps = np.array([diagonal(len(rows), one) for one in self._velocities])
             if peaks is None:
                 found = kernels_of(__package__).peaks(rows, steps, self._bounds.starts)
             else:
@@ -78,8 +83,7 @@ class VelocitySearch(ConstantVelocity):
                 if not self._prominence.any():
                     self._prominence = now
                 self._prominence += (now - self._prominence) / VELOCITY.memory
-        weight = np.array([1.0, *[VELOCITY.preference] * (len(VELOCITY.velocities) - 1)])
-        velocity = VELOCITY.velocities[int((weight * self._prominence).argmax())]
+        velocity = self._velocities[int((self._weights * self._prominence).argmax())]
         if velocity == 1.0 or closer is None:
             self._closely.clear()
             return velocity
