@@ -60,6 +60,10 @@ class NodeConfig(Checked):
         0.05, 'A frame waits at most this long for odometry of its moment, if there is odometry.',
         unit='s', low=0.0, high=10.0,
     )
+    depth_topic: str = parameter(
+        '', 'Topic of depth images registered to the camera (16UC1 in mm or 32FC1 in m): a map '
+        'keeps how deep its places are, so that poses need no odometry. Empty for none.',
+    )
     base_frame: str = parameter(
         'base_link', 'TF frame of the robot (REP-105), whose poses ~/pose and ~/closure tell; TF '
         'from it to the frame of camera_info says where the camera is.',

@@ -4,7 +4,7 @@
 Print how far off measured relative poses are, and how well their covariance says so.
 
 Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
-       [--images-px 320]
+       [--images-px 320] [--depth]
 
 Rows tell the pose from the place that lies nearest along the way, from the one 2 m before that,
 and what is shipped then: it is measured once more from the place that turns out to be nearest;
@@ -73,12 +73,15 @@ def main() -> None:
     parser.add_argument('--streets', type=int, nargs='*', default=[31, 32, 33])
     parser.add_argument('--roads', type=Path, nargs='*', default=[])
     parser.add_argument('--images-px', type=int, default=0, help='have the map keep images')
+    parser.add_argument(
+        '--depth', action='store_true', help='streets: the map has depth images and no odometry'
+    )
     chosen = parser.parse_args()
     numbers = 'n  none  median m  90 %  median deg  90 %  squared  <12.6  same pose m    ms'
     print(f'{"what":27}   {numbers}')
     found: dict[str, list[Error | None]] = {}
     for seed in chosen.streets:
-        for name, error in of_street(seed, chosen.images_px):
+        for name, error in of_street(seed, chosen.images_px, chosen.depth):
             found.setdefault(name, []).append(error)
     for name, errors in found.items():
         tell(name, errors)
@@ -105,9 +108,12 @@ def tell(name: str, errors: list[Error | None]) -> None:
     )
 
 
-def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
+def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
     """Yield what is wrong with poses on a drawn street, from two places each."""
-    map_shown, queries = drawn(seed)
+    map_shown, queries = drawn(seed, depth)
+    poses_of_map = [frame.pose for frame, _ in map_shown]
+    if depth:
+        map_shown = [(replace(frame, pose=None), descriptor) for frame, descriptor in map_shown]
     reference_map = made(map_shown, images_px)
     for light, shown in queries.items():
         matcher = make_matcher(reference_map, Config())
@@ -116,7 +122,7 @@ def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
             matcher.extract(descriptor)
         for frame, descriptor in shown:
             features = matcher.extract(descriptor)
-            along_m = [place.pose.position[0] for place in reference_map.places]
+            along_m = [pose.position[0] for pose in poses_of_map]
             nearest = int(np.argmin(np.abs(np.array(along_m) - frame.pose.position[0])))
             for name, index, poses in (
                 ('nearest', nearest, one),
@@ -124,8 +130,8 @@ def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
                 ('2 m away, shipped', nearest - 2, best),
             ):
                 found = Candidate(index, 0, 0, matcher.shift(features, index))
-                place = reference_map.places[index].pose
-                yield f'{light:9}{name}', error(poses, features, frame, found, place)
+                what_is_wrong = error(poses, features, frame, found, poses_of_map[index])
+                yield f'{light:9}{name}', what_is_wrong
 
 
 def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | None]]]:
@@ -173,7 +179,7 @@ def made(shown: Shown, images_px: int) -> ReferenceMap:
     return reference_map
 
 
-def drawn(seed: int) -> tuple[Shown, dict[str, Shown]]:
+def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
     """Return a map's frames and those of some drives."""
     street, rng = Street(120.0, seed), np.random.default_rng(seed)
     along = np.arange(0.0, 121.0, 12.0).tolist()
@@ -186,7 +192,8 @@ def drawn(seed: int) -> tuple[Shown, dict[str, Shown]]:
             seed=noise_seed, **how,
         )  # fmt: skip
         queries[name] = described(shot.frame for shot in draw(street, drive))
-    return described(shot.frame for shot in draw(street, Drive(num_frames=50, seed=seed))), queries
+    mapping = Drive(num_frames=50, seed=seed, has_depth=depth)
+    return described(shot.frame for shot in draw(street, mapping)), queries
 
 
 def road(folder: Path) -> tuple[Shown, Shown]:

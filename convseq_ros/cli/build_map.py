@@ -75,6 +75,7 @@ def run(chosen: argparse.Namespace) -> int:
         odom=chosen.odom,
         camera_info=chosen.camera_info,
         poses=chosen.poses,
+        depth=chosen.depth,
         append=chosen.append,
         session=chosen.session,
         pose_frame=chosen.pose_frame,
@@ -103,6 +104,7 @@ def build(
     odom: str = '',
     camera_info: str = '',
     poses: Path | None = None,
+    depth: str = '',
     append: bool = False,
     session: str | None = None,
     pose_frame: str | None = None,
@@ -122,7 +124,7 @@ def build(
         If the map cannot be written.
 
     """
-    source = open_annotated(recording, topic, odom, camera_info, poses, config.reading)
+    source = open_annotated(recording, topic, odom, camera_info, poses, config.reading, depth)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
     builder = MapBuilder(path, config, append, name, pose_frame or source.pose_frame)

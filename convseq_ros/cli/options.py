@@ -71,6 +71,12 @@ def add_annotations(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC|FILE',
         help='topic or file (YAML of ROS, calib.txt of KITTI) that describes the camera',
     )
+    parser.add_argument(
+        '--depth',
+        default='',
+        metavar='TOPIC|FOLDER',
+        help='depth images registered to the camera: a topic, or a folder of PNGs of 16 bits (mm)',
+    )
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:

@@ -96,6 +96,7 @@ def replay_chosen(
         chosen.camera_info,
         chosen.poses,
         recognizer.config.reading,
+        chosen.depth,
     )
     way_m = recognizer.reference_map.keyframes.keyframe_distance_m
     if way_m and not (chosen.odom or chosen.poses):

@@ -7,8 +7,9 @@ Keypoints of the place get their depth from neighbours of its own drive that hav
 night there are few keypoints, or none that agree: then there is no answer.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
@@ -22,6 +23,7 @@ from convseq_ros.core.types import Camera, Frame
 from convseq_ros.core.views import KeypointView
 from convseq_ros.core.ways import Ways
 import numpy as np
+import numpy.typing as npt
 
 
 @constants
@@ -55,10 +57,11 @@ class ImagePoses:
     """Aligns queries with the kept images of a map; `max_mpx` is the most that one may declare."""
 
     def __init__(self, reference_map: ReferenceMap, ways: Ways, max_mpx: float) -> None:
-        self._map, self._ways, self._max_mpx = reference_map, ways, max_mpx
+        self._ways = ways
         self._seen = seen_cells(reference_map.encoding.image_mask, reference_map.cell_shape[0])
-        self._view = lru_cache(IMAGE_POSE.kept)(self._find)
-        self._place = lru_cache(IMAGE_POSE.kept)(self._measure)
+        remember = lru_cache(IMAGE_POSE.kept)
+        view = remember(partial(_view, reference_map, self._seen, max_mpx))
+        self._place = remember(partial(_place, ways, view))
 
     def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
         """
@@ -82,22 +85,36 @@ class ImagePoses:
         found = max(filter(None, tried), key=lambda one: one.inliers, default=None)
         return found and replace(found, baseline_m=place.baseline_m)
 
-    def _measure(self, index: int, own: Camera, others: tuple[int, ...]) -> _Place | None:
-        """Return the depths of a place's keypoints, by its neighbours; None if there are none."""
-        view = self._view(index, own)
-        if view is None:
-            return None
-        lens, sights = view.base_lens, []
-        for one in others:
-            moved, other = self._ways.moved(index, one), self._view(one, own)
-            if moved is not None and other is not None:
-                sights.append(view.sight(other, inverse(lens) @ moved @ lens))
-        if not sights:
-            return None
-        baseline_m = max(float(np.linalg.norm(sight.moved[:3, 3])) for sight in sights)
-        return _Place(view, triangulate(view.rays, sights), baseline_m)
 
-    def _find(self, index: int, camera: Camera) -> KeypointView | None:
-        """Return a place by its keypoints; None if its image was not kept, or is damaged."""
-        gray = self._map.images.image(index, self._max_mpx)
-        return None if gray is None else KeypointView(camera, keypoints(gray, self._seen))
+def _place(
+    ways: Ways,
+    view_of: Callable[[int, Camera], KeypointView | None],
+    index: int,
+    own: Camera,
+    others: tuple[int, ...],
+) -> _Place | None:
+    """Return the depths of a place's keypoints, by its neighbours; None if there are none."""
+    view = view_of(index, own)
+    if view is None:
+        return None
+    lens, sights = view.base_lens, []
+    for one in others:
+        moved, other = ways.moved(index, one), view_of(one, own)
+        if moved is not None and other is not None:
+            sights.append(view.sight(other, inverse(lens) @ moved @ lens))
+    if not sights:
+        return None
+    baseline_m = max(float(np.linalg.norm(sight.moved[:3, 3])) for sight in sights)
+    return _Place(view, triangulate(view.rays, sights), baseline_m)
+
+
+def _view(
+    reference_map: ReferenceMap,
+    seen: npt.NDArray[np.bool_],
+    max_mpx: float,
+    index: int,
+    camera: Camera,
+) -> KeypointView | None:
+    """Return a place by its keypoints; None if its image was not kept, or is damaged."""
+    gray = reference_map.images.image(index, max_mpx)
+    return None if gray is None else KeypointView(camera, keypoints(gray, seen))

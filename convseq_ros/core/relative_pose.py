@@ -3,21 +3,24 @@
 """
 Where the robot was, against the place that it recognised: metric, from one camera.
 
-The field between the reference and neighbours of its own drive, whose way the map's poses tell,
-gives depth to its regions; the field between reference and query then gives all of the pose. If
-another place lies nearer to what comes out, it is measured once more from there: errors grow with
-the distance. Where the map keeps images, keypoints do the same again, from there on and finer.
+A depth image of the reference gives depth to its regions, or else the field between it and
+neighbours of its own drive, whose way the map's poses tell; the field between reference and query
+then gives all of the pose. If another place lies nearer to what comes out, it is measured once
+more from there: errors grow with the distance. Where the map keeps images, keypoints do the same
+again, from there on and finer.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.alignment import align, Alignment, unshrunk
 from convseq_ros.core.geometry.lens import is_usable
-from convseq_ros.core.geometry.structure import Sight, triangulate
+from convseq_ros.core.geometry.structure import measured, Sight, triangulate
 from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.image_pose import ImagePoses
+from convseq_ros.core.map.depth import Depths
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.rigid import inverse, Matrix, matrix
@@ -34,6 +37,8 @@ class NEIGHBOURS:
 
     count: int = 2  # one on either side is better than two on one
     apart_m: float = 1.8  # that a neighbour is off the place, and the next off the one before
+    kept: int = 64  # places whose measured depths are remembered
+    rounds_by_depth: int = 2  # the second searched about what the first found
 
 
 class RelativePoses:
@@ -47,6 +52,9 @@ class RelativePoses:
     ) -> None:
         self._map, self._matcher = reference_map, matcher
         self.ways = Ways(reference_map)
+        cells = reference_map.cell_shape[0]
+        read = lru_cache(NEIGHBOURS.kept)
+        self._depths = read(lambda index: reference_map.images.depths(index, cells))
         self._images = ImagePoses(reference_map, self.ways, reading.max_image_mpx)
 
     def measure(self, features: Features, frame: Frame, found: Candidate) -> RelativePose | None:
@@ -64,7 +72,7 @@ class RelativePoses:
         self, index: int, reference: CellView, query: CellView, shift: Shift
     ) -> RelativePose | None:
         sight = reference.sight_from(query, np.eye(4), (-round(shift[0]), -round(shift[1])))
-        aligned = self._aligned(index, reference, sight)
+        aligned = self._aligned(index, reference, sight, query)
         if aligned is None:
             both = two_view(reference.rays[:, :2], sight.seen, sight.scale)
             if both is None:
@@ -84,7 +92,7 @@ class RelativePoses:
             return None
         lens = inverse(reference.base_lens) @ between @ reference.base_lens
         guess = aligned.moved @ lens
-        again = self._aligned(nearest, reference, reference.sight(query, guess))
+        again = self._aligned(nearest, reference, reference.sight(query, guess), query)
         if again is None:
             return None
         return base_pose(again, between @ reference.base_lens, query.base_lens)
@@ -107,8 +115,13 @@ class RelativePoses:
         pose = base_pose(aligned, lens, query.base_lens, ERROR.keypoints)
         return pose if pose.position_m is not None else None
 
-    def _aligned(self, index: int, reference: CellView, sight: Sight) -> Alignment | None:
+    def _aligned(
+        self, index: int, reference: CellView, sight: Sight, query: CellView
+    ) -> Alignment | None:
         """Return how a query is aligned with a place; None if no depth is known, or few agree."""
+        depths_m = self._depths(index)
+        if depths_m is not None and np.isfinite(depths_m).any():
+            return _aligned_by_depth(reference, sight, query, depths_m)
         sights = [
             reference.sight(view, moved) for view, moved in self._neighbours(index, reference)
         ]
@@ -135,3 +148,16 @@ class RelativePoses:
         if own.mount is None:
             own = replace(own, mount=camera.mount)
         return None if regions is None else CellView(own, regions)
+
+
+def _aligned_by_depth(
+    reference: CellView, sight: Sight, query: CellView, depths_m: Depths
+) -> Alignment | None:
+    """Return how a query is aligned by depths that were measured, not by another field."""
+    structure, found = measured(reference.rays, depths_m), None
+    for _ in range(NEIGHBOURS.rounds_by_depth):
+        found = align(structure, sight.seen, sight.scale, sight.moved)
+        if found is None:
+            return None
+        sight = reference.sight(query, found.moved)
+    return found and unshrunk(replace(found, baseline_m=NEIGHBOURS.apart_m), None)

@@ -55,6 +55,8 @@ class Frame:
     pose: Pose | None = None  # where the robot's base was, if known
     problem: str = ''  # why the image could not be decoded, in one line
     camera: Camera | None = None  # what took it, if known
+    # (h, w), metres along the lens, registered to the image; what is no depth is unknown.
+    depth_m: npt.NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

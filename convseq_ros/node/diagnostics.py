@@ -37,6 +37,8 @@ class Situation:
     waiting, dropped, lost, rows_lost, clock_jumps, without_pose : int
         Frames in the queue, pushed out of it, lost by the middleware; rows missing in the result
         file; backward jumps of the clock; frames whose pose odometry did not tell.
+    without_depth, depth_unreadable : int
+        Frames without a depth image of their moment, and depth images that could not be decoded.
     camera_known, odometry_heard : bool
         Whether there is a calibrated camera_info, and odom.
     fleet : FleetLink or None
@@ -54,6 +56,8 @@ class Situation:
     rows_lost: int
     clock_jumps: int
     without_pose: int
+    without_depth: int
+    depth_unreadable: int
     camera_known: bool
     odometry_heard: bool
     fleet: FleetLink | None = None
@@ -217,6 +221,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'camera_info': situation.camera_known,
         'odom': situation.odometry_heard,
         'frames_without_pose': situation.without_pose,
+        'frames_without_depth': situation.without_depth,
+        'depth_unreadable': situation.depth_unreadable,
     }
     if fleet := situation.fleet:
         values |= {

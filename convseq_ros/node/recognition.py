@@ -15,6 +15,7 @@ from convseq_ros.core.types import Camera, Frame, Match, Pose
 from convseq_ros.errors import ConvseqError, ImageError
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.statistics import Statistics
+from convseq_ros.sources.depth import Depth
 from convseq_ros.sources.images import decode_compressed, decode_image
 from sensor_msgs.msg import CompressedImage, Image
 
@@ -55,6 +56,9 @@ class Surroundings(Protocol):
 
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return where it was taken; may wait for a moment."""
+
+    def depth_at(self, stamp_ns: int) -> Depth | None:
+        """Return its depth image; may wait for a moment."""
 
     def camera_for(self, height: int, width: int) -> Camera | None:
         """Return the camera that takes images of a size, in pixels."""
@@ -149,8 +153,9 @@ class Recognition:
     def _answer(self, arrival: Arrival) -> None:
         recognizer = self.session.recognizer
         pose = self._surroundings.pose_at(arrival.stamp_ns)
+        depth_m = self._surroundings.depth_at(arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
-        frame = replace(self._decode(arrival), pose=pose)
+        frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
         match = recognizer.process(frame)
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()

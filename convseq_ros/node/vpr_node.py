@@ -101,7 +101,9 @@ class VprNode(ManagedNode):
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self, config.odom_wait_s, config.base_frame)
+        self._surroundings = Surroundings(
+            self, config.odom_wait_s, config.base_frame, config.depth_topic, self._config.reading
+        )
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,
@@ -276,6 +278,8 @@ class VprNode(ManagedNode):
             camera_known=self._surroundings.camera.known,
             odometry_heard=odometry.heard,
             without_pose=odometry.missing,
+            without_depth=self._surroundings.depth.missing,
+            depth_unreadable=self._surroundings.depth.unreadable,
             fleet=self._fleet,
         )
 

@@ -15,6 +15,7 @@ from convseq_ros.simulation.street import Spot, Street
 from convseq_ros.simulation.view import View
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 _SLOPE_M = 0.5
 _MOST_VIEWS = 2
@@ -68,6 +69,8 @@ class Drive:
     width_px, height_px : int
     field_of_view_deg : float
         Horizontal.
+    has_depth : bool
+        Whether shots have depth images.
 
     """
 
@@ -87,6 +90,7 @@ class Drive:
     width_px: int = 640
     height_px: int = 480
     field_of_view_deg: float = 80.0
+    has_depth: bool = False
 
     def __post_init__(self) -> None:
         if self.light not in LIGHTS:
@@ -155,6 +159,8 @@ class Shot:
         Where the vehicle believes to be, if its odometry drifts.
     camera : Camera, optional
         What took the image.
+    depth_m : ndarray of float32, shape (H, W), optional
+        Metres along the lens, 0 for the sky, if the drive has depth.
 
     """
 
@@ -164,12 +170,14 @@ class Shot:
     distance_m: float
     odometry: Pose | None = None
     camera: Camera | None = None
+    depth_m: npt.NDArray[np.float32] | None = None
 
     @property
     def frame(self) -> Frame:
         """The same as every other source yields it."""
         gray = cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY)
-        return Frame(self.stamp_ns, gray, 'simulation', self.pose, camera=self.camera)
+        known = self.stamp_ns, gray, 'simulation', self.pose
+        return Frame(*known, camera=self.camera, depth_m=self.depth_m)
 
 
 def draw(way: Way, drive: Drive) -> Iterator[Shot]:
@@ -216,7 +224,9 @@ def draw(way: Way, drive: Drive) -> Iterator[Shot]:
         image = view.draw(spot.street_x, spot.street_y, looks)
         pose = _pose(spot.x, spot.y, spot.yaw_rad)
         exposed = _expose(image, drive, grain, index)
-        yield Shot(drive.stamp_ns(index), exposed, pose, distance, camera=drive.camera)
+        depth_m = view.depth_m if drive.has_depth else None
+        known = drive.stamp_ns(index), exposed, pose, distance
+        yield Shot(*known, camera=drive.camera, depth_m=depth_m)
 
 
 def _pose(x: float, y: float, yaw_rad: float) -> Pose:

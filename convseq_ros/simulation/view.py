@@ -111,6 +111,11 @@ class View:
         picture: Image = cv2.cvtColor(faded, cv2.COLOR_BGRA2BGR)
         return picture
 
+    @property
+    def depth_m(self) -> npt.NDArray[np.float32]:
+        """How deep lies what was drawn last, (height, width), along the lens; 0 for the sky."""
+        return -np.log(self._clear) * np.float32(self._light.visibility_m)
+
     def _distance(self, panel: Panel) -> float:
         """How far a panel is, so that what hides is nearer than what is hidden."""
         low, high = sorted((panel.start[0], panel.end[0]))

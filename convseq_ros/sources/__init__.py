@@ -12,12 +12,13 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.depth_source import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.natural_order import natural_key
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
-from convseq_ros.sources.recording import read_camera, read_poses_in, Recording
+from convseq_ros.sources.recording import messages_of, read_camera, read_poses_in, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
@@ -87,6 +88,7 @@ def open_annotated(
     camera_info: str = '',
     poses: Path | None = None,
     reading: ReadingConfig = ReadingConfig(),
+    depth: str = '',
 ) -> Source:
     """
     Open what `open_source` does, with what other topics, or files, say of its frames.
@@ -105,6 +107,8 @@ def open_annotated(
         File as for `read_pose_file`, instead of `odom`.
     reading : ReadingConfig, optional
         What is too large.
+    depth : str, optional
+        Topic of depth images that are registered to the camera, or a folder of them.
 
     Raises
     ------
@@ -115,7 +119,7 @@ def open_annotated(
     source = open_source(path, topic, reading)
     if odom and poses:
         raise SourceError(f'poses of topic {odom} or of file {poses}: give one of them')
-    if not (odom or poses or camera_info):
+    if not (odom or poses or camera_info or depth):
         return source
     pose_at: PoseAt | None = None
     frame = ''
@@ -124,7 +128,25 @@ def open_annotated(
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
         pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
-    return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info, reading), frame)
+    camera_of = _camera_of(path, camera_info, reading)
+    depth_at = _depth_of(path, depth, reading, source.warnings)
+    return AnnotatedFrames(source, pose_at, camera_of, frame, depth_at)
+
+
+def _depth_of(
+    path: Path, depth: str, reading: ReadingConfig, warnings: list[str]
+) -> DepthAt | None:
+    if not depth:
+        return None
+    if Path(depth).is_dir() or (path.is_dir() and not holds_recording(path)):
+        return DepthFolder(Path(depth), reading, warnings)
+    topic, _ = messages_of(path, depth, DEPTH_TYPES, '--depth', reading)
+    return DepthTopic(
+        lambda: messages_of(path, topic, DEPTH_TYPES, '--depth', reading)[1],
+        topic,
+        reading,
+        warnings,
+    )
 
 
 def _track_at(track: PoseTrack) -> PoseAt:

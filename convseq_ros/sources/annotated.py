@@ -8,6 +8,7 @@ from typing import Protocol
 
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.sources.camera_info import fitted
+from convseq_ros.sources.depth_source import DepthAt
 from convseq_ros.sources.pose_file import PoseAt
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
@@ -39,6 +40,8 @@ class AnnotatedFrames:
         From the first readable image's height and width to the Camera.
     pose_frame : str, optional
         What the poses are in, if others may be in the same.
+    depth_at : callable, optional
+        From a frame's number and its stamp to a depth image or None.
 
     """
 
@@ -48,10 +51,11 @@ class AnnotatedFrames:
         pose_at: PoseAt | None,
         camera_of: CameraOf | None,
         pose_frame: str = '',
+        depth_at: DepthAt | None = None,
     ) -> None:
         self._source, self.pose_frame = source, pose_frame
         self._pose_at = pose_at
-        self._camera_of = camera_of
+        self._camera_of, self._depth_at = camera_of, depth_at
         self.name, self.topic, self.warnings = source.name, source.topic, source.warnings
 
     def __len__(self) -> int:
@@ -65,4 +69,5 @@ class AnnotatedFrames:
             if self._camera_of and frame.gray is not None:
                 described = described or self._camera_of(*frame.gray.shape)
                 camera = fitted(described, *frame.gray.shape)
-            yield replace(frame, pose=pose or frame.pose, camera=camera)
+            depth_m = self._depth_at(index, frame.stamp_ns) if self._depth_at else frame.depth_m
+            yield replace(frame, pose=pose or frame.pose, camera=camera, depth_m=depth_m)

@@ -157,9 +157,11 @@ def test_images_are_never_enlarged_and_portraits_fit():
 
 
 def test_a_row_that_fails_its_checksum_is_counted():
-    def fails(_index):
-        raise MapError('reference 3 fails its checksum')
+    class Failing:
+        def pictures(self, _indices, _with_images):
+            raise MapError('reference 3 fails its checksum')
 
-    images = KeptImages(fails)
+    failing = Failing()
+    images = KeptImages(failing.pictures)
     assert images.image(3, 64.0) is None
     assert images.unreadable == 1 and 'checksum' in images.problem

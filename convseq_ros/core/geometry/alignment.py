@@ -140,18 +140,20 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     return None
 
 
-def unshrunk(found: Alignment, along: Floats) -> Alignment:
+def unshrunk(found: Alignment, along: Floats | None) -> Alignment:
     """
     Return a motion whose way across the map's is longer, and the turn that fits to it.
 
     Large parallax comes out too small: the field is smoothed, and what is near leaves the search.
     Along the way to the neighbours, whose parallax gave the depths, that cancels; across it, what
     is missing was taken for a turn.
-    `along` is that way in the reference's lens, a unit vector (3,).
+    `along` is that way in the reference's lens, a unit vector (3,); None if depths were measured.
     """
     way, spread = found.moved[:3, 3], found.covariance
-    ahead = found.moved[:3, :3] @ along
-    across = way - (way @ ahead) * ahead
+    across = way
+    if along is not None:
+        ahead = found.moved[:3, :3] @ along
+        across = way - (way @ ahead) * ahead
     missed = ALIGNMENT.shrunk * found.cells_per_m * float(np.linalg.norm(across)) * across
     step = spread[:, 3:] @ np.linalg.solve(spread[3:, 3:], missed)
     moved = found.moved.copy()

@@ -31,6 +31,10 @@ class DEPTH:
     # Information of a depth, in square metres, that stands for none: 1 per m of inverse depth.
     least_information: float = 1.0
     least_ahead: float = 0.05  # in a ray's length: a point is not at the lens, nor behind it
+    # Deviation of a measured depth, as a share of it: what a camera errs, and a region mixes.
+    measured_share: float = 0.1
+    # Of the median, below which a measured depth is not used: what is near leaves the search.
+    nearest_share: float = 0.5
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,6 +76,16 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
         step = slopes / np.maximum(information, DEPTH.least_information)
         inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
     information[information < DEPTH.least_information] = 0
+    return Structure(rays, inverse, information)
+
+
+def measured(rays: Floats, depths_m: Floats) -> Structure:
+    """Return rays (n, 3) with depths (n,) that were measured; NaN is unknown."""
+    nearest_m = DEPTH.nearest_share * float(np.nanmedian(depths_m))
+    with np.errstate(invalid='ignore'):
+        used = depths_m >= nearest_m
+    inverse = np.where(used, 1 / np.where(used, depths_m, 1.0), 0.0)
+    information = np.where(used, (depths_m / DEPTH.measured_share) ** 2, 0.0)
     return Structure(rays, inverse, information)
 
 

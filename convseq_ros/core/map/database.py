@@ -66,6 +66,11 @@ class Database:
         self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
 
+    def has(self, table: str) -> bool:
+        """Return whether there is such a table."""
+        asked = 'SELECT count(*) FROM sqlite_master WHERE name = ?'
+        return bool(self.rows(asked, (table,))[0][0])
+
     def number(self, statement: str) -> int:
         """Return the one number that a statement yields."""
         return int(self.rows(statement)[0][0])

@@ -42,9 +42,13 @@ TABLES = {
     # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
     'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
     'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
+    # Of places whose regions' depths are known, once one is.
+    'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
+    'crc32 INTEGER NOT NULL)',
 }
 _CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
-FURTHER = {'uses': _CREATE.pop('uses')}  # tables that only some maps have
+# Tables that only some maps have.
+FURTHER = {name: _CREATE.pop(name) for name in ('uses', 'depths')}
 SCHEMA = _CREATE
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')

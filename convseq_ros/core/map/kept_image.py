@@ -1,10 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Images that a map keeps of its places, as JPEGs, so that keypoints can be found in them."""
+"""What a map keeps of places beside cells: images as JPEGs, for keypoints, and depths."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from weakref import WeakMethod
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.map.depth import Depths, unpacked_depths
+from convseq_ros.core.map.place import Picture
 from convseq_ros.errors import MapError
 from convseq_ros.picture_header import declared
 import cv2
@@ -45,32 +49,48 @@ class KeptImages:
 
     Parameters
     ----------
-    read : callable
-        From a place's index to its JPEG, or None; it may raise MapError.
+    pictures : method
+        Of the map that has these: `ReferenceMap.pictures`, which may raise MapError.
 
     Attributes
     ----------
     unreadable : int
-        Times that an image was asked for and could not be decoded.
+        Times that an image, or depths, were asked for and could not be decoded.
     problem : str
         Why the last of these could not, in one line; empty if all could.
 
     """
 
-    def __init__(self, read: Callable[[int], bytes | None]) -> None:
-        self._read, self.unreadable, self.problem = read, 0, ''
+    def __init__(self, pictures: Callable[[Sequence[int], bool], list[Picture]]) -> None:
+        # Not held, so that a map that is let go of is gone at once.
+        self._pictures, self.unreadable, self.problem = WeakMethod(pictures), 0, ''
+
+    def _read(self, index: int) -> Picture:
+        pictures = self._pictures()
+        assert pictures
+        return pictures([index], True)[0]
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
+        with self._counted('image', index):
+            if (jpeg := self._read(index).image) is not None:
+                return reduced(_decoded(jpeg, max_mpx), KEPT_IMAGE.longest_px)
+        return None
+
+    def depths(self, index: int, cells: int) -> Depths | None:
+        """Return the depths of a place's regions; None if none are known, or they are damaged."""
+        with self._counted('depth', index):
+            if (stored := self._read(index).depths) is not None:
+                return unpacked_depths(stored, cells)
+        return None
+
+    @contextmanager
+    def _counted(self, what: str, index: int) -> Iterator[None]:
         try:
-            jpeg = self._read(index)
-            return (
-                None if jpeg is None else reduced(_decoded(jpeg, max_mpx), KEPT_IMAGE.longest_px)
-            )
+            yield
         except (MapError, ValueError, cv2.error) as error:
             self.unreadable += 1
-            self.problem = f'kept image of reference {index}: {error}'
-            return None
+            self.problem = f'kept {what} of reference {index}: {error}'
 
 
 def _decoded(jpeg: bytes, max_mpx: float) -> Gray:

@@ -56,6 +56,7 @@ class Picture:
     packed: Packed  # (S, S, 8), its cells, from `pack_cells`
     thumbnail: bytes = b''  # a small JPEG to look at; empty if none was kept
     image: bytes | None = None  # the frame itself as a JPEG, if it was kept
+    depths: bytes | None = None  # of its regions, from `packed_depths`, if they are known
 
 
 class GrowingArray:

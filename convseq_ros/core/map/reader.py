@@ -94,7 +94,7 @@ class MapReader:
 
     def about(self) -> dict[str, Any]:
         """Return what the file says about itself, and what pictures it holds."""
-        found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0}
+        found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
         with self._at_one_moment():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
                 some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
@@ -105,6 +105,8 @@ class MapReader:
                     found[name] += self._database.number(f'SELECT count(*) FROM {what} AND {some}')
                 total = f'SELECT coalesce(sum(length(jpeg)), 0) FROM images WHERE {some}'
                 found['image_bytes'] += self._database.number(total)
+            if self._database.has('depths'):
+                found['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **found}
 
     def reference_map(self) -> ReferenceMap:
@@ -134,7 +136,7 @@ class MapReader:
         return ReferenceMap(*settings, self.settings.map_id, sessions, uses)
 
     def _uses(self, end: int) -> Uses:
-        if not self._database.number("SELECT count(*) FROM sqlite_master WHERE name = 'uses'"):
+        if not self._database.has('uses'):
             return Uses()
         rows, start = list[tuple[int, Use]](), _LOWEST
         condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
@@ -154,16 +156,22 @@ class MapReader:
                 some = wanted[start : start + _PICTURES_AT_ONCE]
                 stored = self._of_places('pictures', some)
                 images = self._of_places('images', some) if with_images else {}
+                depths = self._depths_of(some) if with_images else {}
                 for index in some:
                     cells, thumbnail = stored[index]
                     (jpeg,) = images.get(index, (None,))
                     packed = decode_cells(cells, self._cell_shape)
-                    found[index] = Picture(packed, thumbnail, jpeg)
+                    found[index] = Picture(packed, thumbnail, jpeg, depths.get(index))
         return [found[index] for index in indices]
 
+    def _depths_of(self, indices: list[int]) -> dict[int, bytes]:
+        if not self._database.has('depths'):
+            return {}
+        rows = self._sound('depths', _among(indices), tuple(indices))
+        return {index: metres for index, metres, _ in rows}
+
     def _of_places(self, table: str, indices: list[int]) -> dict[int, tuple[Any, ...]]:
-        condition = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
-        rows = self._sound(table, condition, tuple(indices))
+        rows = self._sound(table, _among(indices), tuple(indices))
         found = {row[0]: row[1:-1] for row in rows}
         if missing := [index for index in indices if index not in found]:
             raise ValueError(f'reference {missing[0]} is missing')
@@ -173,7 +181,8 @@ class MapReader:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
         if row := first_damaged(rows):
-            one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+            of_place = 'reference_index' in TABLES[table]
+            one = f'reference {row[0]}' if of_place else table
             raise ValueError(f'{one} fails its checksum')
         return rows
 
@@ -195,3 +204,7 @@ class MapReader:
     def _at_one_moment(self) -> Iterator[None]:
         with explained(self._path), self._lock, self._database.transaction():
             yield
+
+
+def _among(indices: list[int]) -> str:
+    return f'WHERE reference_index IN ({", ".join("?" * len(indices))})'

@@ -10,6 +10,7 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.map.depth import packed_depths
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.kept_image import kept_image, KeptImages
 from convseq_ros.core.map.place import (
@@ -62,7 +63,7 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
-        self.images = KeptImages(lambda index: self.pictures([index], True)[0].image)
+        self.images = KeptImages(self.pictures)
 
     def __len__(self) -> int:
         return len(self.places)
@@ -91,7 +92,9 @@ class ReferenceMap:
         gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose, session)
         small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
         image = None if gray is None else kept_image(gray, keep_images_px)
-        self.add(place, pack_cells(descriptor.cells), small, image=image)
+        shape = gray.shape if gray is not None else (0, 0)
+        depths = packed_depths(frame.depth_m, shape, self.cell_shape[0])
+        self.add(place, pack_cells(descriptor.cells), small, image=image, depths=depths)
 
     def add(
         self,
@@ -100,6 +103,7 @@ class ReferenceMap:
         thumbnail: bytes = b'',
         known_descriptor: npt.ArrayLike | None = None,
         image: bytes | None = None,
+        depths: bytes | None = None,
     ) -> None:
         """Append a place, with its global descriptor (n,) where that is known already."""
         shape, dtype = packed.shape, packed.dtype
@@ -109,7 +113,7 @@ class ReferenceMap:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
-        self._in_memory.append(Picture(packed, thumbnail, image))
+        self._in_memory.append(Picture(packed, thumbnail, image, depths))
         self._places.append(place, known_descriptor)
 
     def begin_session(

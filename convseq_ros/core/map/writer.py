@@ -133,6 +133,10 @@ class MapWriter:
             self._insert('places', (index, *where, descriptor))
             self._insert('pictures', (index, cells, picture.thumbnail))
             self._insert('images', (index, picture.image))
+            if picture.depths is not None:
+                if not self._database.has('depths'):
+                    self._database.rows(FURTHER['depths'])
+                self._insert('depths', (index, picture.depths))
         self._count += 1
 
     def add_session(self, session: MapSession) -> None:
@@ -199,7 +203,8 @@ class MapWriter:
     def __exit__(self, _kind: object, error: object, _trace: object) -> None:
         with closing(self._database), explained(self._path):
             if error and not isinstance(error, MapError):
-                for table in _OF_A_PLACE:  # its last row may lack those of the other tables
+                depths = ('depths',) if self._database.has('depths') else ()
+                for table in _OF_A_PLACE + depths:  # its last row may lack those of other tables
                     since = f'DELETE FROM {table} WHERE reference_index >= ?'
                     self._database.rows(since, (self._count,))
             if not isinstance(error, MapError):
