@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
 from convseq_ros.localization_config import LocalizationConfig
+from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
@@ -183,24 +184,6 @@ class MotionConfig(Checked):
         0.05, 'With odometry, the robot stands still while it is nearer than this to the last '
         'frame that moved, and turned by less than 18 degrees; 0 never says so.',
         unit='m', low=0.0, high=100.0,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class OnlineConfig(Checked):
-    """Whether the map grows from the robot's own past, and how much of that is too fresh."""
-
-    mode: str = parameter(
-        'preloaded', 'preloaded recognises the places of a map; online also adds to it what the '
-        'camera sees.', choices=('preloaded', 'online'),
-    )
-    exclusion_s: float = parameter(
-        30.0, 'Online mode: places of this session younger than this are not matched.',
-        unit='s', low=0.0, high=86400.0,
-    )
-    exclusion_m: float = parameter(
-        0.0, 'Online mode with odometry: places of this session that were passed less than this '
-        'way ago are not matched.', unit='m', low=0.0, high=100000.0,
     )
 
 

@@ -3,6 +3,7 @@
 """Small files that a stranger may have made: what they declare is checked first."""
 
 from collections.abc import Mapping
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,13 @@ import zipfile
 
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.installing import pip_install
+from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
 from convseq_ros.regular_file import read_bytes, refuse_irregular
 import numpy as np
 import numpy.typing as npt
 
-_MOST_YAML_BYTES = 262_144  # PyYAML reads some 100 kB a second; `convseq config` prints 8 kB
-_MOST_ARRAY_BYTES = 1 << 29  # a truth of 23,000 by 23,000 frames
 
-
-def read_yaml(path: Path) -> Mapping[str, Any]:
+def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[str, Any]:
     """
     Return the mapping in a YAML file.
 
@@ -34,15 +33,9 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     except ImportError:
         raise ConfigError(f'{path}: needs PyYAML; {pip_install("pyyaml")}') from None
     try:
-        refuse_irregular(path)
-        with path.open('rb') as file:
-            text = file.read(_MOST_YAML_BYTES + 1)
-        if len(text) > _MOST_YAML_BYTES:
-            raise ConfigError(f'{path}: more than {_MOST_YAML_BYTES >> 10} kB; shorten it')
-        loader = yaml.SafeLoader(text.decode('utf-8'))
+        data = read_bytes(path, 'a YAML file', partial(reading.refuse_file, cost=AS_YAML))
+        loader = yaml.SafeLoader(data.decode('utf-8'))
         content = _plain(loader, path)
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror}; check the path') from None
     except SourceError as error:
         raise ConfigError(str(error)) from None
     except RecursionError:
@@ -72,24 +65,25 @@ def _plain(loader: Any, path: Path) -> Any:
         loader.dispose()
 
 
-def read_array(path: Path, name: str = '') -> npt.NDArray[Any]:
+def read_array(
+    path: Path, name: str = '', reading: ReadingConfig = ReadingConfig()
+) -> npt.NDArray[Any]:
     """
     Return an array of plain numbers from a .npy file, or from a .npz file under its name.
 
     Raises
     ------
     SourceError
-        If there is none, it holds less than it declares, or it declares more than half a
-        gigabyte.
+        If there is none, it holds less than it declares, or it declares too much.
 
     """
     refuse_irregular(path)
     try:
         if not name:
             with path.open('rb') as file:
-                return _array(file, path)
+                return _array(file, path, reading)
         with zipfile.ZipFile(path) as archive, archive.open(f'{name}.npy') as member:
-            return _array(member, path)
+            return _array(member, path, reading)
     except OSError as error:
         raise SourceError(f'{path}: {error.strerror or error}; check the path') from None
     except SourceError:
@@ -109,23 +103,21 @@ def read_array_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     return np.lib.format.read_array_header_2_0(file)
 
 
-def _array(file: Any, path: Path) -> npt.NDArray[Any]:
+def _array(file: Any, path: Path, reading: ReadingConfig) -> npt.NDArray[Any]:
     shape, is_fortran, dtype = read_array_header(file)
     size = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
         raise ValueError('it holds objects')
-    if size > _MOST_ARRAY_BYTES:
-        raise SourceError(
-            f'{path}: declares an array of {size / 1e9:.1f} GB, more than '
-            f'{_MOST_ARRAY_BYTES / 1e9:.1f} GB; give a smaller one'
-        )
+    reading.refuse_file(path, size)
     # Not by NumPy, which takes the memory before it looks whether the numbers are there.
     return np.ndarray(shape, dtype, file.read(size), order='F' if is_fortran else 'C')
 
 
-def read_text(path: Path, most_bytes: int, what: str) -> str:
+def read_text(
+    path: Path, what: str, reading: ReadingConfig = ReadingConfig(), cost: int = AS_TEXT
+) -> str:
     """Return what is in a text file; SourceError as `read_bytes`, or if it is no text."""
     try:
-        return read_bytes(path, most_bytes, what).decode('utf-8')
+        return read_bytes(path, what, partial(reading.refuse_file, cost=cost)).decode('utf-8')
     except UnicodeDecodeError:
         raise SourceError(f'{path}: not a text file; give {what}') from None

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # ITU T.81, table B.1: SOFn
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # ibid.: markers without a length
+USUAL_SCANS = 16  # that cost as one; libjpeg's own scripts have 10 at most (jcparam.c, 9e)
 _JPEG_SCAN = b'\xff\xda'
 _CHUNK_HEAD_BYTES = 8  # of a PNG: length, kind
 _CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # besides its content: its checksum, too

@@ -3,8 +3,17 @@
 """The parameters of what is read; written once, as in `config`."""
 
 from dataclasses import dataclass
+import math
+from pathlib import Path
 
-from convseq_ros.parameter import Checked, parameter
+from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.parameter import Checked, parameter, parameters
+from convseq_ros.picture_header import Declared, USUAL_SCANS
+
+# What a byte of a file counts, where a byte of an array counts 1: Python keeps many for it, or,
+# of YAML, takes long: .1 MB a second, rosbags' reader .06 MB.
+AS_ARRAY, AS_TEXT, AS_PICKLE, AS_YAML = 1, 8, 64, 1024
+_MEGA = 1_000_000
 
 
 # fmt: off
@@ -21,6 +30,45 @@ class ReadingConfig(Checked):
         256.0, 'A chunk of a recording that declares more is not inflated, nor, of chunks of the '
         'same time, twice as much. Live images have none.', unit='MB', low=1.0, high=100_000.0,
     )
+    max_file_mb: float = parameter(
+        256.0, 'Of a file that is read as a whole, an array or a mask may have no more, text an '
+        'eighth of it, a pickled truth a 64th and YAML a 1024th: they cost more. ROS reads the '
+        'parameter file of a node without it.',
+        unit='MB', low=0.001, high=1_000_000.0,
+    )
+
+    def above(self, name: str, size: float, what: str) -> str:
+        """Return a line that tells what to set if a size is above the parameter of a name."""
+        most = getattr(self, name)
+        if size <= most:
+            return ''
+        item = next(one for one in parameters(self) if one.name == name)
+        needed = f'{math.ceil(size * 100) / 100:.2f}'.rstrip('0').rstrip('.')
+        allowed = item.high is None or float(needed) <= item.high
+        remedy = f'set {name} to {needed}' if allowed else f'{name} goes to {item.high:g}'
+        return f'{what} is more than {name}, {most:g}; make it smaller, or {remedy}'
+
+    def refuse_above(self, name: str, size: float, what: str) -> None:
+        """Raise a SourceError with such a line, if there is one."""
+        if line := self.above(name, size, what):
+            raise SourceError(line)
+
+    def refuse_image(self, pixels: int, what: str) -> None:
+        """Raise an ImageError if an image of so many pixels is too large to be decoded."""
+        if line := self.above('max_image_mpx', pixels / _MEGA, what):
+            raise ImageError(line)
+
+    def refuse_picture(self, asked: Declared, what: str) -> None:
+        """Raise an ImageError if a picture is too large to be decoded, or has too many scans."""
+        mpx, scanned = asked.pixels / _MEGA, asked.pixels * asked.passes // USUAL_SCANS
+        self.refuse_image(asked.pixels, f'{what}: a picture of {mpx:.3g} Mpx')
+        self.refuse_image(scanned, f'{what}: {asked.passes} scans of {mpx:.3g} Mpx')
+
+    def refuse_file(self, path: Path, size_bytes: int, cost: int = AS_ARRAY) -> None:
+        """Raise a SourceError if a file, or what it declares, is too large to be read at once."""
+        counts = f', which count {cost}-fold,' if cost > 1 else ''
+        size_mb = size_bytes / _MEGA
+        self.refuse_above('max_file_mb', size_mb * cost, f'{path}: {size_mb:.3g} MB{counts}')
 
 
 # fmt: on

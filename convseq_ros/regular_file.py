@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that may be opened, and read as a whole; files that are on the disk for sure."""
 
+from collections.abc import Callable
 import os
 from pathlib import Path
 import stat
@@ -37,7 +38,7 @@ def refuse_irregular(path: Path) -> None:
         raise SourceError(f'{path}: is {kind}, not a file; give a file or a folder')
 
 
-def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
+def read_bytes(path: Path, what: str, refuse: Callable[[Path, int], None]) -> bytes:
     """
     Return what is in a file.
 
@@ -45,10 +46,10 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     ----------
     path : Path
         The file.
-    most_bytes : int
-        That it may have.
     what : str
         It holds, such as `a calibration`.
+    refuse : callable
+        Raises a SourceError if a file of so many bytes is too large.
 
     Raises
     ------
@@ -61,12 +62,11 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
         if not path.is_file():
             raise SourceError(f'{path}: no such file; give {what}')
         with path.open('rb') as file:
-            data = file.read(most_bytes + 1)
+            size = os.fstat(file.fileno()).st_size
+            refuse(path, size)
+            return file.read(size)
     except OSError as error:
         raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
-    if len(data) > most_bytes:
-        raise SourceError(f'{path}: more than {most_bytes} bytes; give {what}')
-    return data
 
 
 def sync(path: Path) -> None:

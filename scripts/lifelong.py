@@ -1,37 +1,26 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print how a map grows that takes in a drive of the same town every day, and is thinned each time.
+Print how a map grows that a robot drives with every day in lifelong mode.
 
-Usage: python scripts/lifelong.py [--metres 60] [--days 30], some five minutes. Each day's drive,
-by day, in the evening, under clouds or at night, up to 1 m to the side of one line, is recognised
-in the map of the days before, without odometry, then added as a session and thinned. Right is
-within 5 m of where the camera is.
+Usage: python scripts/lifelong.py [--metres 60] [--days 30] [--max-places-per-m 2.5], some five
+minutes. Each day's drive, by day, in the evening, under clouds or at night, up to 1 m to the side
+of one line, with odometry, is recognised in the map of the days before, and what is new of it is
+added. Right is within 5 m of where the camera is. `left out` are places that went when the map was
+opened, to keep the limit.
 """
 
 import argparse
-from contextlib import redirect_stdout
-import io
 from pathlib import Path
 import sys
 import tempfile
 
-from convseq_ros import Config, open_map
-from convseq_ros.cli import main as convseq
-from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.config import make_config
+from convseq_ros.core.session import Session
 from looks import count, Counts, driven
 import numpy as np
 
 LIGHTS = ('day', 'evening', 'night', 'overcast')
-
-
-def told(arguments: list[str]) -> str:
-    """Run a command; return what it printed."""
-    said = io.StringIO()
-    with redirect_stdout(said):
-        if convseq(arguments):
-            raise SystemExit(1)
-    return said.getvalue()
 
 
 def light_of(day: int) -> str:
@@ -44,28 +33,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--metres', type=int, default=60)
     parser.add_argument('--days', type=int, default=30)
+    parser.add_argument('--max-places-per-m', type=float, default=0.0)
     chosen = parser.parse_args()
-    print('| day | light | right of keyframes | false | places | sessions |')
-    print('|---|---|---|---|---|---|')
+    limit = {'max_places_per_m': chosen.max_places_per_m}
+    config = make_config({'mode': 'lifelong', **limit})
+    print('| day | light | right of keyframes | false | left out | places | sessions |')
+    print('|---|---|---|---|---|---|---|')
     with tempfile.TemporaryDirectory() as folder:
-        whole, merged = Path(folder, 'town.db'), Path(folder, 'merged.db')
         for day in range(chosen.days):
-            frames = driven(1, day, light_of(day), chosen.metres)
-            counts, own = Counts(), whole if not day else Path(folder, 'day.db')
-            if day:
-                count(open_map(whole), frames, counts)
-            with MapBuilder(own, Config(), name=f'day {day + 1}') as builder:
-                for frame in frames:
-                    builder.process(frame)
-            if day:
-                told(['merge', str(whole), str(own), '-o', str(merged)])
-                said = told(['thin', str(merged), '--session', f'day {day + 1}'])
-                print(said.splitlines()[0], file=sys.stderr)
-                merged.replace(whole)
-                own.unlink()
-            opened = open_map(whole)
+            frames, counts = driven(1, day, light_of(day), chosen.metres), Counts()
+            session = Session(Path(folder, 'town.db'), config)
+            count(session.recognizer, frames, counts)
+            session.close()
+            own = session.recognizer.reference_map
             right = f'{counts.right} of {counts.keyframes}'
-            row = day + 1, light_of(day), right, counts.wrong, len(opened), len(opened.sessions)
+            told = light_of(day), right, counts.wrong, session.left_out, len(own)
+            row = day + 1, *told, len(own.sessions)
             print('| ' + ' | '.join(map(str, row)) + ' |', flush=True)
     return 0
 

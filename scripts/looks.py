@@ -86,11 +86,11 @@ def built(drives: Sequence[list[Frame]]) -> ReferenceMap:
     return whole
 
 
-def count(reference_map: ReferenceMap, frames: list[Frame], counts: Counts) -> Counter[int]:
+def count(recognizer: PlaceRecognizer, frames: list[Frame], counts: Counts) -> Counter[int]:
     """Recognise a drive; return the sessions that answered."""
-    recognizer, sessions = PlaceRecognizer(reference_map, Config()), Counter[int]()
+    reference_map, sessions = recognizer.reference_map, Counter[int]()
     for frame in frames:
-        match: Match = recognizer.process(replace(frame, pose=None))
+        match: Match = recognizer.process(frame)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
             continue
         counts.keyframes += 1
@@ -159,7 +159,9 @@ def main() -> int:
             setattr(neighbourhood, 'LOOKS', rules[rule])  # noqa: B010
             reference_map = built([drives[MAPPED.index(light)] for light in own])
             shown = drives[len(MAPPED) + QUERIES.index(query)]
-            sessions.update(count(reference_map, shown, counts))
+            recognizer = PlaceRecognizer(reference_map, Config())
+            blind = [replace(frame, pose=None) for frame in shown]
+            sessions.update(count(recognizer, blind, counts))
     print('| map | query | right of keyframes | false | sessions that answered |')
     print('|---|---|---|---|---|')
     for (own, query, rule), (counts, sessions) in found.items():

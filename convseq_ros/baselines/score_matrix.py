@@ -6,12 +6,17 @@ from pathlib import Path
 
 from convseq_ros.errors import SourceError
 from convseq_ros.files import read_array
+from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
 
 
 def read_scores(
-    path: Path, queries: int, references: int, lower_is_better: bool = False
+    path: Path,
+    queries: int,
+    references: int,
+    lower_is_better: bool = False,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> npt.NDArray[np.float32]:
     """
     Return a matrix of pair scores.
@@ -24,6 +29,8 @@ def read_scores(
         The images that there are.
     lower_is_better : bool
         Whether the file holds distances.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Returns
     -------
@@ -36,7 +43,7 @@ def read_scores(
         If the file cannot be read, its shape is another, or it holds NaN or infinity.
 
     """
-    scores = _read(path)
+    scores = _read(path, reading)
     if scores.shape != (queries, references):
         found = ' x '.join(map(str, scores.shape))
         advice = '; transpose it' if scores.shape == (references, queries) else ''
@@ -47,7 +54,9 @@ def read_scores(
     return -scores if lower_is_better else scores
 
 
-def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
+def read_descriptors(
+    path: Path, count: int, reading: ReadingConfig = ReadingConfig()
+) -> npt.NDArray[np.float32]:
     """
     Return one descriptor for every image, float32 of shape (N, D).
 
@@ -57,7 +66,7 @@ def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
         If the file cannot be read, holds NaN or infinity, or not one row for every image.
 
     """
-    rows = _read(path)
+    rows = _read(path, reading)
     if rows.ndim < 2 or len(rows) != count:
         raise SourceError(
             f'{path}: an array of shape {rows.shape} for {count} images; expected one row for each'
@@ -65,9 +74,9 @@ def read_descriptors(path: Path, count: int) -> npt.NDArray[np.float32]:
     return rows.reshape(count, -1)
 
 
-def _read(path: Path) -> npt.NDArray[np.float32]:
+def _read(path: Path, reading: ReadingConfig) -> npt.NDArray[np.float32]:
     try:
-        numbers = np.asarray(read_array(path), np.float32)
+        numbers = np.asarray(read_array(path, reading=reading), np.float32)
     except (TypeError, ValueError):
         raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
     if not np.isfinite(numbers).all():

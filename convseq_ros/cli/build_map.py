@@ -4,16 +4,17 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.options import add_annotations, add_parameters, given
+from convseq_ros.cli.options import add_annotations, add_parameters, chosen_reading, given
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
@@ -61,7 +62,8 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
     """Return the configuration that these arguments ask for."""
-    return make_config(given(chosen, _asked()))
+    config = make_config(given(chosen, _asked()))
+    return replace(config, encoding=with_mask_read(config.encoding, config.reading))
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -163,7 +165,11 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
             f'{chosen.odom or chosen.poses} tells none at the time of an image; check that it '
             'covers the drive, and that both clocks agree'
         )
-    found = describe_recording(chosen.recording).get('use', {}).get('--odom', [])
+    found = (
+        describe_recording(chosen.recording, chosen_reading(chosen))
+        .get('use', {})
+        .get('--odom', [])
+    )
     remedy = ' or '.join(f'--odom {quoted(topic)}' for topic in found)
     remedy = remedy or '--odom TOPIC or --poses FILE'
     return f'none were asked for; add {remedy}'

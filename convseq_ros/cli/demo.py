@@ -18,6 +18,7 @@ from convseq_ros.cli.side_topics import side_topics
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.plots import demo_picture
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import row
 from convseq_ros.simulation.light import LIGHTS
 from convseq_ros.sources import open_annotated, open_source
@@ -54,16 +55,21 @@ def run(chosen: argparse.Namespace) -> int:
     folder, config = chosen.output, chosen_config(chosen)
     make_empty(folder, _MARKER)
     if chosen.data:
-        drives = given_drives(chosen.data)
+        drives = given_drives(chosen.data, config.reading)
     else:
         _say('drawing a street and driving along it twice')
         drives = drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(drives.reference, map_path, odom=side_topics(drives.reference).odom, config=config)
+    build(
+        drives.reference,
+        map_path,
+        odom=side_topics(drives.reference, config.reading).odom,
+        config=config,
+    )
 
     _say('replaying the second drive offline')
-    beside = side_topics(drives.query)
+    beside = side_topics(drives.query, config.reading)
     source = open_annotated(drives.query, '', *beside, reading=config.reading)
     recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
     offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
@@ -87,7 +93,7 @@ def run(chosen: argparse.Namespace) -> int:
     print(f'\n{drives.told}\n')
     print(_table(live, offline, drives.truth))
     picture = folder / 'demo.png'
-    _draw(picture, drives, live, scores)
+    _draw(picture, drives, live, scores, config.reading)
     print(f'\nresults  {folder / "live.csv"}\npicture  {picture}')
     return 0
 
@@ -137,15 +143,20 @@ def _right(each: dict[str, str], truth: npt.NDArray[np.int64]) -> bool:
 
 
 def _draw(
-    path: Path, drives: Drives, live: Sequence[dict[str, str]], scores: npt.NDArray[np.float32]
+    path: Path,
+    drives: Drives,
+    live: Sequence[dict[str, str]],
+    scores: npt.NDArray[np.float32],
+    reading: ReadingConfig,
 ) -> None:
     found = np.full(len(scores), -1, np.int64)
     accepted = [each for each in live if each['reference_index']]
     for each in accepted:
         found[int(each['query_index'])] = int(each['reference_index'])
     shown = accepted[:: max(1, len(accepted) // 3)][:3]
-    queries = _images(drives.query, [int(each['query_index']) for each in shown])
-    references = _images(drives.reference, [int(each['reference_index']) for each in shown])
+    queries = _images(drives.query, [int(each['query_index']) for each in shown], reading)
+    wanted = [int(each['reference_index']) for each in shown]
+    references = _images(drives.reference, wanted, reading)
     pairs = [
         (
             queries[int(each['query_index'])],
@@ -158,10 +169,12 @@ def _draw(
     demo_picture(path, pairs, scores, drives.truth, found, drives.told)
 
 
-def _images(path: Path, wanted: Sequence[int]) -> dict[int, npt.NDArray[np.uint8]]:
+def _images(
+    path: Path, wanted: Sequence[int], reading: ReadingConfig
+) -> dict[int, npt.NDArray[np.uint8]]:
     return {
         index: frame.gray
-        for index, frame in enumerate(open_source(path))
+        for index, frame in enumerate(open_source(path, reading=reading))
         if index in wanted and frame.gray is not None
     }
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import nearest_reference, write_recording
 from convseq_ros.simulation.street import Street
@@ -64,14 +65,14 @@ def drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:
     return Drives(folder / 'first', folder / 'second', truth, told)
 
 
-def given_drives(data: Path) -> Drives:
+def given_drives(data: Path, reading: ReadingConfig) -> Drives:
     """Return the two drives of a folder, the query first by name."""
     if not data.is_dir():
         raise SourceError(f'{data}: no such folder')
     found = []
     for path in sorted(data.iterdir()):
         try:
-            found.append((path, len(open_source(path))))
+            found.append((path, len(open_source(path, reading=reading))))
         except ConvseqError:
             continue
     if len(found) != 2:

@@ -18,7 +18,7 @@ from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
 from convseq_ros.evaluation.scorecard import CRITERIA
-from convseq_ros.evaluation.study import read_study, run_study
+from convseq_ros.evaluation.study import Each, read_study, run_study
 from convseq_ros.evaluation.table import format_table, summary_rows
 
 MOST_DISTRACTORS = 100_000
@@ -85,6 +85,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
         default=[],
         help='run a study, a YAML file, instead; may be given more than once',
     )
+    add_run(parser)
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """Declare where a run reads and writes, and its settings."""
     parser.add_argument(
         '--output', type=Path, default=Path('results'), help='run folder to write (results)'
     )
@@ -107,11 +112,9 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Evaluate, write the run folder, and print the table."""
-    # Truth counts frames.
-    config = chosen_config(chosen, EVERY_FRAME.spacing)
-    cache = Cache(None if chosen.no_cache else chosen.cache or default_folder())
     if chosen.study:
-        return _run_studies(chosen, config, cache)
+        return run_studies(chosen)
+    config, cache = chosen_settings(chosen)
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
     if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
@@ -135,18 +138,27 @@ def run(chosen: argparse.Namespace) -> int:
         distractors=chosen.distractors,
         argv=tuple(sys.argv),
     )
-    data_sets = [open_data_set(text, chosen.data_root) for text in chosen.sets]
+    data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
     summaries = evaluate(data_sets, config, plan, chosen.output, cache, _say)
     _print(summaries, summary_rows(summaries), chosen.json)
     return 0
 
 
-def _run_studies(chosen: argparse.Namespace, config: Config, cache: Cache) -> int:
+def chosen_settings(chosen: argparse.Namespace) -> tuple[Config, Cache]:
+    """Return the configuration of a run, and its cache."""
+    # Truth counts frames.
+    config = chosen_config(chosen, EVERY_FRAME.spacing)
+    return config, Cache(None if chosen.no_cache else chosen.cache or default_folder())
+
+
+def run_studies(chosen: argparse.Namespace, each: Each = map) -> int:
+    """Run studies, and print their tables; `each` as of `run_study`."""
     if chosen.sets:
         raise ConfigError(f'{chosen.sets[0]}: a study names its own sets; leave it out')
+    config, cache = chosen_settings(chosen)
     for path in chosen.study:
-        study = read_study(path, chosen.data_root)
-        rows = run_study(study, config, chosen.output, cache, tuple(sys.argv), _say)
+        study = read_study(path, chosen.data_root, config.reading)
+        rows = run_study(study, config, chosen.output, cache, tuple(sys.argv), _say, each)
         _print(rows, rows, chosen.json)
     return 0
 

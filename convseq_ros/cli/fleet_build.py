@@ -4,7 +4,7 @@
 
 import argparse
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 import json
 from pathlib import Path
 import sys
@@ -14,7 +14,6 @@ from convseq_ros.cli.build_map import add_settings, build, Built, chosen_setting
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.progress import progress
 from convseq_ros.config import Config
-from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.replacing import delete_parts, replaced
@@ -53,7 +52,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Build what is not there yet, and say what came of each recording."""
     cluster, config = chosen_cluster(chosen), chosen_settings(chosen)
-    config = replace(config, encoding=with_mask_read(config.encoding))
     maps = _maps(chosen.folder, chosen.output)
     kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
     chosen.output.mkdir(parents=True, exist_ok=True)

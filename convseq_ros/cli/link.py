@@ -4,6 +4,7 @@
 
 import argparse
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -24,6 +25,11 @@ from convseq_ros.results import complete_or_absent
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('map', type=Path, help='map of several sessions; not changed')
+    add_outputs(parser)
+
+
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Declare what may be made of links."""
     parser.add_argument('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
     parser.add_argument(
         '-o', '--output', type=Path, metavar='MAP', help='write a map whose poses are in one frame'
@@ -37,11 +43,19 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Link, and say what was found."""
     parts = parts_of(chosen.map)
+    link(chosen, parts, lambda: (one for part in parts for one in _links(part)))
+    return 0
+
+
+def link(
+    chosen: argparse.Namespace, parts: list[Part], find: Callable[[], Iterable[Link]]
+) -> None:
+    """Find the links of the sessions of one map; report them, and make what is asked for."""
     if len(parts) < 2:
         raise MapError(f'{chosen.map}: has one session; put others beside it with convseq merge')
     if chosen.output and chosen.output.exists():
         raise MapError(f'{chosen.output}: exists already; name another file')
-    links = [link for part in parts for link in _links(part)]
+    links = sorted(find(), key=lambda one: one.place)
     _report(parts, links, chosen.json)
     whole = parts[0].reference_map
     edges = list(edges_of(whole, links))
@@ -59,7 +73,6 @@ def run(chosen: argparse.Namespace) -> int:
             write_parts(
                 [_moved(part, after) for part in parts], chosen.output, watched(chosen.output)
             )
-    return 0
 
 
 def _links(part: Part) -> list[Link]:

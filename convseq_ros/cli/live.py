@@ -15,6 +15,8 @@ from convseq_ros.cli.processes import (
 )
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConvseqError
+from convseq_ros.parameter import parameters as parameters_of
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import read_results
 
 _END_S = 10.0
@@ -75,7 +77,11 @@ def recognise_live(
         '--ros-args',
         *(part for each in settings for part in ('-p', each)),
     ]
-    player = [sys.executable, *player_arguments(recording, rate, odom, camera_info)]
+    limits = [
+        f'--{item.name.replace("_", "-")}={getattr(config.reading, item.name)}'
+        for item in parameters_of(ReadingConfig)
+    ]
+    player = [sys.executable, *player_arguments(recording, rate, odom, camera_info), *limits]
     with running('vpr_node', node, folder, _END_S) as process:
         played = subprocess.run(player, env=environment(folder), check=False)
         if played.returncode or process.poll() is not None:

@@ -70,7 +70,8 @@ def _frames(
             gray = read_picture(path, reading)
         except ConvseqError as error:
             raise SourceError(f'{path}: {error}') from None
-        camera = read_camera_file(camera_info, *gray.shape) if camera_info else None
+        height, width = gray.shape
+        camera = read_camera_file(camera_info, height, width, reading) if camera_info else None
         frames.append(Frame(number * FRAME_INTERVAL_NS, gray, str(path), camera=camera))
     return frames
 

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import Config, core_parameters, make_config
+from convseq_ros.config import Config, core_parameters, make_config, make_group
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
+from convseq_ros.reading_config import ReadingConfig
 
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
@@ -32,6 +33,16 @@ def add_parameters(
             default=argparse.SUPPRESS,
             help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
         )
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add an option for every limit of what is read."""
+    add_parameters(parser, 'what is too large', parameters(ReadingConfig))
+
+
+def chosen_reading(chosen: argparse.Namespace) -> ReadingConfig:
+    """Return the limits that were given as options."""
+    return make_group(ReadingConfig, given(chosen, parameters(ReadingConfig)))
 
 
 def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, Value]:
@@ -85,14 +96,15 @@ def chosen_config(
         If the file cannot be read, a name is unknown or a value is not allowed.
 
     """
-    values = read_parameter_file(chosen.config) if chosen.config else {}
+    reading = chosen_reading(chosen)
+    values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})
-    return replace(config, encoding=with_mask_read(config.encoding))
+    return replace(config, encoding=with_mask_read(config.encoding, config.reading))
 
 
-def read_parameter_file(path: Path) -> dict[str, Any]:
+def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
     """Return the matching parameters of a ROS parameter file; the node's own are left out."""
-    content = read_yaml(path)
+    content = read_yaml(path, reading)
     values = {name: value for part in _node_parts(content, path) for name, value in part.items()}
     core = [item.name for item in core_parameters()]
     node = [item.name for item in parameters(NodeConfig)]

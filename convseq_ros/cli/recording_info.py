@@ -7,6 +7,7 @@ import shlex
 from typing import Any
 
 from convseq_ros.cli.printable import printable
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.storage import is_storage_file, open_storage
 from convseq_ros.sources.topics import CAMERA_TYPES, IMAGE_TYPES, merge_topics, POSE_TYPES, Topic
@@ -21,9 +22,9 @@ def is_recording(path: Path) -> bool:
     return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 
-def describe_recording(path: Path) -> dict[str, Any]:
+def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
     """
-    Return what a recording, a folder of pictures or a video holds.
+    Return what a recording, a folder of pictures or a video holds, if it is not too large.
 
     Returns
     -------
@@ -39,8 +40,9 @@ def describe_recording(path: Path) -> dict[str, Any]:
 
     """
     if not (path.is_dir() and holds_recording(path)) and not is_storage_file(path):
-        return {'recording': str(path), 'images': len(open_source(path)), 'warnings': []}
-    storages, warnings = open_storage(path)
+        images = len(open_source(path, reading=reading))
+        return {'recording': str(path), 'images': images, 'warnings': []}
+    storages, warnings = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     seconds = sum(storage.duration_s for storage in storages)
     warnings = [*warnings, *(storage.damage for storage in storages if storage.damage)]

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 import sys
 
+from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_report
 from convseq_ros.evaluation.report.charts import write_figures
@@ -37,13 +38,14 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar='SIZE',
         help='show fewer pairs rather than write a larger page (default: %(default)s)',
     )
+    add_reading(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Write the page, and the figures if they are wanted."""
     if not chosen.max_megabytes > 0:
         raise ConvseqError(f'--max-megabytes: {chosen.max_megabytes:g} is not above 0')
-    runs = read_runs(chosen.result)
+    runs = read_runs(chosen.result, chosen_reading(chosen))
     write_report(runs, chosen.output, chosen.max_megabytes)
     size = chosen.output.stat().st_size / 1e6
     print(f'{chosen.output}: {len(runs)} runs, {size:.1f} MB', file=sys.stderr)

@@ -8,6 +8,7 @@ import sys
 from typing import NamedTuple
 
 from convseq_ros.errors import SourceError
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.recording import read_camera, read_poses, Recording
 from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES
@@ -20,7 +21,7 @@ class SideTopics(NamedTuple):
     camera_info: str = ''
 
 
-def side_topics(path: Path) -> SideTopics:
+def side_topics(path: Path, reading: ReadingConfig = ReadingConfig()) -> SideTopics:
     """
     Return the topics of a recording that say where its frames were taken, and by which camera.
 
@@ -31,18 +32,25 @@ def side_topics(path: Path) -> SideTopics:
     ----------
     path : Path
         As for `open_source`; a folder of pictures has none.
+    reading : ReadingConfig, optional
+        What is too large.
 
     """
-    source = open_source(path)
+    source = open_source(path, reading=reading)
     if not isinstance(source, Recording):
         return SideTopics()
     return SideTopics(
-        _usable(path, source.topics_of(ODOMETRY_TYPES), read_poses),
-        _usable(path, source.topics_of(CAMERA_TYPES), read_camera),
+        _usable(path, source.topics_of(ODOMETRY_TYPES), read_poses, reading),
+        _usable(path, source.topics_of(CAMERA_TYPES), read_camera, reading),
     )
 
 
-def _usable(path: Path, topics: list[str], read: Callable[[Path, str], object]) -> str:
+def _usable(
+    path: Path,
+    topics: list[str],
+    read: Callable[[Path, str, ReadingConfig], object],
+    reading: ReadingConfig,
+) -> str:
     if len(topics) > 1:
         print(
             f'warning: {path}: left out {", ".join(topics)}: several could be meant',
@@ -51,7 +59,7 @@ def _usable(path: Path, topics: list[str], read: Callable[[Path, str], object]) 
     if len(topics) != 1:
         return ''
     try:
-        read(path, topics[0])
+        read(path, topics[0], reading)
     except SourceError as error:
         print(f'warning: left out {topics[0]}: {error}', file=sys.stderr)
         return ''

@@ -5,14 +5,15 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from uuid import uuid4
 
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.sessions import add_json, report, SESSION_HELP, watched
-from convseq_ros.core.map.editing import chosen_part, Part, parts_of, write_parts
+from convseq_ros.core.map.editing import chosen_part, Part, parts_of, runs_of, write_parts
+from convseq_ros.core.map.limits import within_limits
 from convseq_ros.core.map.selection import selected
 from convseq_ros.core.thinning import Needed, needed
 from convseq_ros.errors import MapError
+from convseq_ros.online_config import OnlineConfig
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -21,18 +22,38 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--session', action='append', help=f'{SESSION_HELP}; by default all, the newest first'
     )
+    for name, what in (('places-per-m', 'places a metre'), ('map-mb', 'megabytes')):
+        parser.add_argument(
+            f'--max-{name}',
+            type=float,
+            metavar='N',
+            help=f'of more {what} leave out the looks that were no answer for longest, instead: '
+            f'what mode: lifelong does by max_{name.replace("-", "_")} when it opens a map',
+        )
     parser.add_argument('--dry-run', action='store_true', help='say what would be left, and why')
     add_json(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Thin, and say what is left, and why."""
+    limits = {
+        name: value
+        for name in ('max_places_per_m', 'max_map_mb')
+        if (value := getattr(chosen, name)) is not None
+    }
+    if limits:
+        if chosen.session or chosen.dry_run:
+            raise MapError(
+                f'{chosen.map}: limits hold for all of it; leave out --session and --dry-run'
+            )
+        parts, _ = within_limits(chosen.map, OnlineConfig(**limits), watched(chosen.map))
+        return report([(chosen.map, parts)], chosen.json)
     parts = parts_of(chosen.map)
     asked = [chosen_part(parts, said) for said in chosen.session or ()] or parts[::-1]
     left: dict[int, list[Part]] = {part.number: [part] for part in parts}
     for part in asked:
         found = _needed(part, [one for own in left.values() for one in own])
-        left[part.number] = _runs(part, found)
+        left[part.number] = runs_of(part, found.runs)
         if not chosen.json:
             print(_reason(part, found))
     kept = [one for part in parts for one in left[part.number]]
@@ -50,19 +71,6 @@ def _needed(part: Part, left: list[Part]) -> Needed:
     found = needed(selected(whole, indices), part.number)
     runs = tuple(range(indices[run.start], indices[run.stop - 1] + 1) for run in found.runs)
     return replace(found, runs=runs)
-
-
-def _runs(part: Part, found: Needed) -> list[Part]:
-    """Return the stretches of a session that are kept, as a session each."""
-    if found.runs == (part.places,):
-        return [part]
-    places, parts = part.reference_map.places, []
-    for number, run in enumerate(found.runs):
-        session = replace(part.session, start_ns=places[run.start].stamp_ns)
-        if number:
-            session = replace(session, id=str(uuid4()), name=f'{part.name} ({number + 1})')
-        parts.append(replace(part, session=session, places=run))
-    return parts
 
 
 def _reason(part: Part, found: Needed) -> str:

@@ -27,11 +27,12 @@ class Cameras:
     def __init__(
         self, reference_map: ReferenceMap, config: Config, sources: Sequence[str] = ()
     ) -> None:
+        self.config = config
         self.first = PlaceRecognizer(reference_map, _of_camera(config, 0))
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0
         for number, source in enumerate(sources[1:], 1):
-            mapping = FollowedMap(reference_map, self.first.mapping)
-            own = PlaceRecognizer(reference_map, _of_camera(config, number), mapping=mapping)
+            own = PlaceRecognizer(reference_map, _of_camera(config, number))
+            own.mapping = FollowedMap(reference_map, self.first.mapping)
             self.recognizers[source] = own
         if len(sources) > 1:
             x, y, z, *turn = config.robot.of_camera(0).mount
@@ -64,6 +65,7 @@ class Cameras:
 
     def configure(self, config: Config) -> None:
         """Go on with other settings."""
+        self.config = config
         self.first.config = _of_camera(config, 0)
         for number, one in enumerate(self.recognizers.values()):
             one.config = _of_camera(config, number)

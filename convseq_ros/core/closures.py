@@ -31,7 +31,7 @@ class Closures:
     def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
         self._map, self._matcher = reference_map, matcher
         self._poses = RelativePoses(reference_map, matcher)
-        self._plausibility = Plausibility(config.robot, config.online.mode == 'online')
+        self._plausibility = Plausibility(config.robot, config.online.grows)
 
     def reset(self) -> None:
         """Forget the drive."""

@@ -73,9 +73,12 @@ class FeatureCache:
     _threads: Threads
     _most: int | None
     _kept: dict[int, Any] = field(default_factory=dict)
+    _query: Any = None  # the first of those that were asked for last, and its shifts
+    _shifts: dict[int, Shift] = field(default_factory=dict)
 
     def clear(self) -> None:
         self._kept.clear()
+        self._query = None
 
     def of(self, indices: Sequence[int]) -> list[Any]:
         """Return what is compared of references, None for each that shows nothing; or MapError."""
@@ -97,25 +100,32 @@ class FeatureCache:
         references = iter(self.of([index for _, some in asked for index in some.tolist()]))
         work = [(own, [*islice(references, len(some))]) for own, some in asked]
         found = [np.full(len(some), np.nan, np.float32) for _, some in work]
+        if asked:
+            self._begin(asked[0][0])
 
         def score(piece: int, lot: slice) -> None:
             own, some = work[piece]
-            shown = [one for one in some[lot] if one is not None]
-            if shown:
-                there = [one is not None for one in some[lot]]
-                found[piece][lot][there] = self.pair.compare(own, shown)[0]
+            there = [place for place in range(lot.start, lot.stop) if some[place] is not None]
+            if there:
+                scores, shifts = self.pair.compare(own, [some[place] for place in there])
+                found[piece][there] = scores
+                if own is self._query and shifts is not None:
+                    indices = asked[piece][1][there].tolist()
+                    self._shifts.update(zip(indices, map(tuple, shifts.tolist()), strict=True))
 
         self._threads.run([len(some) for _, some in work], score)
         return found
 
+    def _begin(self, query: Any) -> None:
+        if query is not self._query:
+            self._query, self._shifts = query, {}
+
     def shifts(self, query: Any, indices: Sequence[int]) -> list[Shift | None]:
         """Return rows and columns, in cells, from a query to each reference, as far as known."""
-        references = self.of(indices)
-        shown = [one for one in references if one is not None]
-        shifts = self.pair.compare(query, shown)[1] if shown else None
-        known = iter([None] * len(shown) if shifts is None else shifts.tolist())
-        told = [None if one is None else next(known) for one in references]
-        return [(one[0], one[1]) if one else None for one in told]
+        self._begin(query)
+        unknown = [index for index in indices if index not in self._shifts]
+        self.scores_of([(query, np.array(unknown, np.int64))])  # takes note of shifts
+        return [self._shifts.get(index) for index in indices]
 
     def _made(self, indices: Sequence[int]) -> list[Any]:
         packed, own = self._map.packed_of(indices), self._background

@@ -79,7 +79,8 @@ class Standstill:
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
             if self._by_image and last is not None:
-                still = self._similarity(descriptor, last) > self._config.stationary_overlap
+                most = self._config.stationary_overlap
+                still = self._similarity(descriptor, last, most) > most
             self._glances.update(seen, still)
         if not still:
             self._pose, self._descriptor = pose, descriptor

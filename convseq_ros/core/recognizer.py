@@ -12,7 +12,7 @@ from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
-from convseq_ros.core.map.online import make_mapping
+from convseq_ros.core.map.lifelong import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose import measured
@@ -94,7 +94,7 @@ class PlaceRecognizer:
             match = self._again(answer, verdict.reason)
         else:
             match = self._last = self._recognize(answer, frame, verdict)
-            self.mapping.add(frame, verdict.descriptor)
+            self.mapping.add(frame, verdict.descriptor, match)
         if frame.gray is None and descriptor is None:
             return answer(Status.SKIPPED, Reason.UNREADABLE)
         return measured(match, frame, self.reference_map)

@@ -2,14 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recogniser with the file of its map, which grows with it in online mode."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.lifelong import LifelongMap
+from convseq_ros.core.map.limits import within_limits
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 import numpy as np
@@ -21,28 +26,37 @@ class Session:
 
     In preloaded mode the file must exist and is never written; in online mode it is made if there
     is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
-    end. MapError if the map cannot be opened or, in online mode, not be written, or another
+    end. `sources` name the cameras, if there are several. MapError if the map cannot be opened or, in online mode, not be written, or another
     program adds to it.
     """
 
-    def __init__(self, path: Path | None, config: Config, make: bool = True) -> None:
+    def __init__(
+        self, path: Path | None, config: Config, make: bool = True, sources: Sequence[str] = ()
+    ) -> None:
         self.path = path
-        self.is_growing = config.online.mode == 'online'
+        self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self._autosave = NoAutosave()
+        self._autosave, self.left_out = NoAutosave(), 0  # places, to keep the map's limits
+        encoding = with_mask_read(config.encoding, config.reading)
         if path is None:
-            reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
+            reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
         elif self.is_growing:
             append = None if make else True
-            autosave = Autosave(path, config.encoding, config.keyframes, append)
+            if config.online.mode == 'lifelong' and path.is_file() and path.stat().st_size:
+                MapReader(path, encoding, config.keyframes)  # refuses before anything is left out
+                _, self.left_out = within_limits(path, config.online)
+            autosave = Autosave(path, encoding, config.keyframes, append)
             self._autosave, reference_map = autosave, autosave.reference_map
         else:
-            reference_map = open_map(path, config.encoding)
+            reference_map = open_map(path, encoding)
         try:
-            self.recognizer = PlaceRecognizer(reference_map, config)
+            self.cameras = Cameras(reference_map, config, sources)
         except BaseException:
-            self.close()
+            self._autosave.close()
             raise
+        self.recognizer = self.cameras.first  # that of the first camera, which adds to the map
+        if isinstance(mapping := self.recognizer.mapping, LifelongMap):
+            mapping.is_full = lambda: self.is_full
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
         # Why that is slow, with the remedy, if nobody asked for it.
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
@@ -71,9 +85,18 @@ class Session:
         """Places that came in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
+    @property
+    def is_full(self) -> bool:
+        """Whether the map's file is as large as it may be."""
+        most_mb = self.recognizer.config.online.max_map_mb
+        if not (self.path and most_mb and self.path.is_file()):
+            return False
+        return self.path.stat().st_size > 1e6 * most_mb
+
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
-        warm_up(self.recognizer)
+        for one in (self.recognizer, *self.cameras.recognizers.values()):
+            warm_up(one)
 
     @property
     def committed_s(self) -> float | None:
@@ -100,6 +123,7 @@ class Session:
 
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""
+        self.recognizer.mapping.finish()
         self._autosave.close()
 
 

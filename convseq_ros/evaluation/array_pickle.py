@@ -18,7 +18,6 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-_MOST_BYTES = 1 << 26  # VPR-Bench's largest truth has 1 MB
 _PLAIN = re.compile(r'[biufSU]\d{1,6}')  # types of numbers and texts, with their size
 _OBJECT = re.compile(r'O\d?')
 _ORDERS = '<>|='
@@ -85,7 +84,7 @@ def read_objects(
     Parameters
     ----------
     file : binary file
-        Stands behind the header of a .npy file.
+        Stands behind the header of a .npy file; all of it is read.
     shape, is_fortran : tuple of int, bool
         Of that header.
 
@@ -100,10 +99,7 @@ def read_objects(
         Of any kind, if it is none.
 
     """
-    data = file.read(_MOST_BYTES + 1)
-    if len(data) > _MOST_BYTES:
-        raise ValueError(f'more than {_MOST_BYTES >> 20} MB')
-    found = _Unpickler(io.BytesIO(data), encoding='latin1').load()
+    found = _Unpickler(io.BytesIO(file.read()), encoding='latin1').load()
     if not isinstance(found, _Array) or len(found.values) != math.prod(shape):
         raise ValueError(f'holds no array of shape {shape}')
     stored = np.empty(len(found.values), object)

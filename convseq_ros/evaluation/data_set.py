@@ -12,6 +12,7 @@ from typing import Any
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.simulated import read_simulated, SimulatedDrive
 from convseq_ros.files import read_yaml
+from convseq_ros.reading_config import ReadingConfig
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
 _MOST = 2**31 - 1  # of any number: frames or metres
@@ -142,7 +143,9 @@ def ready_made() -> list[str]:
     return sorted(path.stem for path in READY_MADE.glob('*.yaml'))
 
 
-def open_data_set(text: str, data_root: Path = Path()) -> DataSet:
+def open_data_set(
+    text: str, data_root: Path = Path(), reading: ReadingConfig = ReadingConfig()
+) -> DataSet:
     """
     Return the data set that a user names.
 
@@ -152,6 +155,8 @@ def open_data_set(text: str, data_root: Path = Path()) -> DataSet:
         A YAML file, whose relative paths start at the file; or the name of a ready-made set.
     data_root : Path
         Where the relative paths of a ready-made set start.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Raises
     ------
@@ -161,15 +166,15 @@ def open_data_set(text: str, data_root: Path = Path()) -> DataSet:
     """
     path = Path(text)
     if path.suffix.lower() in ('.yaml', '.yml'):
-        return read_data_set(path, path.parent)
+        return read_data_set(path, path.parent, reading)
     if text in ready_made():
-        return read_data_set(READY_MADE / f'{text}.yaml', data_root)
+        return read_data_set(READY_MADE / f'{text}.yaml', data_root, reading)
     raise ConfigError(f'{text}: no data set; give a YAML file or one of {", ".join(ready_made())}')
 
 
-def read_data_set(path: Path, base: Path) -> DataSet:
+def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
-    content = read_yaml(path)
+    content = read_yaml(path, reading)
     known = (
         'name',
         'title',

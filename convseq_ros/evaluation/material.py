@@ -107,7 +107,7 @@ def open_material(
                 f'{data_set.name}: {len(drive)} images in {part}, expected {part.count}; '
                 f'{data_set.where or "complete them"}'
             )
-    truth = _TRUTHS[data_set.truth.kind](data_set, *drives)
+    truth = _TRUTHS[data_set.truth.kind](data_set, *drives, reading)
     if data_set.online:
         truth = of_the_past(truth, data_set.exclude_recent)
     if not truth.known.any() and data_set.truth.kind != 'none':
@@ -115,7 +115,7 @@ def open_material(
             f'{data_set.name}: the truth gives no query a right reference; nothing could be '
             'measured (for a drive without revisits, say truth: {kind: none})'
         )
-    way_m = _way_m(data_set, drives[0])
+    way_m = _way_m(data_set, drives[0], reading)
     return replace(material, truth=truth, way_m=way_m, _drives={encoding: drives})
 
 
@@ -140,63 +140,67 @@ def _images(
     return images
 
 
-def _identity(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+def _identity(data_set: DataSet, query: Drive, reference: Drive, _: ReadingConfig) -> Truth:
     try:
         return same_index(len(query), len(reference), data_set.truth.tolerance)
     except SourceError as error:
         raise SourceError(f'{data_set.name}: {error}') from None
 
 
-def _table(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+def _table(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingConfig) -> Truth:
     said = data_set.truth
     assert said.path is not None
-    pairs = read_pairs(said.path, query.names, reference.names, said.first_index)
+    pairs = read_pairs(said.path, query.names, reference.names, said.first_index, reading)
     return listed(pairs, (len(query), len(reference)), said.tolerance, str(said.path))
 
 
-def _npy(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
+def _npy(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingConfig) -> Truth:
     said = data_set.truth
     shape = len(query), len(reference)
     assert said.path is not None
-    return listed(read_npy(said.path, shape), shape, said.tolerance, str(said.path))
+    return listed(read_npy(said.path, shape, reading), shape, said.tolerance, str(said.path))
 
 
-def _poses(data_set: DataSet, query: Drive, reference: Drive) -> Truth:
-    first = _positions(data_set, data_set.query, query, 'query')
+def _poses(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingConfig) -> Truth:
+    first = _positions(data_set, data_set.query, query, 'query', reading)
     second = (
         first
         if data_set.reference is None
-        else _positions(data_set, data_set.reference, reference, 'reference')
+        else _positions(data_set, data_set.reference, reference, 'reference', reading)
     )
     return within_radius(first, second, data_set.truth.radius_m)
 
 
-def _positions(data_set: DataSet, part: Part, drive: Drive, name: str) -> npt.NDArray[np.float64]:
+def _positions(
+    data_set: DataSet, part: Part, drive: Drive, name: str, reading: ReadingConfig
+) -> npt.NDArray[np.float64]:
     if part.backwards:
         raise SourceError(f'{data_set.name}: {name}: poses cannot go backwards; give a table')
     if data_set.truth.path is not None:
-        return read_positions(data_set.truth.path, name, len(drive))
-    track = PoseTrack(read_poses(part.path, part.odom))
+        return read_positions(data_set.truth.path, name, len(drive), reading)
+    track = PoseTrack(read_poses(part.path, part.odom, reading))
     poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
     return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])
 
 
-def _way_m(data_set: DataSet, query: Drive) -> npt.NDArray[np.float64] | None:
+def _way_m(
+    data_set: DataSet, query: Drive, reading: ReadingConfig
+) -> npt.NDArray[np.float64] | None:
     """Return how far along its way each frame was taken, (N,), where poses or drawing tell it."""
     if simulated := data_set.query.simulated:
         return np.array([simulated.drive.distance_m(index) for index in range(len(query))])
     if data_set.truth.kind != 'poses':
         return None
-    positions = _positions(data_set, data_set.query, query, 'query')
+    positions = _positions(data_set, data_set.query, query, 'query', reading)
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return np.concatenate(([0.0], np.nancumsum(steps)))
 
 
-def _none(_: DataSet, query: Drive, reference: Drive) -> Truth:
+def _none(_: DataSet, query: Drive, reference: Drive, _reading: ReadingConfig) -> Truth:
     return Truth(np.zeros((len(query), len(reference)), np.bool_))
 
 
-_TRUTHS: dict[str, Callable[[DataSet, Drive, Drive], Truth]] = {
+_TRUTHS: dict[str, Callable[[DataSet, Drive, Drive, ReadingConfig], Truth]] = {
     'identity': _identity,
     'table': _table,
     'npy': _npy,

@@ -172,16 +172,17 @@ def _onnx(material: Material, name: MethodName, _: Config) -> PairScores:
     return _by_cosine(*_descriptors(material, model.describe, facts))
 
 
-def _given_scores(material: Material, name: MethodName, _: Config) -> PairScores:
+def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
     lower = name.options.get('lower_is_better', 'false')
     if lower not in ('true', 'false'):
         raise ConfigError(f'method {name.label}: lower_is_better is true or false, not {lower!r}')
     queries, references = material.truth.right.shape
     path = Path(name.argument)
-    return PairScores(read_scores(path, queries, references, lower == 'true'))
+    scores = read_scores(path, queries, references, lower == 'true', config.reading)
+    return PairScores(scores)
 
 
-def _given_descriptors(material: Material, name: MethodName, _: Config) -> PairScores:
+def _given_descriptors(material: Material, name: MethodName, config: Config) -> PairScores:
     paths = name.argument.split(',')
     shape = material.truth.right.shape
     if len(paths) != (1 if material.data_set.online else 2):
@@ -190,7 +191,8 @@ def _given_descriptors(material: Material, name: MethodName, _: Config) -> PairS
             '(one file for a drive against its own past)'
         )
     query, *rest = (
-        read_descriptors(Path(path), count) for path, count in zip(paths, shape, strict=False)
+        read_descriptors(Path(path), count, config.reading)
+        for path, count in zip(paths, shape, strict=False)
     )
     reference = rest[0] if rest else query
     if query.shape[1] != reference.shape[1]:

@@ -162,7 +162,7 @@ def _online(material: Material, config: Config) -> Config:
 
 
 def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any]]:
-    online = config.online.mode == 'online'
+    online = config.online.grows
     _, reference = material.drives(config.encoding)
     reference_map = reference.reference_map
     if online:

@@ -26,6 +26,7 @@ thumbnails and the truth of the whole map.
 from collections.abc import Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,8 @@ from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from convseq_ros.files import read_array
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.files import read_array, read_text
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import COLUMNS, complete_or_absent, row
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +61,8 @@ class Run:
         What summary.json holds.
     frames : list of mapping
         The rows of frames.csv; empty fields are empty strings.
+    reading : ReadingConfig
+        Which files are too large.
 
     """
 
@@ -68,20 +71,21 @@ class Run:
     folder: Path
     summary: Mapping[str, Any]
     frames: list[dict[str, str]]
+    reading: ReadingConfig = ReadingConfig()
 
     def about_set(self) -> Mapping[str, Any]:
         """Return what set.json holds."""
-        return _read_json(self.folder.parent / 'set.json')
+        return _read_json(self.folder.parent / 'set.json', self.reading)
 
     def scores(self) -> npt.NDArray[np.float32] | None:
         """Return the pair scores, query by reference, if the folder has them."""
         path = self.folder / 'scores.npy'
-        return read_array(path) if path.exists() else None
+        return read_array(path, reading=self.reading) if path.exists() else None
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
         """Return which references are right, query by reference, with the whole map."""
         path = self._base() / 'truth.npz'
-        return read_array(path, 'right') if path.exists() else None
+        return read_array(path, 'right', self.reading) if path.exists() else None
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
@@ -197,9 +201,14 @@ def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) ->
     write_table(folder / 'summary.csv', names, rows)
 
 
-def read_run(folder: Path) -> list[Run]:
+def read_table(path: Path, reading: ReadingConfig) -> list[dict[str, str]]:
+    """Return a CSV table; SourceError if it cannot be read, csv.Error if it is none."""
+    return list(csv.DictReader(io.StringIO(read_text(path, 'a table', reading), newline='')))
+
+
+def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run]:
     """
-    Return every method on every set in a folder, by name.
+    Return every method on every set in a folder, by name, whose files are not too large.
 
     Raises
     ------
@@ -210,25 +219,23 @@ def read_run(folder: Path) -> list[Run]:
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
-            summary = _read_json(path)
-            refuse_irregular(path.parent / 'frames.csv')
-            with (path.parent / 'frames.csv').open(newline='', encoding='utf-8') as file:
-                frames = list(csv.DictReader(file))
-        except (OSError, ValueError, csv.Error) as error:
+            summary = _read_json(path, reading)
+            frames = read_table(path.parent / 'frames.csv', reading)
+        except (ValueError, csv.Error) as error:
             raise SourceError(
                 f'{path.parent}: damaged results ({error}); evaluate again'
             ) from None
-        runs.append(Run(path.parent.parent.name, path.parent.name, path.parent, summary, frames))
+        names = path.parent.parent.name, path.parent.name
+        runs.append(Run(*names, path.parent, summary, frames, reading))
     if not runs:
         raise SourceError(f'{folder}: no results of `convseq evaluate` in this folder')
     return runs
 
 
-def _read_json(path: Path) -> Mapping[str, Any]:
-    """Return the object in a file; ValueError if there is none."""
-    refuse_irregular(path)
+def _read_json(path: Path, reading: ReadingConfig) -> Mapping[str, Any]:
+    """Return the object in a file; SourceError if it cannot be read, ValueError if it is none."""
     try:
-        content = json.loads(path.read_text(encoding='utf-8'))
+        content = json.loads(read_text(path, 'a JSON file', reading))
     except RecursionError:
         raise ValueError(f'{path.name} is nested too deeply') from None
     if not isinstance(content, Mapping):

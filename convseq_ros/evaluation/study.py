@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Studies: one table of what a parameter, or a change of the query, does to the figures."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -25,10 +25,13 @@ from convseq_ros.evaluation.truth import Truth
 from convseq_ros.files import read_yaml
 from convseq_ros.parameter import refuse_unknown as refuse_unknown_parameters
 from convseq_ros.parameter import Value
+from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
 STUDIES = READY_MADE / 'studies'
 UNCHANGED = ('', 0.0)
+
+Each = Callable[[Callable[[Any], dict[str, Any]], Sequence[Any]], Iterable[dict[str, Any]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +66,7 @@ def ready_made_studies() -> list[str]:
     return sorted(path.stem for path in STUDIES.glob('*.yaml'))
 
 
-def read_study(path: Path, data_root: Path) -> Study:
+def read_study(path: Path, data_root: Path, reading: ReadingConfig = ReadingConfig()) -> Study:
     """
     Return what a study file, or a ready-made study of that name, says.
 
@@ -79,7 +82,7 @@ def read_study(path: Path, data_root: Path) -> Study:
         raise ConfigError(
             f'{path}: no study; give a YAML file or one of {", ".join(ready_made_studies())}'
         )
-    said = read_yaml(path)
+    said = read_yaml(path, reading)
     refuse_unknown(said, ('name', 'sets', 'methods', 'vary', 'change'), path)
     sets = _texts(said.get('sets', []), path, 'sets')
     if not sets:
@@ -94,7 +97,7 @@ def read_study(path: Path, data_root: Path) -> Study:
             check_change(kind, amount)
     return Study(
         str(said.get('name', path.stem)),
-        tuple(_data_set(text, path, data_root) for text in sets),
+        tuple(_data_set(text, path, data_root, reading) for text in sets),
         tuple(_texts(said.get('methods', ['convseq']), path, 'methods')),
         {name: tuple(map(core[name].check, values)) for name, values in vary.items()},
         {kind: tuple(map(float, amounts)) for kind, amounts in change.items()},
@@ -108,9 +111,12 @@ def run_study(
     cache: Cache,
     argv: tuple[str, ...] = (),
     report: Callable[[str], None] = lambda _: None,
+    each: Each = map,
 ) -> list[dict[str, Any]]:
     """
     Measure, and write DIR/<study>.csv and DIR/<study>.json.
+
+    `each` measures pieces, which are independent, and returns what comes of each, in their order.
 
     Returns
     -------
@@ -118,25 +124,14 @@ def run_study(
         The rows of the table.
 
     """
-    rows = []
-    for data_set in study.data_sets:
-        report(f'{data_set.name}: reading images')
-        whole = open_material(data_set, cache, config.encoding, config.reading)
-        for (kind, amount), material in _changed(whole, study.change):
-            for values in product(*study.vary.values()):
-                chosen = dict(zip(study.vary, values, strict=True))
-                settings = with_known(config, chosen)
-                for text in study.methods:
-                    shown = {**chosen, **({'change': kind, 'amount': amount} if kind else {})}
-                    report(f'{data_set.name}: {text} {shown}')
-                    rows.append(
-                        {
-                            'set': data_set.name,
-                            'method': parse_method(text).label,
-                            **shown,
-                            **_figures(material, text, settings, chosen),
-                        }
-                    )
+    pieces = [
+        _Piece(data_set, change, dict(zip(study.vary, values, strict=True)), text)
+        for data_set in study.data_sets
+        for change in _changes(study)
+        for values in product(*study.vary.values())
+        for text in study.methods
+    ]
+    rows = [*each(_Measuring(config, cache, report), pieces)]
     columns = dict.fromkeys(name for row in rows for name in row)
     rows = [{name: row.get(name) for name in columns} for row in rows]
     write_table(output / f'{study.name}.csv', columns, rows)
@@ -154,14 +149,50 @@ def run_study(
     return rows
 
 
-def _changed(
-    whole: Material, change: Mapping[str, tuple[float, ...]]
-) -> Iterator[tuple[tuple[str, float], Material]]:
-    if not change:
-        yield UNCHANGED, whole
-    for kind, amounts in change.items():
-        for amount in amounts:
-            yield (kind, amount), _with_change(whole, kind, amount)
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """What makes one row."""
+
+    data_set: DataSet
+    change: tuple[str, float]
+    chosen: Mapping[str, Value]
+    method: str
+
+
+class _Measuring:
+    """Measures pieces; reads, and changes, images once for those that follow each other."""
+
+    def __init__(self, config: Config, cache: Cache, report: Callable[[str], None]) -> None:
+        self._config, self._cache, self._report = config, cache, report
+        self._whole: Material | None = None
+        self._changed: tuple[tuple[str, float], Material] | None = None
+
+    def __call__(self, piece: _Piece) -> dict[str, Any]:
+        data_set, (kind, amount) = piece.data_set, piece.change
+        if self._whole is None or self._whole.data_set is not data_set:
+            self._report(f'{data_set.name}: reading images')
+            encoding, reading = self._config.encoding, self._config.reading
+            self._whole = open_material(data_set, self._cache, encoding, reading)
+            self._changed = None
+        if self._changed is None or self._changed[0] != piece.change:
+            changed = _with_change(self._whole, kind, amount) if kind else self._whole
+            self._changed = piece.change, changed
+        material, shown = self._changed[1], {**piece.chosen}
+        if kind:
+            shown |= {'change': kind, 'amount': amount}
+        self._report(f'{data_set.name}: {piece.method} {shown}')
+        settings = with_known(self._config, piece.chosen)
+        return {
+            'set': data_set.name,
+            'method': parse_method(piece.method).label,
+            **shown,
+            **_figures(material, piece.method, settings, piece.chosen),
+        }
+
+
+def _changes(study: Study) -> list[tuple[str, float]]:
+    changes = [(kind, amount) for kind, amounts in study.change.items() for amount in amounts]
+    return changes if study.change else [UNCHANGED]
 
 
 def _with_change(whole: Material, kind: str, amount: float) -> Material:
@@ -205,9 +236,10 @@ def _figures(
     }
 
 
-def _data_set(text: str, path: Path, data_root: Path) -> DataSet:
+def _data_set(text: str, path: Path, data_root: Path, reading: ReadingConfig) -> DataSet:
     beside = path.parent / text
-    return open_data_set(str(beside) if beside.suffix and beside.exists() else text, data_root)
+    known = str(beside) if beside.suffix and beside.exists() else text
+    return open_data_set(known, data_root, reading)
 
 
 def _texts(said: Any, path: Path, name: str) -> list[str]:

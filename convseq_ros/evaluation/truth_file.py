@@ -4,19 +4,25 @@
 
 from collections.abc import Callable, Mapping, Sequence
 import csv
+import io
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.array_pickle import read_objects
-from convseq_ros.files import read_array, read_array_header
+from convseq_ros.files import read_array, read_array_header, read_text
+from convseq_ros.reading_config import AS_PICKLE, ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 import numpy as np
 import numpy.typing as npt
 
 
 def read_pairs(
-    path: Path, query_names: Sequence[str], reference_names: Sequence[str], first_index: int = 0
+    path: Path,
+    query_names: Sequence[str],
+    reference_names: Sequence[str],
+    first_index: int = 0,
+    reading: ReadingConfig = ReadingConfig(),
 ) -> npt.NDArray[np.int64]:
     """
     Return the pairs of a table.
@@ -31,6 +37,8 @@ def read_pairs(
         File names, in the order of the frames.
     first_index : int
         The number that the table gives to the first frame.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Returns
     -------
@@ -43,11 +51,11 @@ def read_pairs(
         If the table cannot be read.
 
     """
-    with _explained(path, lambda: path.open(newline='', encoding='utf-8')) as file:
-        try:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-        except (csv.Error, UnicodeDecodeError):
-            raise SourceError(f'{path}: not a CSV table; check the file') from None
+    text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
+    try:
+        rows = [row for row in csv.reader(text) if any(cell.strip() for cell in row)]
+    except csv.Error:
+        raise SourceError(f'{path}: not a CSV table; check the file') from None
     header = [cell.strip().lower() for cell in rows[0]] if rows else []
     if len(header) < 2:
         raise SourceError(f'{path}: expected a header and the columns query, reference')
@@ -70,7 +78,9 @@ def read_pairs(
         raise SourceError(f'{path}: a number is no frame, it is too large') from None
 
 
-def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
+def read_npy(
+    path: Path, shape: tuple[int, int], reading: ReadingConfig = ReadingConfig()
+) -> npt.NDArray[np.int64]:
     """
     Return the pairs of a NumPy file.
 
@@ -81,6 +91,8 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
         plain array: bool of shape (Q, R), or integers of shape (P, 2).
     shape : tuple of 2 ints
         Queries and references that there are.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Returns
     -------
@@ -98,15 +110,17 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     nothing but arrays, numbers, strings and lists is let through.
 
     """
-    with _explained(path, lambda: path.open('rb')) as file:
-        try:
-            stored = _load(file, path)
-        except SourceError:
-            raise
-        except Exception as error:
-            raise SourceError(
-                f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
-            ) from None
+    refuse_irregular(path)
+    try:
+        stored = _load(path, reading)
+    except SourceError:
+        raise
+    except OSError as error:
+        raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
+    except Exception as error:
+        raise SourceError(
+            f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
+        ) from None
     if stored.dtype == np.bool_ and stored.ndim == 2:
         if stored.shape != shape:
             raise SourceError(
@@ -133,7 +147,9 @@ def read_npy(path: Path, shape: tuple[int, int]) -> npt.NDArray[np.int64]:
         raise SourceError(f'{path}: its rows are not query and list of references') from None
 
 
-def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64]:
+def read_positions(
+    path: Path, drive: str, count: int, reading: ReadingConfig = ReadingConfig()
+) -> npt.NDArray[np.float64]:
     """
     Return where the frames of a drive were taken.
 
@@ -146,6 +162,8 @@ def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64
         Which of the two.
     count : int
         Frames of the drive.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Raises
     ------
@@ -153,17 +171,15 @@ def read_positions(path: Path, drive: str, count: int) -> npt.NDArray[np.float64
         If the table cannot be read, or its rows are not as many as the frames.
 
     """
-    with _explained(path, lambda: path.open(newline='', encoding='utf-8')) as file:
-        try:
-            rows: list[Mapping[str, str]] = list(csv.DictReader(file))
-            own = [row for row in rows if row.get('drive', drive) == drive]
-            positions = [
-                [float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in own
-            ]
-        except (csv.Error, UnicodeDecodeError, KeyError, TypeError, ValueError):
-            raise SourceError(
-                f'{path}: expected a CSV table with the columns x, y, z in metres'
-            ) from None
+    text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
+    try:
+        rows: list[Mapping[str, str]] = list(csv.DictReader(text))
+        own = [row for row in rows if row.get('drive', drive) == drive]
+        positions = [[float(row['x']), float(row['y']), float(row.get('z') or 0)] for row in own]
+    except (csv.Error, KeyError, TypeError, ValueError):
+        raise SourceError(
+            f'{path}: expected a CSV table with the columns x, y, z in metres'
+        ) from None
     if len(positions) != count:
         raise SourceError(
             f'{path}: {len(positions)} positions for {count} {drive} images; give one for each'
@@ -184,16 +200,10 @@ def _numbers(names: Sequence[str], first_index: int) -> Callable[[str], int]:
     return number
 
 
-def _explained(path: Path, opened: Callable[[], Any]) -> Any:
-    refuse_irregular(path)
-    try:
-        return opened()
-    except OSError as error:
-        raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
-
-
-def _load(file: BinaryIO, path: Path) -> npt.NDArray[Any]:
-    shape, fortran, dtype = read_array_header(file)
-    if not dtype.hasobject:
-        return read_array(path)
-    return read_objects(file, shape, fortran)
+def _load(path: Path, reading: ReadingConfig) -> npt.NDArray[Any]:
+    with path.open('rb') as file:
+        shape, fortran, dtype = read_array_header(file)
+        if not dtype.hasobject:
+            return read_array(path, reading=reading)
+        reading.refuse_file(path, path.stat().st_size, AS_PICKLE)
+        return read_objects(file, shape, fortran)

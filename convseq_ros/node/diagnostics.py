@@ -157,6 +157,11 @@ class Diagnostics:
                 f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
                 'odometry by which to look as often; remap it: -r odom:=TOPIC'
             )
+        if situation.session.is_full:
+            return DiagnosticStatus.WARN, (
+                f'{situation.session.path}: has the size of max_map_mb, nothing is added; '
+                'its longest unused looks are left out when it is opened next'
+            )
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'
@@ -182,10 +187,10 @@ class Diagnostics:
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     match, session = statistics.last_match, situation.session
-    known = session.recognizer.localizer.localization
+    known = session.cameras.localization
     values: dict[str, object] = {
         'state': _state_word(situation),
-        'mode': 'online' if session.is_growing else 'preloaded',
+        'mode': session.recognizer.config.online.mode,
         'topic': situation.topic,
         'received': statistics.received,
         'processed': statistics.processed,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from convseq_ros.errors import SourceError
 from convseq_ros.node.conversions import image_message, stamp_from_ns
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import Source
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.recording import messages_of, Recording
@@ -45,6 +46,8 @@ class Playlist:
         Topics of the recording for `ODOM` and `CAMERA_INFO`, if they are played as well.
     start_s : float
         How many seconds to leave out from the first image on.
+    reading : ReadingConfig, optional
+        What is too large.
 
     Raises
     ------
@@ -53,8 +56,15 @@ class Playlist:
 
     """
 
-    def __init__(self, source: Source, path: Path, sides: dict[str, str], start_s: float) -> None:
-        self._source = source
+    def __init__(
+        self,
+        source: Source,
+        path: Path,
+        sides: dict[str, str],
+        start_s: float,
+        reading: ReadingConfig = ReadingConfig(),
+    ) -> None:
+        self._source, self._reading = source, reading
         self._path = path
         self._sides = sides
         self._start_s = start_s
@@ -109,7 +119,7 @@ class Playlist:
                 yield Cue(message.stamp_ns, what, _stamped(message))
 
     def _messages(self, what: str) -> Iterator[RawMessage]:
-        return messages_of(self._path, self._sides[what], *_SIDES[what])[1]
+        return messages_of(self._path, self._sides[what], *_SIDES[what], self._reading)[1]
 
 
 class Timeline:

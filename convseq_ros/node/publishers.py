@@ -147,5 +147,5 @@ class MatchPublishers:
 
     def _is_of_another_session(self, accepted: Candidate, recognizer: PlaceRecognizer) -> bool:
         """Return whether a growing map had the place already: its stamp is of another clock."""
-        grows = recognizer.config.online.mode == 'online'
+        grows = recognizer.config.online.grows
         return grows and accepted.reference_index < recognizer.mapping.session_start

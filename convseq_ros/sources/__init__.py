@@ -12,6 +12,7 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.cameras import SeveralCameras
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.natural_order import natural_key
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
@@ -61,7 +62,7 @@ def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
     topic : str, optional
         Image topic of a recording that has several.
     reading : ReadingConfig, optional
-        Which images are too large.
+        What is too large.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def open_annotated(
     poses : Path, optional
         File as for `read_pose_file`, instead of `odom`.
     reading : ReadingConfig, optional
-        Which images are too large.
+        What is too large.
 
     Raises
     ------
@@ -120,11 +121,38 @@ def open_annotated(
     pose_at: PoseAt | None = None
     frame = ''
     if poses:
-        pose_at = read_pose_file(poses, len(source))
+        pose_at = read_pose_file(poses, len(source), reading)
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
         pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
     return AnnotatedFrames(source, pose_at, _camera_of(path, camera_info, reading), frame)
+
+
+def open_cameras(
+    path: Path,
+    topics: str = '',
+    odom: str = '',
+    camera_info: str = '',
+    poses: Path | None = None,
+    reading: ReadingConfig = ReadingConfig(),
+) -> Source:
+    """
+    Open what `open_annotated` does, of several cameras if `topics` names several.
+
+    `camera_info` then names as many, or none; SourceError if it does not.
+    """
+    names, infos = topics.split(), camera_info.split()
+    if len(names) < 2:
+        return open_annotated(path, topics, odom, camera_info, poses, reading)
+    if infos and len(infos) != len(names):
+        raise SourceError(
+            f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
+        )
+    several = [
+        open_annotated(path, name, odom, info, poses, reading)
+        for name, info in zip(names, infos or [''] * len(names), strict=True)
+    ]
+    return SeveralCameras(several, several[0].pose_frame)
 
 
 def _track_at(track: PoseTrack) -> PoseAt:
@@ -136,7 +164,7 @@ def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf
         return None
     file = Path(camera_info)
     if file.is_file():
-        return lambda height, width: read_camera_file(file, height, width)
+        return lambda height, width: read_camera_file(file, height, width, reading)
     if path.is_dir() and not holds_recording(path):
         raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
     camera = read_camera(path, camera_info, reading)

@@ -15,13 +15,13 @@ import struct
 from typing import Any
 
 from convseq_ros.errors import SourceError
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.reading_config import AS_YAML, ReadingConfig
+from convseq_ros.regular_file import read_bytes, refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, inflated_size, RecordingLimits
 
 _SQLITE_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 _BAG_MAGIC = b'#ROSBAG V2.0\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
-_MOST_METADATA_BYTES = 1 << 24  # metadata.yaml of 10,000 files has 4 MB
 # A row takes 4 bytes of its file and some 20 steps of SQLite's machine to be counted.
 _STEPS_AT_ONCE, _STEPS_FREE, _STEPS_A_BYTE = 100_000, 10_000_000, 10
 _TABLES = ('messages', 'topics', 'schema', 'metadata', 'message_definitions')
@@ -54,7 +54,7 @@ def open_bounded(path: Path, limits: RecordingLimits) -> Any:
         elif file.suffix.lower() == '.bag':
             _check_magic(file, _BAG_MAGIC)
         elif file.name == 'metadata.yaml':
-            _check_metadata(file)
+            _check_metadata(file, limits.reading)
         elif file.suffix.lower() == '.zstd':
             size = file.stat().st_size
             most = max(limits.harmless_bytes, limits.ratio * size)
@@ -92,11 +92,9 @@ def check_chunks(path: Path, reader: Any, limits: RecordingLimits) -> None:
         if sum(chunk.chunk_length for chunk in chunks) > size:
             raise SourceError(f'{path}: its index lists more than its {size} bytes')
         limits.refuse_bomb(path, sum(chunk.uncompressed_size for chunk in chunks), size)
-        if _most_at_once(chunks) > limits.open_bytes:
-            raise SourceError(
-                f'{path}: more than {limits.open_bytes / 1e6:.0f} MB of its chunks are of the '
-                'same time; raise max_chunk_mb if there is memory'
-            )
+        half_mb = _most_at_once(chunks) / 2 / 1e6
+        what = f'{path}: half of {2 * half_mb:.0f} MB, whose chunks are of the same time,'
+        limits.reading.refuse_above('max_chunk_mb', half_mb, what)
 
 
 def _most_at_once(chunks: Iterable[Any]) -> int:
@@ -115,11 +113,8 @@ def _bound_chunks(limits: RecordingLimits) -> None:
     from rosbags.rosbag2 import storage_mcap
 
     def bounded(compression: str, data: bytes, size: int) -> bytes:
-        if size > limits.chunk_bytes:
-            raise SourceError(
-                f'a chunk of {size / 1e6:.0f} MB is larger than max_chunk_mb, '
-                f'{limits.chunk_bytes / 1e6:.0f} MB'
-            )
+        size_mb = size / 1e6
+        limits.reading.refuse_above('max_chunk_mb', size_mb, f'a chunk of {size_mb:.4g} MB')
         content = inflate(data, compression, size)
         if end_of_records(content, len(data)) != len(content):
             raise SourceError('a chunk holds something else than records')
@@ -178,12 +173,12 @@ def _check_magic(path: Path, magic: bytes) -> None:
             raise SourceError(f'{path}: does not begin as a recording does')
 
 
-def _check_metadata(path: Path) -> None:
+def _check_metadata(path: Path, reading: ReadingConfig) -> None:
     """Refuse parts that stand for others, of which a few lines make terabytes."""
-    with path.open('rb') as file:
-        text = file.read(_MOST_METADATA_BYTES + 1)
-    if len(text) > _MOST_METADATA_BYTES or (_ALIAS.search(text) and b'&' in text):
-        raise SourceError(f'{path}: has aliases, or more than {_MOST_METADATA_BYTES >> 20} MB')
+    refuse = functools.partial(reading.refuse_file, cost=AS_YAML)
+    text = read_bytes(path, "a recorder's metadata", refuse)
+    if _ALIAS.search(text) and b'&' in text:
+        raise SourceError(f'{path}: has aliases, such as *name; write their content instead')
 
 
 def _check_database(path: Path) -> None:

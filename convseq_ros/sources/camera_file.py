@@ -9,13 +9,15 @@ from typing import Any
 from convseq_ros.core.types import Camera
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.files import read_text, read_yaml
+from convseq_ros.reading_config import AS_YAML, ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
 
-_MOST_BYTES = 1_000_000  # of a file; calibrations have one or two thousand
 _PROJECTION = 12  # numbers of a 3 x 4 matrix
 
 
-def read_camera_file(path: Path, height: int, width: int) -> Camera:
+def read_camera_file(
+    path: Path, height: int, width: int, reading: ReadingConfig = ReadingConfig()
+) -> Camera:
     """
     Return the camera that a file describes.
 
@@ -26,6 +28,8 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
         KITTI's calib.txt: the first projection in it counts.
     height, width : int
         Of the images, pixels, which KITTI's file does not say.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Raises
     ------
@@ -33,9 +37,9 @@ def read_camera_file(path: Path, height: int, width: int) -> Camera:
         If the file cannot be read, is neither, or its camera is not calibrated.
 
     """
-    text = read_text(path, _MOST_BYTES, 'a calibration')
+    text = read_text(path, 'a calibration', reading, AS_YAML)
     try:
-        camera = camera_from_info(_projection(text, height, width) or _calibration(path))
+        camera = camera_from_info(_projection(text, height, width) or _calibration(path, reading))
     except (
         ArithmeticError,
         AttributeError,
@@ -62,8 +66,8 @@ def _projection(text: str, height: int, width: int) -> Any:
     return None
 
 
-def _calibration(path: Path) -> Any:
-    said = read_yaml(path)
+def _calibration(path: Path, reading: ReadingConfig) -> Any:
+    said = read_yaml(path, reading)
     matrix = [float(value) for value in said['camera_matrix']['data']]
     projection = said.get('projection_matrix', {}).get('data', [0.0] * _PROJECTION)
     size = int(said['image_width']), int(said['image_height'])

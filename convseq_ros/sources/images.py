@@ -25,8 +25,7 @@ Pixels = npt.NDArray[np.uint8]
 
 _READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _MEGA = 1_000_000
-_MOST_BYTES = 8  # a pixel of four numbers of 16 bits; larger ones belong to small pictures
-_USUAL_SCANS = 16  # scans; libjpeg's own progressive scripts have 10 at most (jcparam.c, 9e)
+_PIXEL_BYTES = 8  # a pixel of four numbers of 16 bits; larger ones belong to small pictures
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
@@ -97,7 +96,7 @@ def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray
         raise ImageError(
             f'data: {data.size} bytes is too short; {height} rows of step {step} take {needed}'
         )
-    _refuse_large(f'height, width: {height} x {width} px', height * width, reading)
+    reading.refuse_image(height * width, f'height, width: {height} x {width} px')
     shape = (height, width, encoding.bytes_per_pixel)
     strides = (step, encoding.bytes_per_pixel, 1)
     pixels = np.ascontiguousarray(np.ndarray(shape, np.uint8, data, 0, strides))
@@ -166,12 +165,7 @@ def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
         raise ImageError(
             f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
         )
-    _refuse_large(f'data: a picture of {asked.pixels / _MEGA:.3g} Mpx', asked.pixels, reading)
-    _refuse_large(
-        f'data: {asked.passes} scans of {asked.pixels / _MEGA:.3g} Mpx',
-        asked.pixels * asked.passes // _USUAL_SCANS,
-        reading,
-    )
+    reading.refuse_picture(asked, 'data')
     if _is_cut_jpeg(content):
         raise ImageError(f'data: {encoded.size} bytes of a JPEG that is cut short; send it whole')
     try:
@@ -198,16 +192,8 @@ def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Gray:
 
     """
     size = path.stat().st_size
-    _refuse_large(f'data: {size / _MEGA:.3g} MB', size // _MOST_BYTES, reading)
+    reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
     return decode_picture(path.read_bytes(), reading)
-
-
-def _refuse_large(what: str, pixels: int, reading: ReadingConfig) -> None:
-    if pixels > reading.max_image_mpx * _MEGA:
-        raise ImageError(
-            f'{what} is more than max_image_mpx, {reading.max_image_mpx:g}; send smaller images, '
-            'or raise it'
-        )
 
 
 def _is_cut_jpeg(data: bytes) -> bool:

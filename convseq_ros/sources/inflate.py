@@ -21,19 +21,14 @@ class RecordingLimits:
 
     # rosbag2 fills chunks to 768 KiB, Foxglove's tools to 4 MiB; then comes one message more,
     # which is at most an image of 64 Mpx in four bytes a pixel.
-    chunk_bytes: int = round(ReadingConfig().max_chunk_mb * _MEGA)
+    reading: ReadingConfig = ReadingConfig()
     # Images shrink to a third, drawn ones to a fiftieth; zeros to a thirty-thousandth.
     ratio: int = 1000
 
-    @classmethod
-    def of(cls, reading: ReadingConfig) -> 'RecordingLimits':
-        """Return the limits that parameters set."""
-        return cls(round(reading.max_chunk_mb * _MEGA))
-
     @property
-    def open_bytes(self) -> int:
-        """Return what may be in memory at once, of chunks that overlap in time."""
-        return 2 * self.chunk_bytes
+    def chunk_bytes(self) -> int:
+        """Return what one chunk may hold; those that overlap in time may twice as much."""
+        return round(self.reading.max_chunk_mb * _MEGA)
 
     @property
     def harmless_bytes(self) -> int:
@@ -42,12 +37,10 @@ class RecordingLimits:
 
     def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
         """Raise a SourceError if that many bytes are out of all proportion to a file's size."""
-        most = max(self.harmless_bytes, self.ratio * size)
-        if inflated > most:
-            raise SourceError(
-                f'{where}: its {size} bytes inflate to more than {most / 1e9:.3g} GB, which no '
-                'recording does; leave it out, or raise max_chunk_mb'
-            )
+        if inflated > self.ratio * size:
+            what = f'its {size} bytes inflate to {inflated / 1e9:.3g} GB, which no recording does'
+            fourth_mb = inflated / 4 / _MEGA
+            self.reading.refuse_above('max_chunk_mb', fourth_mb, f'{where}: {what}; a fourth')
 
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:

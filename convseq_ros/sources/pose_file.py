@@ -11,20 +11,20 @@ from convseq_ros.core.rigid import quaternion, ROBOT_LENS
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.files import read_text
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.pose_track import PoseTrack
 import numpy as np
 import numpy.typing as npt
 
 PoseAt = Callable[[int, int], Pose | None]  # from a frame's number and stamp in nanoseconds
 _TUM, _KITTI = 8, 12  # numbers in a line
-_MOST_BYTES = 200_000_000  # of a file; two million lines
 # KITTI's axes are those of a lens (x right, y down, z ahead), ours those of a robot (REP-103: x
 # ahead, y left, z up).
 _TO_ROBOT = ROBOT_LENS[:3, :3]
 _ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
 
 
-def read_pose_file(path: Path, frames: int) -> PoseAt:
+def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConfig()) -> PoseAt:
     """
     Return the poses of a file, one a line; empty lines and those that begin with # are left out.
 
@@ -37,6 +37,8 @@ def read_pose_file(path: Path, frames: int) -> PoseAt:
         axes, those of a lens, become those of a robot.
     frames : int
         That there are; KITTI's format has one line for each.
+    reading : ReadingConfig, optional
+        Which files are too large.
 
     Raises
     ------
@@ -44,7 +46,7 @@ def read_pose_file(path: Path, frames: int) -> PoseAt:
         If the file cannot be read, is neither, a line is not a pose, or there are not as many.
 
     """
-    rows = _rows(path)
+    rows = _rows(path, reading)
     size = len(rows[0][1])
     if size == _TUM:
         stamped = [
@@ -60,9 +62,9 @@ def read_pose_file(path: Path, frames: int) -> PoseAt:
     return lambda index, _stamp_ns: poses[index]
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
+def _rows(path: Path, reading: ReadingConfig) -> list[tuple[int, list[str]]]:
     """Return the lines' numbers, from 1, and their words; all alike many."""
-    text = read_text(path, _MOST_BYTES, 'a text file of poses, one a line')
+    text = read_text(path, 'a text file of poses, one a line', reading)
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
     rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
     if not rows:

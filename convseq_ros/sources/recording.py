@@ -142,11 +142,6 @@ class Recording:
             self.warnings.append(text)
 
 
-def image_messages(path: Path, topic: str = '') -> Iterator[RawMessage]:
-    """Yield the image messages of a recording as CDR; see `Recording.messages`."""
-    return Recording(path, topic).messages()
-
-
 class Poses(NamedTuple):
     """Poses by their stamps in nanoseconds, in order of time, and the frame that they are in."""
 
@@ -154,9 +149,11 @@ class Poses(NamedTuple):
     frame: str = ''  # if other recordings may have poses in the same
 
 
-def read_poses(path: Path, topic: str = '') -> list[tuple[int, Pose]]:
+def read_poses(
+    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+) -> list[tuple[int, Pose]]:
     """Return what `read_poses_in` does, without their frame."""
-    return read_poses_in(path, topic).stamped
+    return read_poses_in(path, topic, reading).stamped
 
 
 def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Poses:

@@ -50,7 +50,7 @@ def open_storage(
     path : Path
         A .mcap, .db3 or .bag file, or the folder that a recorder wrote.
     reading : ReadingConfig, optional
-        Which of its chunks are too large.
+        Which of its chunks and files are too large.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def open_storage(
 
     """
     refuse_irregular(path)
-    limits = RecordingLimits.of(reading)
+    limits = RecordingLimits(reading)
     if not path.exists():
         raise SourceError(f'{path}: no such file or folder; check the path')
     if not path.is_dir():

@@ -39,7 +39,7 @@ class TruncatedMcap:
     def __init__(self, path: Path, limits: RecordingLimits) -> None:
         self.path, self._limits = path, limits
         self.topics: dict[str, Topic] = {}
-        self._broken_at = -1
+        self._broken_at, self._largest = -1, 0
         times_ns: list[int] = []
         for message, topic in self._scan():
             times_ns = [*times_ns[:1], message.log_time_ns]
@@ -56,6 +56,8 @@ class TruncatedMcap:
             if self._broken_at >= 0
             else f'{path}: its index cannot be used, so it was read from start to end'
         )
+        what = f'; a chunk of {self._largest / 1e6:.4g} MB'
+        self.damage += limits.reading.above('max_chunk_mb', self._largest / 1e6, what)
 
     def messages(self, topic: str) -> Iterator[RawMessage]:
         """Yield the messages of a topic in the order in which they lie in the file."""
@@ -105,7 +107,7 @@ class TruncatedMcap:
                     return
                 if opcode == _NONE or at > len(data):
                     self._broken_at = start
-                    yield from _records_of_cut_chunk(data, start, self._limits.chunk_bytes)
+                    yield from self._records_of_cut_chunk(data, start)
                     return
                 if opcode not in _READ:
                     continue
@@ -115,13 +117,13 @@ class TruncatedMcap:
                     self._limits.refuse_bomb(self.path, inflated, len(data))
                     length = max(length, declared)
                 if length > self._limits.chunk_bytes:
-                    self._broken_at = start
+                    self._broken_at, self._largest = start, max(self._largest, length)
                     continue
                 try:
                     record = next(StreamReader(BytesIO(data[start:at]), True, True).records)
                 except Exception:
                     self._broken_at = start
-                    yield from _records_of_cut_chunk(data, start, self._limits.chunk_bytes)
+                    yield from self._records_of_cut_chunk(data, start)
                     return
                 if not isinstance(record, Chunk):
                     yield record
@@ -133,19 +135,22 @@ class TruncatedMcap:
             if self._broken_at < 0:
                 self._broken_at = len(data)
 
+    def _records_of_cut_chunk(self, data: mmap.mmap, start: int) -> Iterator[Any]:
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Chunk
 
-def _records_of_cut_chunk(data: mmap.mmap, start: int, most_bytes: int) -> Iterator[Any]:
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Chunk
-
-    if data[start : start + 1] != _CHUNK or len(data) - start > most_bytes:
-        return
-    try:
-        data.seek(start + _RECORD_HEAD_BYTES)
-        chunk = Chunk.read(ReadDataStream(data))  # type: ignore[arg-type]
-        yield from _records_of_chunk(chunk, most_bytes)
-    except Exception:
-        return
+        size = len(data) - start
+        if data[start : start + 1] != _CHUNK:
+            return
+        if size > self._limits.chunk_bytes:
+            self._largest = max(self._largest, size)
+            return
+        try:
+            data.seek(start + _RECORD_HEAD_BYTES)
+            chunk = Chunk.read(ReadDataStream(data))  # type: ignore[arg-type]
+            yield from _records_of_chunk(chunk, self._limits.chunk_bytes)
+        except Exception:
+            return
 
 
 def _declared_size(data: mmap.mmap, start: int) -> int:

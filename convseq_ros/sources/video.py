@@ -44,12 +44,10 @@ class Video:
         self.warnings: list[str] = []
         capture = self._opened()
         width, height = map(capture.get, (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        if width * height > reading.max_image_mpx * 1e6:
+        what = f'{path}: an image of {width:.0f} x {height:.0f} px'
+        if line := reading.above('max_image_mpx', width * height / 1e6, what):
             capture.release()
-            raise SourceError(
-                f'{path}: images of {width:.0f} x {height:.0f} px are more than max_image_mpx, '
-                f'{reading.max_image_mpx:g}; make them smaller, or raise it'
-            )
+            raise SourceError(line)
         self._count = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         rate = capture.get(cv2.CAP_PROP_FPS)
         self._interval_ns = round(1e9 / (rate if rate > 0 else 30.0))

@@ -7,9 +7,9 @@ import shutil
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.core.map.lifelong import KNOWN
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
-from convseq_ros.core.thinning import THINNING
 from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
@@ -65,7 +65,7 @@ def test_what_is_new_of_a_drive_is_kept_with_what_leads_to_it(thin):
     path, run = thin
     left = run('--session', 'branch')
     assert list(left) == ['first', 'branch', 'again']
-    assert len(NEW) + THINNING.window <= left['branch'] < 50
+    assert len(NEW) + KNOWN.window <= left['branch'] < 50
     opened = open_map(path)
     branch = [place.stamp_ns for place in opened.places if place.session == 1]
     assert branch[-1] == 10**18 + 10**12 + 49 * 10**9

@@ -7,6 +7,7 @@ from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Frame
 import numpy as np
@@ -30,8 +31,9 @@ def refused(monkeypatch):
     def refuse(*_args):
         raise CompiledError
 
-    exact = regional.float32()
-    monkeypatch.setattr(regional, 'float32', lambda: type(exact)(**_fields(exact, refuse)))
+    for name in ('float32', 'int8'):
+        fields = _fields(getattr(regional, name)(), refuse)
+        monkeypatch.setattr(regional, name, lambda fields=fields: PairScore(**fields))
 
 
 def _fields(pair, compare):
@@ -62,3 +64,14 @@ def test_every_kernel_says_the_same():
     assert found[0] == pytest.approx(found[1], abs=1e-6)
     assert PaperSimilarity()(first, first) == pytest.approx(1, abs=1e-6)
     assert Config().matching.kernel == 'auto'
+
+
+def test_a_rough_score_lies_on_the_side_of_the_limit_where_the_exact_one_does():
+    described = [describe(gray, SMALL) for gray in DRAWN]
+    similarity = PaperSimilarity()
+    pairs = [(one, other) for one in described for other in described]
+    exact = [similarity(*pair) for pair in pairs]
+    for limit in (*exact, *(score + 1e-5 for score in exact), 0.5, 0.9):
+        rough = [similarity(*pair, limit) for pair in pairs]
+        assert [one > limit for one in rough] == [one > limit for one in exact]
+        assert [one >= limit for one in rough] == [one >= limit for one in exact]

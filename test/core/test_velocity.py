@@ -130,6 +130,18 @@ def test_peaks_are_those_of_sequence_scores(kernels, rows, bounds):
 
 @pytest.mark.parametrize('kernels', KERNELS)
 @given(rows=DRAWN, velocity=strategies.sampled_from(BOTH), bounds=SESSIONS)
+def test_whole_scores_are_those_of_every_end(kernels, rows, velocity, bounds):
+    steps, ends = np.array(diagonal(len(rows), velocity)), np.arange(len(rows[0]))
+    module = import_module(f'convseq_ros.core.sequence.{kernels}')
+    found = module.whole_scores(rows, steps, bounds.starts)
+    # All but one of the ends are scored pair by pair.
+    for some in (ends[1:], ends[:-1]):
+        scores = sequence_scores(rows, velocity, some, bounds=bounds)
+        assert found[some] == pytest.approx(scores, abs=1e-5)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN, velocity=strategies.sampled_from(BOTH), bounds=SESSIONS)
 def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
     kernels, rows, velocity, bounds
 ):

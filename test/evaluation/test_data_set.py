@@ -82,7 +82,7 @@ def test_what_cannot_be_understood_is_refused_in_one_line(street, text, problem)
 def test_an_unknown_name_lists_the_known_ones(tmp_path):
     with pytest.raises(ConfigError, match='elsewhere: no data set; give a YAML file or one of al'):
         open_data_set('elsewhere')
-    with pytest.raises(ConfigError, match=r'absent.yaml: No such file'):
+    with pytest.raises(ConfigError, match=r'absent.yaml: no such file'):
         open_data_set(str(tmp_path / 'absent.yaml'))
 
 

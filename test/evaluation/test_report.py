@@ -365,7 +365,7 @@ def test_damaged_file_is_named_in_one_line(copy, tmp_path, capsys, name, content
     assert main(['report', str(copy), '--output', str(tmp_path / 'page.html')]) == 1
     told = capsys.readouterr().err
     assert one_line(told)
-    assert re.search(r'street./?(cohog|convseq)', told)
+    assert re.search(r'street./?(cohog|convseq|truth\.npz)', told)
     assert not (tmp_path / 'page.html').exists()
 
 

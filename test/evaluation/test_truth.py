@@ -96,7 +96,7 @@ def test_a_table_that_cannot_be_understood_is_refused_in_one_line(tmp_path, text
 
 
 def test_a_missing_table_is_named(tmp_path):
-    with pytest.raises(SourceError, match=r'gt.csv: No such file'):
+    with pytest.raises(SourceError, match=r'gt.csv: no such file'):
         read_pairs(tmp_path / 'gt.csv', NAMES, NAMES)
 
 

@@ -162,11 +162,12 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     pictures = client.listen(Image, '/vpr_node/debug_image')
     client.wait_until_known_to('/vpr_node')
     camera.publish(image(street[4], LATER_NS + SECOND))
-    client.wait_for(lambda: pictures)
-    assert len(pictures) == 1
-    assert (pictures[0].encoding, pictures[0].height) == ('bgr8', 264)
-    assert stamp_to_ns(pictures[0].header.stamp) == LATER_NS + SECOND
-    assert np.frombuffer(pictures[0].data, np.uint8).std() > 10
+    # A slow node may draw the first frame, too: its index is told before its picture is made.
+    of = {LATER_NS, LATER_NS + SECOND}
+    client.wait_for(lambda: pictures and stamp_to_ns(pictures[-1].header.stamp) == max(of))
+    assert {stamp_to_ns(one.header.stamp) for one in pictures} <= of
+    assert (pictures[-1].encoding, pictures[-1].height) == ('bgr8', 264)
+    assert np.frombuffer(pictures[-1].data, np.uint8).std() > 10
 
 
 def test_whoever_looks_sees_the_way_of_the_map_and_closures(client, vpr, map_path, street, image):

@@ -9,7 +9,7 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.sources import open_source
 from convseq_ros.sources.raw_message import typestore
-from convseq_ros.sources.recording import DECODERS, image_messages, read_poses, Recording
+from convseq_ros.sources.recording import DECODERS, read_poses, Recording
 import numpy as np
 import pytest
 
@@ -46,7 +46,7 @@ def test_two_iterations_do_not_disturb_each_other(recorder, layout, pictures):
 
 def test_raw_messages_are_cdr_with_time_and_type(recorder, layout, pictures):
     path = recorder.write(layout, recorder.drive(pictures))
-    messages = list(image_messages(path, TOPIC))
+    messages = list(Recording(path, TOPIC).messages())
     assert len(messages) == 12
     for i, (log_time_ns, type_name, cdr) in enumerate(messages):
         stamp_ns = recorder.start_ns + recorder.step_ns * i

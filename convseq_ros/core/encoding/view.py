@@ -12,8 +12,9 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Camera, Frame
-from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.picture_header import declared
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
 from convseq_ros.robot_config import RobotConfig
 import cv2
@@ -29,8 +30,6 @@ class MASK:
     """Of masks; engineering, not studied."""
 
     white: int = 128  # level from which on a pixel of a mask is seen
-    most_bytes: int = 1 << 26  # of its file
-    most_pixels: int = 256_000_000  # that a decoder goes over, in all scans of a JPEG together
     block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
 
 
@@ -83,7 +82,9 @@ def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:
     return replace(own, saliency_threshold=asked.saliency_threshold)
 
 
-def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
+def with_mask_read(
+    encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
+) -> EncodingConfig:
     """
     Return an encoding whose mask is the cells that are seen, as maps keep it, not a file's path.
 
@@ -94,7 +95,7 @@ def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
     path = encoding.image_mask
     if not path or path.startswith('#'):
         return encoding
-    picture = _read(Path(path))
+    picture = _read(Path(path), reading)
     turned = np.rot90(picture, encoding.image_rotation_deg // 90)
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
@@ -108,13 +109,15 @@ def with_mask_read(encoding: EncodingConfig) -> EncodingConfig:
     return replace(encoding, image_mask=kept)
 
 
-def _read(path: Path) -> npt.NDArray[np.uint8]:
+def _read(path: Path, reading: ReadingConfig) -> npt.NDArray[np.uint8]:
     try:
-        data = read_bytes(path, MASK.most_bytes, 'a picture')
-    except SourceError as error:
+        data = read_bytes(path, 'a picture', reading.refuse_file)
+        asked, picture = declared(data), None
+        if asked:
+            reading.refuse_picture(asked, str(path))
+    except (ImageError, SourceError) as error:
         raise ConfigError(f'image_mask: {error}') from None
-    asked, picture = declared(data), None
-    if asked and asked.pixels * asked.passes <= MASK.most_pixels:
+    if asked:
         with suppress(cv2.error):
             picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     if picture is None:

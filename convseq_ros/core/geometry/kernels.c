@@ -4,7 +4,8 @@
 
 enum {
     SPREAD = 32, // columns at a time; their sums stay in registers
-    FACTS = 5,   // of a displacement: row, column, rows and columns moved, similarity
+    VECTORS = SPREAD / LANES,
+    FACTS = 5, // of a displacement: row, column, rows and columns moved, similarity
 };
 
 typedef struct {
@@ -20,46 +21,56 @@ static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
 }
 
 // The products of each region with the one that lies so far away; images [side][32][side], and 32
-// numbers behind them that count for nothing.
+// numbers behind them that count for nothing. Rows of what is found begin where the part does.
 static inline void similarities(const float *query, const float *reference, intptr_t side,
-                                intptr_t down, intptr_t right, Part part, float *image)
+                                intptr_t down, intptr_t right, Part part, intptr_t wide,
+                                float *image)
 {
     for (intptr_t row = part.top; row < part.bottom; row++) {
-        const float *here = query + row * NUMBERS * side;
-        const float *there = reference + (row + down) * NUMBERS * side + right;
-        for (intptr_t first = part.left; first < part.right; first += SPREAD) {
-            float sums[SPREAD] = {0};
-            intptr_t count = part.right - first < SPREAD ? part.right - first : SPREAD;
+        const float *here = query + row * NUMBERS * side + part.left;
+        const float *there = reference + (row + down) * NUMBERS * side + part.left + right;
+        for (intptr_t first = 0; first < part.right - part.left; first += SPREAD) {
             const float *one = here + first, *other = there + first;
+            Floats sums[VECTORS] = {0};
             for (int number = 0; number < NUMBERS; number++, one += side, other += side)
-                for (int lane = 0; lane < SPREAD; lane++)
-                    sums[lane] += one[lane] * other[lane];
-            memcpy(image + row * side + first, sums, (size_t)count * sizeof *sums);
+#pragma GCC unroll 8
+                for (int part = 0; part < VECTORS; part++)
+                    sums[part] += floats(one + part * LANES) * floats(other + part * LANES);
+#pragma GCC unroll 8
+            for (int part = 0; part < VECTORS; part++)
+                store(image + row * wide + first + part * LANES, sums[part]);
         }
     }
 }
 
-// Add up lines, one weight each, over as many columns as stay in registers.
-static inline void weigh(const float *line, intptr_t apart, intptr_t count, const float *weights,
-                         float *sums)
+// Add up lines, one weight each.
+static inline Floats weighed(const float *line, intptr_t apart, intptr_t count,
+                             const float *weights)
 {
-    for (int lane = 0; lane < SPREAD; lane++)
-        sums[lane] = 0;
-    for (intptr_t step = 0; step < count; step++, line += apart)
-        for (int lane = 0; lane < SPREAD; lane++)
-            sums[lane] += weights[step] * line[lane];
+    Floats sum = {0};
+    for (intptr_t step = 0; step < count; step++)
+        sum += weights[step] * floats(line + step * apart);
+    return sum;
 }
 
-// Replace each number of a part by the weighted mean around it, of those that there are.
-static inline void smooth(float *image, intptr_t side, Part part, const float *weights,
-                          intptr_t radius, float *room)
+// Return numbers of the columns before `count`, and another one instead of those behind.
+static inline Floats before(Floats numbers, intptr_t first, intptr_t count, float behind)
 {
-    float *framed = room + side * side + SPREAD, *norms = framed + side + 2 * radius + SPREAD;
-    memset(framed, 0, (size_t)(side + 2 * radius + SPREAD) * sizeof *framed);
-    for (intptr_t x = part.left; x < part.right; x++) {
-        norms[x] = 0;
-        for (intptr_t step = -radius; step <= radius; step++)
-            if (x + step >= part.left && x + step < part.right)
+    Words is_before = *(const WordsAnywhere *)TURNED < (int32_t)(count - first);
+    return (Floats)chosen(is_before, (Words)numbers, (Words)spread(behind));
+}
+
+// Replace each number of a part by the weighted mean around it, of those that there are; -infinity
+// behind it. room: [side][wide + 2 * radius], zeros beside the image, and [wide] for the norms.
+static inline void smooth(float *image, intptr_t side, Part part, intptr_t wide,
+                          const float *weights, intptr_t radius, float *room)
+{
+    intptr_t framed = wide + 2 * radius, count = part.right - part.left;
+    float *norms = room + side * framed;
+    for (intptr_t x = 0; x < wide; x++) {
+        norms[x] = x < count ? 0 : 1;
+        for (intptr_t step = -radius; step <= radius && x < count; step++)
+            if (x + step >= 0 && x + step < count)
                 norms[x] += weights[step + radius];
     }
     for (intptr_t y = part.top; y < part.bottom; y++) {
@@ -69,35 +80,30 @@ static inline void smooth(float *image, intptr_t side, Part part, const float *w
         float norm = 0;
         for (intptr_t step = 0; step < bottom - top; step++)
             norm += own[step];
-        for (intptr_t x = part.left; x < part.right; x += SPREAD) {
-            float sums[SPREAD];
-            weigh(image + top * side + x, side, bottom - top, own, sums);
-            intptr_t count = part.right - x < SPREAD ? part.right - x : SPREAD;
-            for (intptr_t lane = 0; lane < count; lane++)
-                room[y * side + x + lane] = sums[lane] / norm;
+        for (intptr_t x = 0; x < wide; x += LANES) {
+            Floats sum = {0};
+            if (x < count)
+                sum = before(weighed(image + top * wide + x, wide, bottom - top, own), x, count, 0);
+            store(room + y * framed + radius + x, sum / norm);
         }
     }
-    for (intptr_t y = part.top; y < part.bottom; y++) {
-        size_t wide = (size_t)(part.right - part.left) * sizeof *framed;
-        memcpy(framed + part.left + radius, room + y * side + part.left, wide);
-        for (intptr_t x = part.left; x < part.right; x += SPREAD) {
-            float sums[SPREAD];
-            weigh(framed + x, 1, 2 * radius + 1, weights, sums);
-            intptr_t count = part.right - x < SPREAD ? part.right - x : SPREAD;
-            for (intptr_t lane = 0; lane < count; lane++)
-                image[y * side + x + lane] = sums[lane] / norms[x + lane];
+    for (intptr_t y = part.top; y < part.bottom; y++)
+        for (intptr_t x = 0; x < count; x += LANES) {
+            Floats sum = weighed(room + y * framed + x, 1, 2 * radius + 1, weights);
+            store(image + y * wide + x, before(sum / floats(norms + x), x, count, -INFINITY));
         }
-    }
 }
 
 // Take a row of similarities into the best so far, and which displacement gave them.
-static inline void keep_best(const float *restrict line, intptr_t count, float which,
-                             float *restrict best, float *restrict origin)
+static inline void keep_best(const float *line, intptr_t count, int32_t which, float *best,
+                             int32_t *origin)
 {
-    for (intptr_t x = 0; x < count; x++) {
-        int better = line[x] > best[x];
-        best[x] = better ? line[x] : best[x];
-        origin[x] = better ? which : origin[x];
+    for (intptr_t x = 0; x < count; x += LANES) {
+        Floats highest = floats(best + x);
+        Words from = *(const WordsAnywhere *)(origin + x);
+        keep_larger(floats(line + x), splat(which), &highest, &from);
+        store(best + x, highest);
+        *(WordsAnywhere *)(origin + x) = from;
     }
 }
 
@@ -109,10 +115,11 @@ static inline float beside(float before, float middle, float after)
     return off > -0.5f && off < 0.5f ? off : off >= 0.5f ? 0.5f : off <= -0.5f ? -0.5f : 0;
 }
 
-// What all displacements say: volume[span][span][side][side] by the place in the query.
+// What all displacements say: volume[span][span][side][wide] by the place in the query, where rows
+// begin with what lies in the reference as well.
 typedef struct {
     const float *volume;
-    intptr_t side, span, down, right; // the last two: what the first displacement is
+    intptr_t side, wide, span, down, right; // the last two: what the first displacement is
 } Volume;
 
 static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr_t y, intptr_t x,
@@ -123,14 +130,14 @@ static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr
     Part part = overlap(side, down, right);
     if (row < part.top || row >= part.bottom || column < part.left || column >= part.right)
         return NAN;
-    return all->volume[((i * all->span + j) * side + row) * side + column];
+    return all->volume[((i * all->span + j) * side + row) * all->wide + column - part.left];
 }
 
 // Fill in rows and columns moved, between cells; return 0 if the best is none, or on the border.
-static inline int refined(const Volume *all, float origin, intptr_t y, intptr_t x,
+static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_t x,
                           int is_reference, float moved[2])
 {
-    intptr_t i = (intptr_t)origin / all->span, j = (intptr_t)origin % all->span;
+    intptr_t i = origin / all->span, j = origin % all->span;
     if (origin < 0 || i == 0 || j == 0 || i == all->span - 1 || j == all->span - 1)
         return 0;
     float middle = similarity(all, i, j, y, x, is_reference);
@@ -152,34 +159,35 @@ KERNEL(displacements)(const float *query, const float *reference, intptr_t side,
                       intptr_t right, intptr_t reach, const float *weights, intptr_t radius,
                       float tolerance, float *found, int64_t *kept)
 {
-    intptr_t span = 2 * reach + 1, count = side * side;
-    // Similarities of each displacement; best and which, there and back; room to smooth, and what
-    // is read beyond a line's end.
-    size_t needed = (size_t)((span * span + 5) * count + 2 * (side + radius) + 3 * SPREAD);
-    float *volume = calloc(needed, sizeof *volume);
+    intptr_t span = 2 * reach + 1, wide = rounded_up(side, SPREAD);
+    // Best and which, there and back, and what is written behind the last row, unchanged.
+    intptr_t count = side * side + SPREAD, framed = side * (wide + 2 * radius);
+    size_t needed = (size_t)(span * span * side * wide + framed + wide + 4 * count);
+    float *volume = malloc(needed * sizeof *volume);
     if (!volume)
         return -1;
-    float *best = volume + span * span * count, *origin = best + 2 * count;
+    float *room = volume + span * span * side * wide, *best = room + framed + wide;
+    int32_t *origin = (int32_t *)(best + 2 * count);
     *kept = 0;
+    memset(room, 0, (size_t)framed * sizeof *room);
     for (intptr_t place = 0; place < 2 * count; place++) {
         best[place] = -INFINITY;
         origin[place] = -1;
     }
-    Volume all = {volume, side, span, down - reach, right - reach};
+    Volume all = {volume, side, wide, span, down - reach, right - reach};
     for (intptr_t which = 0; which < span * span; which++) {
         intptr_t lower = all.down + which / span, further = all.right + which % span;
         Part part = overlap(side, lower, further);
         if (part.top >= part.bottom || part.left >= part.right)
             continue;
-        float *image = volume + which * count;
-        similarities(query, reference, side, lower, further, part, image);
-        smooth(image, side, part, weights, radius, origin + 2 * count);
+        float *image = volume + which * side * wide;
+        similarities(query, reference, side, lower, further, part, wide, image);
+        smooth(image, side, part, wide, weights, radius, room);
         for (intptr_t y = part.top; y < part.bottom; y++) {
-            intptr_t here = y * side + part.left;
-            intptr_t there = count + (y + lower) * side + part.left + further;
-            intptr_t wide = part.right - part.left;
-            keep_best(image + here, wide, (float)which, best + here, origin + here);
-            keep_best(image + here, wide, (float)which, best + there, origin + there);
+            intptr_t here = y * side + part.left, there = count + here + lower * side + further;
+            intptr_t columns = part.right - part.left;
+            keep_best(image + y * wide, columns, (int32_t)which, best + here, origin + here);
+            keep_best(image + y * wide, columns, (int32_t)which, best + there, origin + there);
         }
     }
     for (intptr_t y = 0; y < side; y++)

@@ -14,6 +14,7 @@ from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 
 _COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
+_USES_EVERY_S = 30.0  # which cost a commit, too, and nothing when they are lost
 _PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
 
 
@@ -87,6 +88,7 @@ class Autosave(NoAutosave):
             self._opened = opened.pop_all()
         self._writing = Lock()
         self._error: MapError | None = None  # to be told
+        self._uses_due_s = time.monotonic() + _USES_EVERY_S
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()
@@ -98,7 +100,8 @@ class Autosave(NoAutosave):
         MapError, once, if it could not be written; it is tried again and again, without a word
         until it worked.
         """
-        if self.committed < len(self.reference_map):
+        uses_wait = self.reference_map.uses.wait and time.monotonic() >= self._uses_due_s
+        if uses_wait or self.committed < len(self.reference_map):
             self._news.set()
         error, self._error = self._error, None
         if error:
@@ -147,6 +150,18 @@ class Autosave(NoAutosave):
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
             self._writer.settle()
+        if self._end.is_set() or time.monotonic() >= self._uses_due_s:
+            self._write_uses()
+
+    def _write_uses(self) -> None:
+        self._uses_due_s = time.monotonic() + _USES_EVERY_S
+        if rows := (uses := self.reference_map.uses).take_changed(self.committed):
+            try:
+                self._refuse_replaced()
+                self._writer.keep_uses(rows)
+            except MapError:
+                uses.put_back(rows)
+                raise
 
     def _is_in_place(self) -> bool:
         with suppress(OSError):

@@ -9,7 +9,7 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, FURTHER, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -142,6 +142,11 @@ class Database:
                 remedy = f'run: convseq convert {path} NEW'
             raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
         found = self.rows('SELECT name, sql FROM sqlite_master')
+        if version == FORMAT_VERSION:
+            schema = {
+                **schema,
+                **{name: sql for name, sql in FURTHER.items() if (name, sql) in found},
+            }
         if len(found) != len(schema) or dict(found) != schema:
             others = sorted({str(name) for name, _ in found} - schema.keys())
             raise ValueError(f'{others or "tables"} that no map has')

@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from uuid import uuid4
 
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
@@ -15,6 +16,7 @@ from convseq_ros.core.map.opening import open_to_write
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
+from convseq_ros.core.map.uses import Use
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
@@ -124,6 +126,8 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
                 writer.add_session(part.session)
             for start in watch(range(0, len(every), _AT_ONCE)):
                 _copy(writer, parts, every[start : start + _AT_ONCE])
+            if uses := _uses(parts, every):
+                writer.keep_uses(uses)
         return writer.committed
 
 
@@ -146,6 +150,29 @@ def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, in
             place, poses = own.places[index], parts[number].poses
             place = replace(place, pose=poses.get(index, place.pose), session=number)
             writer.add(place, picture, own.global_descriptors[index])
+
+
+def _uses(parts: Sequence[Part], every: Sequence[tuple[int, int]]) -> list[tuple[int, Use]]:
+    """Return what places are good for; the first that is left of its looks is their first."""
+    firsts, found = dict[tuple[int, int], int](), list[tuple[int, Use]]()
+    for new, (number, at) in enumerate(every):
+        own = parts[number].reference_map
+        if len(own.uses):
+            first = firsts.setdefault((id(own), own.uses.first(at)), new)
+            use = replace(own.uses[at], look_of=None if first == new else first)
+            found += [(new, use)] if use != Use() else []
+    return found
+
+
+def runs_of(part: Part, runs: Sequence[range]) -> list[Part]:
+    """Return stretches of a session, as a session each."""
+    places, parts = part.reference_map.places, []
+    for number, run in enumerate(runs):
+        session = replace(part.session, start_ns=places[run.start].stamp_ns)
+        if number:
+            session = replace(session, id=str(uuid4()), name=f'{part.name} ({number + 1})')
+        parts.append(replace(part, session=session, places=run))
+    return [part] if [*runs] == [part.places] else parts
 
 
 def rename_session(part: Part) -> None:

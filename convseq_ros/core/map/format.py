@@ -4,9 +4,10 @@
 How a map is laid out in its SQLite file, format 4.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in their order. `places` is read when a map is opened; `pictures`
-and `images` when one is asked for. The cells are float16, divided by 64. Every row of every table
-has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
+the places of one lie together, in their order. `places`, and `uses` in the maps that have them,
+are read when a map is opened; `pictures` and `images` when one is asked for. The cells are
+float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
+bit refuses an answer and never changes one.
 """
 
 from collections.abc import Iterable
@@ -38,8 +39,13 @@ TABLES = {
     'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     # Of a place, as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
+    # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
+    'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
+    'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
 }
-SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+_CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
+FURTHER = {'uses': _CREATE.pop('uses')}  # tables that only some maps have
+SCHEMA = _CREATE
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')
 _UNSAID = {'image_mask': '', 'image_rotation_deg': 0}

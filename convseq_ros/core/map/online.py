@@ -6,7 +6,7 @@ import math
 
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame, Pose, Reason
+from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
 
 
 class PreloadedMap:
@@ -26,8 +26,11 @@ class PreloadedMap:
         """Return how many places, from the first, may be matched."""
         return len(self._map)
 
-    def add(self, frame: Frame, descriptor: Descriptor) -> None:
+    def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
+
+    def finish(self) -> None:
+        """Add what is still to be added at the end: nothing."""
 
 
 class OnlineMap(PreloadedMap):
@@ -59,13 +62,18 @@ class OnlineMap(PreloadedMap):
             self._usable += 1
         return self._usable
 
-    def add(self, frame: Frame, descriptor: Descriptor) -> None:
-        """Add a frame to the map unless it could not be read."""
+    def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
+        """Add a frame to the map unless it could not be read, whatever it was recognised as."""
         if frame.gray is not None:
-            if len(self._map) == self.session_start:
-                self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
-            self._map.add_frame(frame, descriptor, self._width_px)
-            self._passed_m.append(self._travelled_m)
+            begins = len(self._map) == self.session_start
+            self._append(frame, descriptor, self._travelled_m, begins)
+
+    def _append(self, frame: Frame, descriptor: Descriptor, passed_m: float, begins: bool) -> None:
+        """Add a frame that was passed after so many metres, and with which a session may begin."""
+        if begins:
+            self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
+        self._map.add_frame(frame, descriptor, self._width_px)
+        self._passed_m.append(passed_m)
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
@@ -86,9 +94,3 @@ class FollowedMap(PreloadedMap):
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
         return self._leader.update(stamp_ns, pose)
-
-
-def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
-    """Return the map as the mode has it."""
-    online = config.online.mode == 'online'
-    return OnlineMap(reference_map, config) if online else PreloadedMap(reference_map)

@@ -19,11 +19,13 @@ from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession,
 from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.uses import Use, Uses
 from convseq_ros.errors import MapError
 import numpy as np
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
+_LOWEST = -(1 << 63)  # integer of SQLite
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
@@ -125,8 +127,21 @@ class MapReader:
                 if (np.diff(of) < 0).any():
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
+            uses = self._uses(end)
         settings = self.encoding, places, self.pictures, self.keyframes
-        return ReferenceMap(*settings, self.settings.map_id, sessions)
+        return ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+
+    def _uses(self, end: int) -> Uses:
+        if not self._database.number("SELECT count(*) FROM sqlite_master WHERE name = 'uses'"):
+            return Uses()
+        rows, start = list[tuple[int, Use]](), _LOWEST
+        condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+        while some := self._sound('uses', condition, (start, _ROWS_AT_ONCE)):
+            rows += [(index, Use(*said)) for index, *said, _ in some]
+            start = some[-1][0] + 1
+        if foreign := [index for index, use in rows if not 0 <= index < end or use.is_off(end)]:
+            raise ValueError(f'reference {foreign[0]} has a use that cannot be')
+        return Uses(rows)
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""

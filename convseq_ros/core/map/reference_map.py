@@ -22,6 +22,7 @@ from convseq_ros.core.map.place import (
     unpack_cells,
 )
 from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.uses import Uses
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt
@@ -49,9 +50,11 @@ class ReferenceMap:
         keyframes: KeyframeConfig = KeyframeConfig(),
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
+        uses: Uses | None = None,
     ) -> None:
         self.encoding, self.keyframes = with_mask_read(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
+        self.uses = uses or Uses()
         self.cell_shape = cell_shape(encoding.image_size_px)
         self._places = Places(self.cell_shape) if places is None else places
         self.places: Sequence[Place] = self._places

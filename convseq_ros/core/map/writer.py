@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
+from collections.abc import Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 import sqlite3
@@ -15,6 +16,7 @@ from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import (
     APPLICATION_ID,
     FORMAT_VERSION,
+    FURTHER,
     MapSession,
     row_crc,
     SCHEMA,
@@ -25,6 +27,7 @@ from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
+from convseq_ros.core.map.uses import Use
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
@@ -101,9 +104,9 @@ class MapWriter:
             raise MapError(f'{self._path}: {EMPTY}; make it without appending')
         about = {**settings.rows, 'tool': __version__}
         with self._database.transaction('IMMEDIATE'):
-            for table, statement in SCHEMA.items():
-                if pages:
-                    self._database.rows(f'DROP TABLE {table}')
+            for table in (*SCHEMA, *FURTHER) if pages else ():
+                self._database.rows(f'DROP TABLE IF EXISTS {table}')
+            for statement in SCHEMA.values():
                 self._database.rows(statement)
             self._database.rows(f'PRAGMA application_id = {APPLICATION_ID}')
             self._database.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
@@ -155,6 +158,14 @@ class MapWriter:
             self._count, self._sessions = self.committed, before
             raise
 
+    def keep_uses(self, rows: Sequence[tuple[int, Use]]) -> None:
+        """Write and commit what places were good for, in place of what was known."""
+        with explained(self._path), self._database.transaction('IMMEDIATE'):
+            self._database.rows(FURTHER['uses'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
+            for index, use in rows:
+                self._database.rows('DELETE FROM uses WHERE reference_index = ?', (index,))
+                self._insert('uses', (index, use.look_of, use.answers, use.last_ns))
+
     def commit(self) -> None:
         """Make what was added safe."""
         with explained(self._path):
@@ -201,3 +212,4 @@ def save_map(reference_map: ReferenceMap, path: Path) -> None:
     with replaced(path) as part:
         with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
             writer.copy(reference_map, len(reference_map))
+            writer.keep_uses(reference_map.uses.rows(writer.committed))

@@ -38,9 +38,13 @@ static inline Words chosen(Words mask, Words yes, Words no) { return (mask & yes
 
 static inline Words larger(Words one, Words other)
 {
-    for (int lane = 0; lane < LANES; lane++)
-        one[lane] = one[lane] > other[lane] ? one[lane] : other[lane];
-    return one;
+#if defined(__AVX512F__)
+    return (Words)_mm512_max_epi32((__m512i)one, (__m512i)other);
+#elif defined(__AVX2__)
+    return (Words)_mm256_max_epi32((__m256i)one, (__m256i)other);
+#else
+    return (Words)vmaxq_s32((int32x4_t)one, (int32x4_t)other);
+#endif
 }
 
 // Where a number is larger than the best so far, keep it, and its label.
@@ -83,6 +87,15 @@ static inline float added_up(Floats *sums, int vectors)
     for (int half = LANES / 2; half; half /= 2)
         sums[0] += __builtin_shuffle(sums[0], *(const WordsAnywhere *)(TURNED + half));
     return sums[0][0];
+}
+
+// Return the largest of a vector's numbers.
+static inline int32_t largest(Words words)
+{
+#pragma GCC unroll 4
+    for (int half = LANES / 2; half; half /= 2)
+        words = larger(words, __builtin_shuffle(words, *(const WordsAnywhere *)(TURNED + half)));
+    return words[0];
 }
 
 // Return numbers in half precision as floats.

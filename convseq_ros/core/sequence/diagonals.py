@@ -66,10 +66,10 @@ def sequence_scores(
         raise ValueError('the newest frame of a sequence must be informative')
     steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
     ends = every if ends is None else ends
-    if partial and len(ends) == len(every):
-        found: Values = kernels_of(__package__).partial_scores(
-            rows, np.array(steps), bounds.starts
-        )
+    if len(ends) == len(every):
+        kernels = kernels_of(__package__)
+        compute = kernels.partial_scores if partial else kernels.whole_scores
+        found: Values = compute(rows, np.array(steps), bounds.starts)
         return found
     pairs = pairs_along(rows, ends, steps, np.float64, bounds)
     known = np.isfinite(pairs)

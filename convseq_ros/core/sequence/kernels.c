@@ -96,10 +96,14 @@ KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t 
     return 0;
 }
 
-// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs.
-KERNEL(partial_scores)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                       const float *expected, const int64_t *starts, intptr_t sessions,
-                       intptr_t frames, intptr_t fewest, float *scores)
+// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs. What
+// lies partly off its session counts, too, unless they are to be whole: then a diagonal, which
+// reaches from so far before its end or, negative, to after it, is scored inside its session
+// alone, and its mean is that of the known pairs.
+KERNEL(scores_along)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
+                     const float *expected, const int64_t *starts, intptr_t sessions,
+                     intptr_t frames, intptr_t fewest, intptr_t reach, intptr_t is_whole,
+                     float *scores)
 {
     int32_t known[ENDS];
     for (intptr_t session = 0, first = 0, start = 0; first < lengths[0];) {
@@ -107,9 +111,13 @@ KERNEL(partial_scores)(const float *const *rows, const intptr_t *lengths, const 
         intptr_t ends = end - first < ENDS ? end - first : ENDS;
         add_up(rows, lengths, steps, expected, start, end, frames, first, ends, scores + first,
                known);
-        for (intptr_t place = 0; place < ends; place++)
-            scores[first + place] =
-                known[place] >= fewest ? scores[first + place] / (float)frames : -INFINITY;
+        for (intptr_t place = 0; place < ends; place++) {
+            intptr_t at = first + place;
+            int is_inside = reach < 0 ? at < end + reach : at >= start + reach;
+            int is_scored = known[place] >= fewest && (is_inside || !is_whole);
+            float count = (float)(is_whole ? known[place] : frames);
+            scores[at] = is_scored ? scores[at] / count : -INFINITY;
+        }
         first += ends;
         if (first == end)
             session++, start = end;

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import ctypes
 from typing import Any
 
-from convseq_ros.core.compiled import array, kernel, SIZE
+from convseq_ros.core.compiled import address, array, kernel, SIZE
 from convseq_ros.core.sequence.numpy_kernels import mean_score, ONE
 from convseq_ros.core.types import Indices, Row
 import numpy as np
@@ -18,7 +18,7 @@ _STARTS = array('i8'), SIZE
 _peaks = kernel(
     'peaks', *_ROWS, *_STARTS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i8')
 )
-_partial_scores = kernel('partial_scores', *_ROWS, *_STARTS, SIZE, SIZE, array('f4'))
+_scores_along = kernel('scores_along', *_ROWS, *_STARTS, SIZE, SIZE, SIZE, SIZE, array('f4'))
 
 
 def peaks(
@@ -51,7 +51,18 @@ def partial_scores(
         expected = np.array([means[frame] for frame in there], np.float32)
     scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
     given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
-    _partial_scores(*given, len(shown), fewest, scores)
+    _scores_along(*given, len(shown), fewest, 0, False, scores)
+    return scores
+
+
+def whole_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> Row:
+    """Return what the twin of `numpy_kernels` does, to 1e-6."""
+    there, shown, lengths = _shown(rows)
+    scores, expected = np.empty(len(shown[0]), np.float32), np.zeros(len(shown), np.float32)
+    given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
+    _scores_along(*given, len(shown), -(-len(rows) // 2), int(steps[-1]), True, scores)
     return scores
 
 
@@ -63,4 +74,4 @@ def _shown(rows: Sequence[Row | None]) -> tuple[list[int], list[Row], npt.NDArra
 
 
 def _addresses(rows: Sequence[Row]) -> Any:
-    return (ctypes.c_void_p * len(rows))(*(row.ctypes.data for row in rows))
+    return (ctypes.c_void_p * len(rows))(*map(address, rows))

@@ -11,7 +11,7 @@ from convseq_ros.core.types import Descriptor
 
 def choose_length(
     outward: Sequence[Descriptor],
-    similarity: Callable[[Descriptor, Descriptor], float],
+    similarity: Callable[[Descriptor, Descriptor, float], float],
     config: SequenceConfig,
 ) -> int | None:
     """
@@ -19,7 +19,7 @@ def choose_length(
 
     It grows while its outermost frame still overlaps the anchor (little information gain), by
     their pair score in [0, 1], then while it holds too little entropy. None is returned if that
-    takes more frames than there are.
+    takes more frames than there are. `similarity` is told against what a score is compared.
 
     Notes
     -----
@@ -32,8 +32,8 @@ def choose_length(
     """
 
     def overlaps(length: int) -> bool:
-        other = outward[length - 1]
-        return not other.informative or similarity(outward[0], other) >= config.overlap_threshold
+        other, least = outward[length - 1], config.overlap_threshold
+        return not other.informative or similarity(outward[0], other, least) >= least
 
     available, length = len(outward), config.fixed_length or config.min_length
     if not config.fixed_length:

@@ -37,19 +37,26 @@ def peaks(
     """
     found = np.zeros((len(steps), 3))
     for velocity, own in enumerate(steps):
-        parts = _by_session(rows, starts)
-        scores = np.concatenate([_scores_inside(*_ahead(part, own)) for part in parts])
+        scores = whole_scores(rows, own, starts)
+        scores = scores[np.isfinite(scores)]
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
     return found
 
 
-def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
-    """Return the scores of diagonals inside one session, of those that have one."""
+def whole_scores(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
+) -> Row:
+    """Return what `sequence_scores` does of whole windows, (R,), as `partial_scores` does."""
+    return _in_order([_whole_scores(*part) for part in _parts(rows, steps, starts)], steps)
+
+
+def _whole_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
     newest, reach = rows[0], steps[-1]
     assert newest is not None
+    found = np.full(len(newest), -np.inf, np.float32)
     if reach >= len(newest):
-        return np.zeros(0, np.float32)
+        return found
     total, known = np.zeros((2, len(newest) - reach), np.float32)
     for row, step in zip(rows, steps, strict=True):
         if row is not None:
@@ -58,7 +65,8 @@ def _scores_inside(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> R
             total[: len(met)] += np.where(there, met, np.float32(0))
             known[: len(met)] += there
     scored = np.isfinite(newest[reach:]) & (known > 0) & (2 * known >= len(rows))
-    return np.asarray(total[scored] / known[scored], np.float32)
+    np.divide(total, known, out=found[reach:], where=scored)
+    return found
 
 
 def partial_scores(
@@ -84,16 +92,22 @@ def partial_scores(
     """
     if means is None:
         means = [0 if row is None else mean_score(row) for row in rows]
-    back = -1 if steps[-1] < 0 else 1
-    parts = (_ahead(part, steps) for part in _by_session(rows, starts))
-    return np.concatenate([_partial_scores(*part, means)[::back] for part in parts])
+    parts = _parts(rows, steps, starts)
+    return _in_order([_partial_scores(*part, means) for part in parts], steps)
 
 
-def _by_session(rows: Sequence[Row | None], starts: Indices) -> Iterator[list[Row | None]]:
-    """Yield the part of rows that each session has."""
+def _parts(
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices
+) -> Iterator[tuple[Sequence[Row | None], npt.NDArray[np.intp]]]:
+    """Yield what each session has of rows, and steps; read from the end if steps are negative."""
     ends = [*starts[1:].tolist(), None]
     for start, end in zip(starts.tolist(), ends, strict=True):
-        yield [None if row is None else row[start:end] for row in rows]
+        yield _ahead([None if row is None else row[start:end] for row in rows], steps)
+
+
+def _in_order(found: Sequence[Row], steps: npt.NDArray[np.intp]) -> Row:
+    """Return the scores of all sessions, in the order of the map."""
+    return np.concatenate([scores[::-1] if steps[-1] < 0 else scores for scores in found])
 
 
 def _ahead(

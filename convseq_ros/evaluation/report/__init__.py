@@ -6,16 +6,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.accuracies import accuracy
 from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import complete_or_absent
 
 MOST_MEGABYTES = 20.0
 
 
-def read_runs(folders: Iterable[Path]) -> list[Run]:
+def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Run]:
     """
     Return the runs of some result folders, set by set, the most accurate of each set first.
 
@@ -29,7 +30,7 @@ def read_runs(folders: Iterable[Path]) -> list[Run]:
     """
     runs: dict[tuple[str, str], Run] = {}
     for folder in folders:
-        for run in read_run(folder):
+        for run in read_run(folder, reading):
             _check(run)
             if (run.set, run.method) in runs:
                 run = replace(run, method=f'{run.method} ({folder.name})')
@@ -45,7 +46,7 @@ def _check(run: Run) -> None:
         )
         for matrix in (run.truth(), run.scores()) if sound else ():
             sound &= matrix is None or matrix.ndim == 2
-    except (OSError, ValueError, SourceError):
+    except (OSError, ValueError):
         sound = False
     if not sound:
         raise ConvseqError(f'{run.folder}: damaged results; run `convseq evaluate` again')

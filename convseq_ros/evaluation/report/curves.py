@@ -4,16 +4,14 @@
 
 from collections.abc import Mapping, Sequence
 import csv
-from pathlib import Path
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.chart import Chart, method_color, method_dash, thinned
 from convseq_ros.evaluation.report.summary_table import number
-from convseq_ros.evaluation.run_folder import Run
-from convseq_ros.regular_file import refuse_irregular
+from convseq_ros.evaluation.run_folder import read_table, Run
 
 
-def read_curve(folder: Path) -> tuple[list[float], list[float]]:
+def read_curve(run: Run) -> tuple[list[float], list[float]]:
     """
     Return recall and precision of a run, both falling in threshold; empty if it has no curve.
 
@@ -23,15 +21,12 @@ def read_curve(folder: Path) -> tuple[list[float], list[float]]:
         If the file does not hold numbers under these two names.
 
     """
-    path = folder / 'curve.csv'
+    path = run.folder / 'curve.csv'
     if not path.exists():
         return [], []
-    refuse_irregular(path)
     try:
-        with path.open(newline='', encoding='utf-8') as file:
-            rows = [
-                (float(row['recall']), float(row['precision'])) for row in csv.DictReader(file)
-            ]
+        table = read_table(path, run.reading)
+        rows = [(float(row['recall']), float(row['precision'])) for row in table]
     except (KeyError, TypeError, ValueError, csv.Error):
         raise ConvseqError(
             f'{path}: not a precision-recall curve; run `convseq evaluate` again'
@@ -46,7 +41,7 @@ def curves_chart(runs: Sequence[Run], colors: Mapping[str, int]) -> Chart:
     chart = Chart(545, 412, label, name)
     axes = chart.plane((48, 28, 480, 340), 'precision', 'recall', xlim=(0, 1), ylim=(0, 1))
     for place, run in enumerate(runs):
-        recall, precision = read_curve(run.folder)
+        recall, precision = read_curve(run)
         if recall:
             (line,) = axes.plot(
                 thinned([0.0, *recall]),

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from convseq_ros.evaluation.report.verdict import Seen
 from convseq_ros.evaluation.run_folder import Run
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.regular_file import read_bytes
 
 FIELDS = (
     'query', 'verdict', 'best', 'truth', 'correct', 'known', 'slip', 'length', 'score', 'margin',
@@ -18,7 +20,8 @@ FIELDS = (
 class Pictures:
     """Thumbnails as data URIs, each one held once however many runs show it."""
 
-    def __init__(self) -> None:
+    def __init__(self, reading: ReadingConfig) -> None:
+        self._reading = reading
         self._places: dict[str, int] = {}
         self._numbers: dict[Path, int | None] = {}
 
@@ -36,10 +39,7 @@ class Pictures:
         return self._numbers[path]
 
     def _read(self, path: Path) -> int | None:
-        try:
-            content = path.read_bytes()
-        except OSError:
-            return None
+        content = read_bytes(path, 'a thumbnail', self._reading.refuse_file)
         whole = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
         if not whole:
             return None
@@ -51,7 +51,7 @@ def browser_data(
     runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], step: int
 ) -> dict[str, object]:
     """Return what the script needs; only every `step`-th frame is kept."""
-    pictures = Pictures()
+    pictures = Pictures(runs[0].reading)
     told = [
         {
             'set': run.set,

@@ -163,13 +163,9 @@ static void match_bytes(Pair *pair, const void *query, const void *reference, in
                    (const int8_t *)reference + vector * LANES * NUMBERS, pair->sums + first,
                    pair->labels + vector * ROWS, (int32_t)first, best, pair->columns + vector,
                    pair->places + vector);
-    for (int row = 0; row < ROWS; row++) {
-        int32_t highest = INT32_MIN;
-        for (int lane = 0; lane < LANES; lane++)
-            if (best[row][lane] >= highest) {
-                highest = best[row][lane];
-                pair->there[first + row] = (highest & VECTOR) * LANES + lane;
-            }
+    for (int row = 0; row < ROWS; row++) { // of equal products the last region's counts here, too
+        Words regions = (best[row] & VECTOR) * LANES + *(const WordsAnywhere *)TURNED;
+        pair->there[first + row] = largest((best[row] & ~LABEL) | regions) & LABEL;
     }
 }
 

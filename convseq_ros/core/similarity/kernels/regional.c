@@ -23,12 +23,8 @@ KERNEL(score_bytes)(const QueryNumber *query, const int32_t *start, intptr_t cou
                 for (int row = 0; row < ROWS; row++)
                     best[row] = larger(best[row], larger(sums[row][0], sums[row][1]));
             }
-            for (int row = 0; row < ROWS && first + row < count; row++) {
-                int32_t highest = 0;
-                for (int lane = 0; lane < LANES; lane++)
-                    highest = best[row][lane] > highest ? best[row][lane] : highest;
-                total += highest >> SUM_SHIFT;
-            }
+            for (int row = 0; row < ROWS && first + row < count; row++)
+                total += largest(best[row]) >> SUM_SHIFT;
         }
         double score = (double)total / ((double)count * scale);
         scores[one] = (float)(score < 1 ? score : 1);

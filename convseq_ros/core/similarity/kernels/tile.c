@@ -10,6 +10,8 @@
 // Add dot products of bytes. A product is exact, so all processors find the same.
 INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words sums[ROWS][2])
 {
+    // Else the compiler keeps the address of every number, and runs out of registers.
+    __asm__("" : "+r"(query));
 #pragma GCC unroll 8
     for (int step = 0; step < STEPS; step++) {
         Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);

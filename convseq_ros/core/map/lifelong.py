@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Lifelong mapping: what the map knows already is passed over, and what answers is counted."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from convseq_ros.config import Config
+from convseq_ros.core.constants import constants
+from convseq_ros.core.map.online import OnlineMap, PreloadedMap
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Descriptor, Frame, Match, Reason
+
+Item = TypeVar('Item')
+Waiting = tuple[Frame, Descriptor, float]  # with the metres after which it was passed
+
+_SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+
+
+@constants
+class KNOWN:
+    """Of what is passed over or left out; by drawn drives of one town (docs/MATCHING.md)."""
+
+    # Share of the regions that move alike, above which two looks are alike: on drawn streets .64
+    # between two nights and .7 and more between days, clouds and evenings, but .52 between night
+    # and day.
+    alike: float = 0.55
+    least_confidence: float = 0.95
+    window: int = 16  # places to either side over which that is asked, and that are kept for it
+
+
+def sure_of(match: Match | None) -> int | None:
+    """Return the place that a match surely says, if it does."""
+    confidence = match.confidence if match and match.reason in _SURE else None
+    if confidence is None or confidence < KNOWN.least_confidence or not (match and match.best):
+        return None
+    return match.best.reference_index
+
+
+def is_alike(match: Match | None, cells: int) -> bool:
+    """Return whether a place looks like the best of its match, with so many cells a side."""
+    inliers = match.best.inliers if match and match.best else None
+    return (inliers or 0) >= KNOWN.alike * (cells - 2) ** 2  # regions of 3 x 3 cells
+
+
+@dataclass(frozen=True, slots=True)
+class Kept(Generic[Item]):
+    """A place of a drive that is kept."""
+
+    item: Item
+    begins: bool  # whether the place before it was not kept
+    look_of: int | None  # the place that it is surely another look of, if it is
+
+
+class Sieve(Generic[Item]):
+    """
+    Keeps the places of a drive that are new, one by one, 32 later.
+
+    Where half of the places within `window` are recognised surely, and half look alike, a place
+    can be done without; the others are kept, with so many places before and after, as sequences
+    take them. What is kept between two places that are recognised surely, both within `window`, is
+    a look of what the first of them was recognised as.
+    """
+
+    def __init__(self) -> None:
+        self._waiting, self._looks = deque[Item](), deque[int | None]()
+        self._near = deque[tuple[int | None, bool]](maxlen=2 * KNOWN.window + 1)
+        self._count = self._judged = self._out = 0
+        self._new = -KNOWN.window - 1  # the last place that cannot be done without
+        self._is_open = False  # whether the last place was kept
+
+    def put(self, item: Item, surely: int | None, is_alike: bool) -> Iterator[Kept[Item]]:
+        """Take in a place, and what it is surely recognised as; yield what is to be kept."""
+        self._waiting.append(item)
+        self._near.append((surely, is_alike))
+        self._count += 1
+        if self._count > KNOWN.window:
+            self._judge()
+        if self._count > 2 * KNOWN.window:
+            yield from self._next()
+
+    def end(self) -> Iterator[Kept[Item]]:
+        """Yield what is left of a drive that ended; to be asked once."""
+        while self._judged < self._count:
+            if self._count - len(self._near) < self._judged - KNOWN.window:
+                self._near.popleft()
+            self._judge()
+        while self._waiting:
+            yield from self._next()
+
+    def _judge(self) -> None:
+        """Judge a place by those near it."""
+        known = [surely for surely, _ in self._near]
+        sure = [surely is not None for surely in known]
+        if min(sum(sure), sum(is_alike for _, is_alike in self._near)) * 2 < len(sure):
+            self._new = self._judged
+        middle = self._judged - (self._count - len(known))  # the place itself
+        before = [one for one in known[: middle + 1] if one is not None]
+        self._looks.append(before[-1] if before and any(sure[middle:]) else None)
+        self._judged += 1
+
+    def _next(self) -> Iterator[Kept[Item]]:
+        item, look_of = self._waiting.popleft(), self._looks.popleft()
+        was_open, self._is_open = self._is_open, self._new >= self._out - KNOWN.window
+        self._out += 1
+        if self._is_open:
+            yield Kept(item, not was_open, look_of)
+
+
+class LifelongMap(OnlineMap):
+    """
+    Adds what is new of this session, 32 places later, and counts what answers.
+
+    What waits is lost in a crash. `is_full` tells whether the map may not grow any more.
+    """
+
+    def __init__(
+        self, reference_map: ReferenceMap, config: Config, name: str = '', frame: str = ''
+    ) -> None:
+        self._sieve = Sieve[Waiting]()
+        self.is_full: Callable[[], bool] = lambda: False
+        super().__init__(reference_map, config, name, frame)
+
+    def reset(self) -> None:
+        self.finish()
+        super().reset()
+
+    def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
+        """Take in a frame and its answer; add what turns out to be new."""
+        if frame.gray is None:
+            return
+        surely = sure_of(_match)
+        if surely is not None:
+            self._map.uses.answered(surely, frame.stamp_ns)
+        alike = is_alike(_match, self._map.cell_shape[0])
+        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), surely, alike))
+
+    def finish(self) -> None:
+        """Add what is new of the last places."""
+        self._keep(self._sieve.end())
+        self._sieve = Sieve()
+
+    def _keep(self, places: Iterator[Kept[Waiting]]) -> None:
+        for kept in places:
+            if not self.is_full():
+                self._append(*kept.item, kept.begins)
+                if kept.look_of is not None:
+                    self._map.uses.looks_like(len(self._map) - 1, kept.look_of)
+
+
+def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return the map as the mode has it."""
+    if not config.online.grows:
+        return PreloadedMap(reference_map)
+    kind = LifelongMap if config.online.mode == 'lifelong' else OnlineMap
+    return kind(reference_map, config)

@@ -1,0 +1,239 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every limit of what is read is a parameter; the line when it bites tells what to set."""
+
+import argparse
+import ast
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+import re
+from types import SimpleNamespace
+
+from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
+from convseq_ros.cli.options import read_parameter_file
+from convseq_ros.cli.recording_info import describe_recording
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.errors import ConvseqError
+from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.run_folder import read_run
+from convseq_ros.evaluation.study import read_study
+from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.parameter import parameters
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources import open_source
+from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.images import decode_image
+from convseq_ros.sources.pose_file import read_pose_file
+import cv2
+import numpy as np
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / 'convseq_ros'
+LINE = re.compile(r' is more than (\w+), [\d.]+; make it smaller, or set \1 to ([\d.]+)')
+LEAST = {item.name: item.low for item in parameters(ReadingConfig)}
+PADDING = '# ' * 40 + '\n'
+CALIBRATION = 'P0: 700 0 320 0 0 700 240 0 0 0 1 0\n'
+DATA_SET = 'name: a\nquery: {path: a}\nreference: {path: b}\ntruth: {kind: identity}\n'
+IMAGE = np.full((512, 512), 255, np.uint8)
+IMAGE[::2, 0] = 254
+
+
+def text_of(content):
+    return lambda path: path.write_text(content)
+
+
+def array_of(content):
+    def write(path):
+        with path.open('wb') as file:
+            np.save(file, content)
+
+    return write
+
+
+def picture(path):
+    path.write_bytes(cv2.imencode('.png', IMAGE)[1].tobytes())
+
+
+def folder_of_pictures(path):
+    path.mkdir()
+    picture(path / '1.png')
+
+
+def results(path):
+    own = path / 'set' / 'method'
+    own.mkdir(parents=True)
+    (own / 'summary.json').write_text('{}')
+    (own / 'frames.csv').write_text('a,b\n' + '1,2\n' * 50)
+
+
+def pickled():
+    rows = np.empty((60, 2), object)
+    for index in range(60):
+        rows[index] = [index, [index]]
+    return rows
+
+
+WHOLE_FILES = {
+    'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
+    'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
+    'study': (
+        text_of(PADDING * 50 + 'sets: [corridor]'),
+        lambda path, reading: read_study(path, path.parent, reading),
+    ),
+    'calibration': (
+        text_of(PADDING + CALIBRATION),
+        lambda path, reading: read_camera_file(path, 480, 640, reading),
+    ),
+    'poses': (
+        text_of('1 0 0 0 0 0 0 1\n' * 20),
+        lambda path, reading: read_pose_file(path, 20, reading),
+    ),
+    'pairs': (
+        text_of('query,reference\n' + '0,0\n' * 60),
+        lambda path, reading: read_pairs(path, ['a'], ['b'], reading=reading),
+    ),
+    'positions': (
+        text_of('x,y\n' + '0,0\n' * 60),
+        lambda path, reading: read_positions(path, 'query', 60, reading),
+    ),
+    'truth': (array_of(np.eye(60, dtype=bool)), lambda p, r: read_npy(p, (60, 60), r)),
+    'pickled truth': (array_of(pickled()), lambda p, r: read_npy(p, (60, 60), r)),
+    'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
+    'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
+    'results': (results, read_run),
+    'mask': (picture, lambda p, r: with_mask_read(EncodingConfig(image_mask=str(p)), r)),
+}
+
+
+def line_of(read, reading):
+    """Return the parameter and the value that a refusal tells."""
+    with pytest.raises(ConvseqError) as caught:
+        read(reading)
+    found = LINE.search(str(caught.value))
+    assert found, caught.value
+    return found[1], float(found[2])
+
+
+def refused_then_read(name, read, others=ReadingConfig()):
+    told, value = line_of(read, replace(others, **{name: LEAST[name]}))
+    assert told == name
+    read(replace(others, **{name: value}))
+
+
+@pytest.mark.parametrize('kind', WHOLE_FILES)
+def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
+    write, read = WHOLE_FILES[kind]
+    path = tmp_path / ('file.yaml' if kind in ('data set', 'study') else 'file')
+    write(path)
+    refused_then_read('max_file_mb', lambda reading: read(path, reading))
+    read(path, ReadingConfig())
+
+
+def test_the_metadata_of_a_recording(recorder, pictures):
+    path = recorder.write('mcap folder', recorder.drive(pictures))
+
+    def read(reading):
+        warnings = describe_recording(path, reading)['warnings']
+        if warnings:
+            # Its files are read one by one.
+            raise ConvseqError(re.sub(r'\);.*', '', warnings[0]))
+
+    refused_then_read('max_file_mb', read)
+
+
+@pytest.mark.parametrize('layout', ['mcap zstd', 'ros1 bag'])
+def test_a_chunk(recorder, layout):
+    path = recorder.write(layout, recorder.drive([np.zeros((1100, 1000), np.uint8)] * 2))
+    for read in (describe_recording, lambda path, reading: [*open_source(path, '', reading)]):
+        with pytest.raises(ConvseqError, match='max_chunk_mb'):
+            [read(path, ReadingConfig(max_chunk_mb=1.0)), *open_source(path, '', ReadingConfig())]
+            [*open_source(path, '', ReadingConfig(max_chunk_mb=1.0))]
+        read(path, ReadingConfig(max_chunk_mb=1.2))
+
+
+@pytest.mark.parametrize(
+    'read',
+    [
+        lambda path, reading: next(iter(open_source(path, reading=reading))).gray,
+        lambda path, reading: with_mask_read(EncodingConfig(image_mask=f'{path}/1.png'), reading),
+        lambda _, reading: decode_image(
+            SimpleNamespace(
+                height=512, width=512, encoding='mono8', step=512, is_bigendian=0, data=IMAGE
+            ),
+            reading,
+        ),
+    ],
+)
+def test_an_image(tmp_path, read):
+    folder_of_pictures(tmp_path / 'pictures')
+    refused_then_read('max_image_mpx', lambda reading: read(tmp_path / 'pictures', reading))
+
+
+def test_the_line_gives_no_value_that_the_parameter_does_not_take():
+    line = ReadingConfig().above('max_image_mpx', 4225.0, 'x')
+    assert line.endswith('make it smaller, or max_image_mpx goes to 1000')
+
+
+@pytest.mark.parametrize(
+    'command', ['build-map', 'replay', 'evaluate', 'info', 'report', 'locate', 'demo']
+)
+def test_a_command_that_reads_files_takes_every_limit(command):
+    parser = argparse.ArgumentParser()
+    import_module(f'convseq_ros.cli.{command.replace("-", "_")}').describe(parser)
+    for name in LEAST:
+        assert f'--{name.replace("_", "-")}' in parser.format_help()
+
+
+def _named(path, name):
+    """Return what tells private functions of the same name apart."""
+    return (path.name if name.startswith('_') else '', name)
+
+
+def functions_and_calls():
+    """Return the place of the argument `reading` of who has one, and all calls by name."""
+    places, calls = {}, []
+    for path in set(PACKAGE.rglob('*.py')) - set(PACKAGE.glob('core/map/*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.ClassDef):
+                for item in node.body:
+                    if isinstance(item, ast.FunctionDef) and item.name == '__init__':
+                        names = [one.arg for one in item.args.args]
+                        if 'reading' in names:
+                            places['', node.name] = names.index('reading') - 1
+            elif isinstance(node, ast.FunctionDef) and node.name != '__init__':
+                names = [one.arg for one in node.args.args]
+                if 'reading' in names:
+                    place = names.index('reading') - (names[0] == 'self')
+                    places[_named(path, node.name)] = place
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                calls.append((_named(path, node.func.id), node))
+    return places, calls
+
+
+def test_whoever_reads_says_how_much():
+    # But for the map: who opens one has read the mask.
+    places, calls = functions_and_calls()
+    assert len(places) > 25
+    silent = [
+        ast.unparse(call)
+        for name, call in calls
+        if name in places
+        and len(call.args) <= places[name]
+        and not any(word.arg == 'reading' for word in call.keywords)
+        and not any(isinstance(one, ast.Starred) for one in call.args)
+    ]
+    assert not silent
+
+
+def test_no_other_constant_bounds_what_a_file_may_hold():
+    bound = re.compile(r'^\s*\w*(most|max|longest|largest)_?\w*(bytes|mb|mpx|pixels)\b.*=', re.I)
+    found = {
+        f'{path.name}: {line.split(":")[0].split("=")[0].strip()}'
+        for path in PACKAGE.rglob('*.py')
+        for line in path.read_text(encoding='utf-8').splitlines()
+        if bound.match(line) and re.search(r'=\s*[\d(]', line)
+    }
+    # A row of a map's own format, of which none that is written comes near; a page to write.
+    assert found == {'database.py: _LONGEST_BYTES', '__init__.py: MOST_MEGABYTES'}
