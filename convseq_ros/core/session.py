@@ -26,8 +26,8 @@ class Session:
 
     In preloaded mode the file must exist and is never written; in online mode it is made if there
     is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
-    end. `sources` name the cameras, if there are several. MapError if the map cannot be opened or, in online mode, not be written, or another
-    program adds to it.
+    end. `sources` name the cameras, if there are several. MapError if the map cannot be opened
+    or, in online mode, not be written, or another program adds to it.
     """
 
     def __init__(
