@@ -173,7 +173,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
     if chosen.draw_only:
         return {}
-    took_s = {}
+    took_s, busy_s = {}, {}
     for workers in (1, chosen.workers, 1, chosen.workers):
         maps = Path(tempfile.mkdtemp(dir=folder))
         with connected(Cluster(workers=workers)) as client:
@@ -186,16 +186,23 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             warm = {name: (path, maps / f'warm-{name}.db', *rest)
                     for name, (path, _, *rest) in [*jobs.items()][: 2 * workers]}  # fmt: skip
             [*done(client, build_one, warm)]
-            started = time.monotonic()
+            before, started = client.run(time.process_time), time.monotonic()
             [*done(client, build_one, jobs)]
             took_s.setdefault(workers, []).append(time.monotonic() - started)
+            after = client.run(time.process_time)
+            busiest_s = max(after[worker] - before[worker] for worker in before)
+            busy_s.setdefault(workers, []).append(busiest_s)
     alone, together = (min(took_s[workers]) for workers in (1, chosen.workers))
+    busy_alone, busy_together = (min(busy_s[workers]) for workers in (1, chosen.workers))
     return {
         'recordings': RECORDINGS,
         'images': RECORDINGS * IMAGES,
         'seconds': took_s,
         'workers': chosen.workers,
         'times_faster': alone / together,
+        # Of a processor's time that the busiest worker takes: without others on the machine.
+        'busiest_s': busy_s,
+        'busiest_times_faster': busy_alone / busy_together,
     }
 
 

@@ -21,8 +21,10 @@ from convseq_ros.errors import FleetError
 from convseq_ros.installing import pip_install
 
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
-# Python that a worker runs first.
-_LEAVES_CTRL_C_TO_US = 'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)'
+# Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
+_FIRST = (
+    'import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import cv2; cv2.setNumThreads(1)'
+)
 _LOCAL = {
     # Maps and cells are numbers that hardly shrink.
     'distributed.comm.compression': False,
@@ -32,6 +34,9 @@ _LOCAL = {
     # A worker that died is started again by its nanny. This long after one death Dask would close
     # whoever of that name is being started again just then, after another one.
     'distributed.deploy.lost-worker-timeout': '1 day',
+    # Dask would look a hundred times a second at what its workers do.
+    'distributed.worker.profile.enabled': False,
+    'distributed.admin.system-monitor.interval': '10s',
     # No pages: the port that Dask opens for them answers nothing.
     'distributed.scheduler.http.routes': [],
     'distributed.worker.http.routes': [],
@@ -78,19 +83,7 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         opened.enter_context(dask.config.set(_LOCAL))
         if not address:
             folder = opened.enter_context(tempfile.TemporaryDirectory())
-            address = opened.enter_context(
-                distributed.LocalCluster(
-                    n_workers=cluster.workers,
-                    threads_per_worker=1,
-                    host='127.0.0.1',
-                    dashboard_address=None,
-                    scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
-                    silence_logs=logging.CRITICAL,
-                    memory_limit=0,
-                    local_directory=folder,
-                    preload=_LEAVES_CTRL_C_TO_US,
-                )
-            )
+            address = opened.enter_context(_started(cluster.workers, folder))
         try:
             client = distributed.Client(
                 address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
@@ -102,6 +95,32 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         if cluster.scheduler:
             _refuse_foreign(client, cluster.scheduler)
         yield client
+
+
+def _started(workers: int, folder: str) -> Any:
+    """Return processes of this machine; FleetError if they do not start, twice."""
+    import distributed
+
+    for last in (False, True):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host='127.0.0.1',
+                dashboard_address=None,
+                scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
+                silence_logs=logging.CRITICAL,
+                memory_limit=0,
+                local_directory=folder,
+                preload=_FIRST,
+            )
+        except (OSError, RuntimeError) as error:
+            # Seen once, on a machine with six times as much to do as it has cores.
+            if last:
+                why = error.__cause__ or error
+                what = ' '.join(f'{error} {type(why).__name__}: {why}'.split())[:200]
+                raise FleetError(f'{workers} workers did not start ({what}); try fewer') from None
+    raise AssertionError('the last try returns or raises')
 
 
 def checked_address(cluster: Cluster) -> str:

@@ -17,7 +17,7 @@ from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.coarse_scores import usual_of
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.scores import FleetScores
-from convseq_ros.fleet.shard import About, Answer, Holder, merged, Pictures, Question
+from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Pictures, Question
 import numpy as np
 
 _TRIES = 3  # of a question, each with a new worker
@@ -42,7 +42,7 @@ class _Worker:
             chosen = {'workers': [self.where], 'allow_other_workers': True} if self.where else {}
             self.future = self.client.submit(Holder, self.paths, actor=True, pure=False, **chosen)
             self.actor = self.future.result(timeout=max(0.0, until - time.monotonic()))
-        return getattr(self.actor, method)(*what)
+        return self.actor.ask(Call(method, what))
 
     def receive(self, reply: Any, until: float) -> Any:
         """Return the answer; OSError if the worker died, TimeoutError if it takes too long."""

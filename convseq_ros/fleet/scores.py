@@ -10,8 +10,10 @@ from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual
 from convseq_ros.core.sequence.coarse_sums import Asked, Sums
 from convseq_ros.core.sequence.diagonals import Values
 from convseq_ros.core.types import Descriptor, Indices
-from convseq_ros.fleet.shard import Answer, Direction, KEPT_ROWS, Question
+from convseq_ros.fleet.shard import Answer, Direction, Question
 import numpy as np
+
+_KEPT_MEANS = 128  # of rows; a sequence has 100 at most
 
 Rows = Sequence[Any]  # of directions, newest first; None for an uninformative frame
 
@@ -67,5 +69,5 @@ class FleetScores:
         answer = self._ask(Question(self._key, self._usual, rows, steps))
         for key, (total, count) in answer.totals.items():
             self._means[key] = np.float32(total / count if count else 0.0)
-        self._means = dict([*self._means.items()][-KEPT_ROWS:])
+        self._means = dict([*self._means.items()][-_KEPT_MEANS:])
         return answer

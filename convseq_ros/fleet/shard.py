@@ -26,7 +26,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
-KEPT_ROWS = 64  # of coarse scores; a buffer of frames has 25
+KEPT_ROWS = 32  # of coarse scores, at least; a sequence has 25 at most, by default
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,11 +115,9 @@ class Shard:
             package = 'convseq_ros.core.sequence'
             peaks = kernels_of(package).peaks(rows, question.steps, self._map.bounds.starts)
             peaks[:, 1] *= peaks[:, 2]
-        return Answer(
-            totals,
-            peaks,
-            [self._sums(one, usual, question.means, offset) for one in question.asked],
-        )
+        sums = [self._sums(one, usual, question.means, offset) for one in question.asked]
+        self._forget(question)
+        return Answer(totals, peaks, sums)
 
     def pictures(self, indices: Sequence[int]) -> Pictures:
         """Return what is known of some places."""
@@ -136,9 +134,13 @@ class Shard:
             row = usual.row(self._map.global_descriptors, self._nearness, direction.numbers)
             self._rows[direction.key] = row
         self._rows.move_to_end(direction.key)
-        while len(self._rows) > KEPT_ROWS:
-            self._rows.popitem(last=False)
         return row
+
+    def _forget(self, question: Question) -> None:
+        """Forget rows that were used longest ago, but for as many as a question has."""
+        most = max(KEPT_ROWS, len(question.rows), *(len(one.rows) for one in question.asked), 0)
+        while len(self._rows) > most:
+            self._rows.popitem(last=False)
 
     def _sums(
         self, asked: Asked, usual: Usual, means: Mapping[str, Any] | None, offset: int
@@ -154,6 +156,14 @@ class Shard:
         return replace(found, ends=found.ends + offset)
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Call:
+    """A method of a holder, and its arguments: one object, which Dask does not take to pieces."""
+
+    method: str
+    what: tuple[Any, ...]
+
+
 class Holder:
     """The shards of one worker, some maps in the fleet's order; an actor of Dask."""
 
@@ -164,6 +174,10 @@ class Holder:
                 self._shards[path] = Shard(Path(path))
             except (MapError, OSError) as error:
                 self._lost[path] = str(error)
+
+    def ask(self, call: Call) -> Any:
+        """Return what a method returns."""
+        return getattr(self, call.method)(*call.what)
 
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
         """Return what is known of each map, and why others cannot be opened."""

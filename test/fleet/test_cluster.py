@@ -52,6 +52,20 @@ def test_what_is_missing_is_named(monkeypatch):
             pass
 
 
+def test_workers_that_do_not_start_are_tried_again_and_told_in_a_line(monkeypatch):
+    distributed, tries = pytest.importorskip('distributed'), []
+
+    def fails(**_):
+        tries.append(1)
+        raise RuntimeError('Nanny failed to start.') from OSError('no room')
+
+    monkeypatch.setattr(distributed, 'LocalCluster', fails)
+    with pytest.raises(FleetError, match=r'^3 workers did not start \(.*OSError: no room\)'):
+        with connected(Cluster(workers=3)):
+            pass
+    assert len(tries) == 2
+
+
 def test_a_cluster_of_this_machine_hears_this_machine_only(client):
     addresses = [client.scheduler.address, *client.scheduler_info()['workers']]
     assert len(addresses) == 3

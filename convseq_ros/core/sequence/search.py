@@ -116,6 +116,7 @@ class ShortlistSearch(ExhaustiveSearch):
         scores = buffer.approximate_scores(1, scouts)
         entered = scouts[np.argsort(-scores, kind='stable')[: SHORTLIST.entered]]
         ends = np.union1d(ends, entered)
+        self._coarse.expect(lambda: buffer.unscored(frames, ends, velocity))
         buffer.score_promising(frames, ends, velocity)
         return ends, velocity
 
