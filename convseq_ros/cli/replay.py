@@ -113,7 +113,8 @@ def replay_chosen(
             f'{name}: has a place every {way_m:g} m; without --odom or --poses every frame is '
             'matched with it'
         )
-    warm_up(first)
+    if recognizer is first:
+        warm_up(first)
     matches, durations = [], []
     with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
         for match, duration_ms in replay(source, recognizer, [written, *shown]):
