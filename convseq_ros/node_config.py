@@ -33,6 +33,10 @@ class NodeConfig(Checked):
         1.0, 'A fleet that does not answer within this time is given up, and looked for again.',
         unit='s', low=0.05, high=60.0,
     )
+    image_topics: str = parameter(
+        '', 'Image topics of several cameras, with spaces between, each with its camera_info '
+        'beside it; the first alone adds to a map. Empty for one camera, on topic `image`.',
+    )
     image_transport: str = parameter(
         'raw', 'Images to subscribe to: raw on topic `image`, compressed on `image/compressed`.',
         choices=('raw', 'compressed'),

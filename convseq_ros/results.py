@@ -28,7 +28,7 @@ COLUMNS = (
     'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
     'relative_yaw_rad', 'inliers', 'localization', 'localization_quality', 'relative_x_m',
     'relative_y_m', 'relative_z_m', 'relative_qx', 'relative_qy', 'relative_qz', 'relative_qw',
-    'position_sigma_m', 'heading_sigma_rad', 'implausible_m', 'session',
+    'position_sigma_m', 'heading_sigma_rad', 'implausible_m', 'session', 'camera',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
 _SYNC_EVERY_S = 1.0  # what a cut of the power may cost
@@ -64,6 +64,7 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         **_relative(match.relative_pose),
         'implausible_m': _decimals(match.implausible_m, 2),
         'session': best.session if best else None,
+        'camera': match.camera or None,
     }
 
 

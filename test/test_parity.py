@@ -14,6 +14,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
@@ -98,16 +99,18 @@ def recording(drive, tmp_path_factory):
     return path
 
 
-def answers_of_the_core(recording, map_path, encoding, path):
+def answers_of_the_core(recording, map_path, encoding, path, topics=()):
     source = open_source(recording)
-    recognizer = PlaceRecognizer(open_map(map_path, encoding), Config(encoding=encoding))
+    given = open_map(map_path, encoding), Config(encoding=encoding)
+    recognizer = Cameras(*given, topics) if topics else PlaceRecognizer(*given)
     with ResultWriter(path) as writer:
-        for frame in source:
-            writer.write(recognizer.process(frame), 0.0)
+        for topic in topics or ['']:
+            for frame in source:
+                writer.write(recognizer.process(replace(frame, source=topic)), 0.0)
     return read_results(path)
 
 
-def answers_of_the_node(recording, map_path, encoding, path):
+def answers_of_the_node(recording, map_path, encoding, path, topics=()):
     python = [sys.executable, '-m']
     environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
     node = subprocess.Popen(
@@ -127,6 +130,7 @@ def answers_of_the_node(recording, map_path, encoding, path):
             'queue_size:=1000',
             '-p',
             'max_wait_s:=0.0',
+            *(['-p', f'image_topics:={" ".join(topics)}'] if topics else []),
         ],
         cwd=path.parent,
         env=environment,
@@ -135,15 +139,14 @@ def answers_of_the_node(recording, map_path, encoding, path):
     )
     part = path.with_name(path.name + '.part')
     try:
-        subprocess.run(
-            [*python, 'convseq_ros.node.player', recording, '--rate', '2'],
-            cwd=path.parent,
-            env=environment,
-            check=True,
-            timeout=60,
-        )
+        for topic in topics or ['/image']:
+            player = 'convseq_ros.node.player', recording, '--rate', '2', '--image-topic', topic
+            subprocess.run(
+                [*python, *player], cwd=path.parent, env=environment, check=True, timeout=60
+            )
         deadline = 600
-        while len(part.read_text().splitlines()) <= NUM_FRAMES and deadline:
+        expected = NUM_FRAMES * max(1, len(topics))
+        while len(part.read_text().splitlines()) <= expected and deadline:
             deadline -= 1
             with pytest.raises(subprocess.TimeoutExpired):
                 node.wait(0.05)
@@ -168,3 +171,13 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
     assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'warming_up'} <= reasons
     assert len({row['sequence_length'] for row in offline}) > 3
     assert {row['localization'] for row in offline} == {'lost', 'candidate', 'localised'}
+
+
+def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, encoding, tmp_path):
+    given, topics = (recording, map_path, encoding), ['/front/image', '/rear/image']
+    offline = answers_of_the_core(*given, tmp_path / 'offline.csv', topics)
+    online = answers_of_the_node(*given, tmp_path / 'online.csv', topics)
+    for row in (*offline, *online):
+        del row['duration_ms']
+    assert online == offline
+    assert [row['camera'] for row in online] == [topics[0]] * NUM_FRAMES + [topics[1]] * NUM_FRAMES

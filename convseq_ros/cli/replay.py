@@ -19,12 +19,13 @@ from convseq_ros.cli.options import add_annotations, add_config, chosen_config
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.viewing import Viewer
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session, warm_up
 from convseq_ros.core.types import Frame, Match, Reason
-from convseq_ros.errors import MapError
+from convseq_ros.errors import ConfigError, MapError
 from convseq_ros.results import ResultWriter
-from convseq_ros.sources import open_annotated, Source
+from convseq_ros.sources import open_cameras, Source
 
 Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
@@ -57,7 +58,12 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
         metavar='FILE.rrd',
         help='open the viewer of rerun, or write a file for it',
     )
-    parser.add_argument('--topic', default='', help='image topic, if there are several')
+    parser.add_argument(
+        '--topic',
+        default='',
+        help='image topic, if there are several; of several cameras, in quotes with spaces '
+        'between, the first alone adds to a map, and so are those of --camera-info',
+    )
     add_annotations(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     add_config(parser)
@@ -65,11 +71,12 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
-    session = Session(chosen.map, chosen_config(chosen))
+    session = Session(chosen.map, chosen_config(chosen), sources=chosen.topic.split())
     for line in session.ignored:
         warn(line)
     try:
-        summary = replay_chosen(chosen, session.recognizer, chosen.map, partial(_keep, session))
+        session.warm_up()
+        summary = replay_chosen(chosen, session.cameras, chosen.map, partial(_keep, session))
     finally:
         session.close()
     if chosen.json:
@@ -84,27 +91,31 @@ def run(chosen: argparse.Namespace) -> int:
 
 def replay_chosen(
     chosen: argparse.Namespace,
-    recognizer: PlaceRecognizer,
+    recognizer: PlaceRecognizer | Cameras,
     name: Path,
     then: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Replay a recording in the map of a name; do something after each frame; return a summary."""
-    source = open_annotated(
+    first = recognizer.first if isinstance(recognizer, Cameras) else recognizer
+    if recognizer is first and len(chosen.topic.split()) > 1:
+        raise ConfigError('--topic: a fleet answers one camera; name one topic')
+    source = open_cameras(
         chosen.recording,
         chosen.topic,
         chosen.odom,
         chosen.camera_info,
         chosen.poses,
-        recognizer.config.reading,
+        first.config.reading,
         chosen.depth,
     )
-    way_m = recognizer.reference_map.keyframes.keyframe_distance_m
+    way_m = first.reference_map.keyframes.keyframe_distance_m
     if way_m and not (chosen.odom or chosen.poses):
         warn(
             f'{name}: has a place every {way_m:g} m; without --odom or --poses every frame is '
             'matched with it'
         )
-    warm_up(recognizer)
+    if recognizer is first:
+        warm_up(first)
     matches, durations = [], []
     with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
         for match, duration_ms in replay(source, recognizer, [written, *shown]):
@@ -113,7 +124,7 @@ def replay_chosen(
             then()
     for warning in source.warnings:
         warn(warning)
-    if (images := recognizer.reference_map.images).unreadable:
+    if (images := first.reference_map.images).unreadable:
         warn(f'{name}: {images.unreadable} kept images cannot be used; {images.problem}')
     return summarize(matches, durations)
 
@@ -167,7 +178,7 @@ def _keep(session: Session) -> None:
 
 
 def replay(
-    source: Source, recognizer: PlaceRecognizer, listeners: Sequence[Listener] = ()
+    source: Source, recognizer: PlaceRecognizer | Cameras, listeners: Sequence[Listener] = ()
 ) -> Iterator[tuple[Match, float]]:
     """Yield the match of every frame with the time that it took, in milliseconds."""
     for frame in progress(source, len(source), source.name):
@@ -177,7 +188,8 @@ def replay(
             print(f'warning: frame {match.query_index}: {frame.problem}', file=sys.stderr)
         duration_ms = (time.perf_counter() - started) * 1e3
         for tell in listeners:
-            tell(frame, match, recognizer, duration_ms)
+            own = recognizer.of(frame.source) if isinstance(recognizer, Cameras) else recognizer
+            tell(frame, match, own, duration_ms)
         yield match, duration_ms
 
 

@@ -11,7 +11,7 @@ from convseq_ros.core.decision.plausibility import Plausibility
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.relative_pose import RelativePoses
-from convseq_ros.core.rigid import matrix
+from convseq_ros.core.rigid import base_between, matrix
 from convseq_ros.core.types import Frame, Match, Reason, RelativePose, Status
 import numpy as np
 
@@ -53,6 +53,8 @@ class Closures:
         if place.pose is not None:
             # At the place itself, if that is all that is known.
             moved = matrix(pose.pose) if pose and pose.pose else np.eye(4)
+            if (camera := frame.camera) and not (pose and pose.pose):
+                moved = base_between(self._map.camera_of(best.reference_index, camera), camera)
             said = place.pose, moved, self._slack_m(best.reference_index, pose)
             session = self._map.sessions[place.session]
             of = session.frame or session.id  # a frame without a name is the session's own

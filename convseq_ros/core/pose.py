@@ -14,7 +14,8 @@ from itertools import islice, takewhile
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.rigid import cross, Matrix, matrix, pose_of
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import base_between, cross, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
 
@@ -157,12 +158,15 @@ def relative_yaw(shift_px: Shift, camera: Camera) -> float:
     return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
 
 
-def measured(match: Match, frame: Frame, cells_across: int) -> Match:
+def measured(match: Match, frame: Frame, reference_map: ReferenceMap) -> Match:
     """Return an answer with what its shift means in the frame's own pixels, and to its camera."""
     best = match.best
     if best is None or best.shift is None or frame.gray is None:
         return match
     height, width = frame.gray.shape
-    moved_px = shift_px(best.shift, height, width, cells_across)
-    yaw_rad = relative_yaw(moved_px, frame.camera) if frame.camera else None
+    moved_px, yaw_rad = shift_px(best.shift, height, width, reference_map.cell_shape[1]), None
+    if camera := frame.camera:
+        turn = base_between(reference_map.camera_of(best.reference_index, camera), camera)
+        yaw_rad = relative_yaw(moved_px, camera) + math.atan2(turn[1, 0], turn[0, 0])
+        yaw_rad = math.remainder(yaw_rad, math.tau)
     return replace(match, shift_px=moved_px, relative_yaw_rad=yaw_rad)

@@ -97,7 +97,7 @@ class PlaceRecognizer:
             self.mapping.add(frame, verdict.descriptor, match)
         if frame.gray is None and descriptor is None:
             return answer(Status.SKIPPED, Reason.UNREADABLE)
-        return measured(match, frame, self.reference_map.cell_shape[1])
+        return measured(match, frame, self.reference_map)
 
     def _recognize(self, answer: partial[Match], frame: Frame, verdict: Verdict) -> Match:
         skipped, config = partial(answer, Status.SKIPPED), self.config

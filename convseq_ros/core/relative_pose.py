@@ -144,9 +144,7 @@ class RelativePoses:
     def _view(self, index: int, camera: Camera) -> CellView | None:
         """Return a place as its session's camera saw it, or else one; None if it shows nothing."""
         regions = self._matcher.arranged(index)
-        own = self._map.sessions[self._map.places[index].session].camera or camera
-        if own.mount is None:
-            own = replace(own, mount=camera.mount)
+        own = self._map.camera_of(index, camera)
         return None if regions is None else CellView(own, regions)
 
 

@@ -9,7 +9,7 @@ ahead; a robot x ahead, y left, z up (REP-103).
 
 import math
 
-from convseq_ros.core.types import Pose, Quaternion, Vector
+from convseq_ros.core.types import Camera, Pose, Quaternion, Vector
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,13 @@ def of_roll_pitch_yaw(position: Vector, roll: float, pitch: float, yaw: float) -
     """Return a pose that is turned about the fixed x, then y, then z axis (REP-103), radians."""
     turn = turned_by((0, 0, yaw)) @ turned_by((0, pitch, 0)) @ turned_by((roll, 0, 0))
     return Pose(position, quaternion(turn))
+
+
+def base_between(one: Camera, other: Camera) -> Matrix:
+    """Return where the base of another camera is in the base of one that is at the same place."""
+    if one.mount is None or other.mount is None or one.mount == other.mount:
+        return np.eye(4)
+    return matrix(one.mount) @ inverse(matrix(other.mount))
 
 
 def angle(rotation: Matrix) -> float:

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recogniser with the file of its map, which grows with it in online mode."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
@@ -24,11 +26,13 @@ class Session:
 
     In preloaded mode the file must exist and is never written; in online mode it is made if there
     is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
-    end. MapError if the map cannot be opened or, in online mode, not be written, or another
-    program adds to it.
+    end. `sources` name the cameras, if there are several. MapError if the map cannot be opened
+    or, in online mode, not be written, or another program adds to it.
     """
 
-    def __init__(self, path: Path | None, config: Config, make: bool = True) -> None:
+    def __init__(
+        self, path: Path | None, config: Config, make: bool = True, sources: Sequence[str] = ()
+    ) -> None:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
@@ -46,10 +50,11 @@ class Session:
         else:
             reference_map = open_map(path, encoding)
         try:
-            self.recognizer = PlaceRecognizer(reference_map, config)
+            self.cameras = Cameras(reference_map, config, sources)
         except BaseException:
             self._autosave.close()
             raise
+        self.recognizer = self.cameras.first  # that of the first camera, which adds to the map
         if isinstance(mapping := self.recognizer.mapping, LifelongMap):
             mapping.is_full = lambda: self.is_full
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
@@ -90,7 +95,8 @@ class Session:
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
-        warm_up(self.recognizer)
+        for one in (self.recognizer, *self.cameras.recognizers.values()):
+            warm_up(one)
 
     @property
     def committed_s(self) -> float | None:

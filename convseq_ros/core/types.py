@@ -190,15 +190,16 @@ class Match:
     # The best candidate's shift in pixels of the query image: rows, columns. Positive columns:
     # what the query shows is further right in the reference.
     shift_px: Shift | None = None
-    # By how much the query's camera is turned against the reference's, counter-clockwise seen
-    # from above (REP-103), if the shift and the camera are known. Turned left, positive, it sees
-    # things further right than the reference does: negative columns.
+    # By how much the query's base is turned against the reference's, counter-clockwise seen from
+    # above (REP-103), if the shift and the camera are known. Where both cameras are mounted alike,
+    # one turned left, positive, sees things further right: negative columns.
     relative_yaw_rad: float | None = None
     # Of the base, against the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
     # By how many metres more than odometry may have drifted the place lies off, if it does.
     implausible_m: float | None = None
     localization: Localization | None = None  # after this frame; None if nobody kept it
+    camera: str = ''  # the source of the frame, of a robot with several cameras
 
     @property
     def best(self) -> Candidate | None:

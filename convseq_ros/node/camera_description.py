@@ -26,15 +26,17 @@ class CameraDescription:
         Whose relative topic `camera_info` it is.
     mount : Mount
         Tells where its frame is on the robot.
+    topic : str, optional
+        Instead of `camera_info`.
 
     """
 
-    def __init__(self, node: Node, mount: Mount) -> None:
+    def __init__(self, node: Node, mount: Mount, topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None
         self._mount, self._frame_id = mount, ''
         self._logger = node.get_logger()
         self._subscription = FollowingSubscription(
-            node, CameraInfo, 'camera_info', self._on_camera_info, _DEPTH
+            node, CameraInfo, topic, self._on_camera_info, _DEPTH
         )
 
     def follow(self, topic: str) -> None:

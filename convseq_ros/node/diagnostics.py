@@ -193,7 +193,7 @@ class Diagnostics:
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     match, session = statistics.last_match, situation.session
-    known = session.recognizer.localizer.localization
+    known = session.cameras.localization
     values: dict[str, object] = {
         'state': _state_word(situation),
         'mode': session.recognizer.config.online.mode,

@@ -32,21 +32,29 @@ class ImageSubscription:
     config : NodeConfig
         Transport, reliability and queue size.
     on_image : callable
-        Receives each message in the executor's thread.
+        Receives each message, and its topic, in the executor's thread.
+    topic : str, optional
+        Instead of `image`.
 
     """
 
     def __init__(
-        self, node: Node, config: NodeConfig, on_image: Callable[[ImageMessage], None]
+        self,
+        node: Node,
+        config: NodeConfig,
+        on_image: Callable[[ImageMessage, str], None],
+        topic: str = 'image',
     ) -> None:
         self._node = node
         self._config = config
         self._on_image = on_image
         self._transport = config.image_transport
         self._subscription: FollowingSubscription | None = None
-        self._topic = node.resolve_topic_name('image')
+        self._topic = node.resolve_topic_name(topic)
         if config.image_transport == 'compressed' and not self._topic.endswith(COMPRESSED):
             self._topic += COMPRESSED
+        elif topic != 'image' and self._topic.endswith(COMPRESSED):
+            self._transport = 'compressed'
 
     def start(self) -> None:
         """Begin to listen."""
@@ -78,7 +86,7 @@ class ImageSubscription:
         fitting = round(self._config.queue_mb * 1e6) // max(1, len(message.data))
         if self._subscription and fitting < self._config.queue_size:
             self._subscription.hold_at_most(max(_FEWEST, fitting))
-        self._on_image(message)
+        self._on_image(message, self.topic)
 
     @property
     def topic(self) -> str:

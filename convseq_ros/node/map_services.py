@@ -118,7 +118,8 @@ class MapServices:
         present = self._recognition.session
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
-        session = Session(path, self._config(), make=False)
+        sources = [*present.cameras.recognizers]
+        session = Session(path, self._config(), make=False, sources=sources)
         for line in session.ignored:
             self._logger.warning(line)
         try:

@@ -57,11 +57,11 @@ class Surroundings(Protocol):
     def pose_at(self, stamp_ns: int) -> Pose | None:
         """Return where it was taken; may wait for a moment."""
 
-    def depth_at(self, stamp_ns: int) -> Depth | None:
+    def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
         """Return its depth image; may wait for a moment."""
 
-    def camera_for(self, height: int, width: int) -> Camera | None:
-        """Return the camera that takes images of a size, in pixels."""
+    def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
+        """Return the camera that takes the images of a topic, of a size in pixels."""
 
 
 class Recognition:
@@ -125,7 +125,7 @@ class Recognition:
 
     def swap(self, session: Session) -> None:
         """Go on with another session, and so another map; what the old one added is safe."""
-        session.recognizer.config = self.session.recognizer.config
+        session.cameras.configure(self.session.cameras.config)
         self.close()
         self.session = session
 
@@ -139,29 +139,29 @@ class Recognition:
 
     def configure(self, config: Config) -> None:
         """Go on with other settings."""
-        self.session.recognizer.config = config
+        self.session.cameras.configure(config)
 
     def reset(self) -> None:
         """Forget the frames seen so far."""
-        self.session.recognizer.reset()
+        self.session.cameras.reset()
 
     @property
     def clock_jumps(self) -> int:
         """How often the clock jumped back since the map was loaded."""
-        return self.session.recognizer.resets
+        return self.session.cameras.resets
 
     def _answer(self, arrival: Arrival) -> None:
-        recognizer = self.session.recognizer
+        cameras = self.session.cameras
         pose = self._surroundings.pose_at(arrival.stamp_ns)
-        depth_m = self._surroundings.depth_at(arrival.stamp_ns)
+        depth_m = self._surroundings.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
-        match = recognizer.process(frame)
+        match = cameras.process(frame)
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()
         match = replace(match, query_index=arrival.number)
         self._results.write(match, duration_ms)
-        self._publish(frame, match, recognizer, duration_ms)
+        self._publish(frame, match, cameras.of(frame.source), duration_ms)
         self._statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _keep(self) -> None:
@@ -181,5 +181,5 @@ class Recognition:
             self._statistics.unreadable += 1
             self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
-        camera = self._surroundings.camera_for(*gray.shape)
+        camera = self._surroundings.camera_for(topic, *gray.shape)
         return Frame(stamp_ns, gray, topic, camera=camera)

@@ -31,17 +31,21 @@ class TopicFinder:
     follow : callable
         Receives topics by what they are, 'image', 'camera_info' and 'odom'; 'image' may end in
         /compressed.
+    is_wanted : bool
+        False if topics are named.
 
     """
 
-    def __init__(self, node: Node, follow: Callable[[dict[str, str]], None]) -> None:
+    def __init__(
+        self, node: Node, follow: Callable[[dict[str, str]], None], is_wanted: bool = True
+    ) -> None:
         self._node = node
         self._follow = follow
         self._seen: list[str] = []
         self._looks = 0
         self._told: list[str] = []
         self._default = f'{node.get_namespace().rstrip("/")}/image'
-        if node.resolve_topic_name('image') == self._default:
+        if is_wanted and node.resolve_topic_name('image') == self._default:
             self._timer = node.create_timer(
                 _LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
             )
@@ -89,11 +93,16 @@ def topics_of(node: Node, *kinds: type) -> list[str]:
     )
 
 
+def camera_info_beside(image: str) -> str:
+    """Return the topic that describes a camera, by convention, given that of its images."""
+    return f'{image.removesuffix(COMPRESSED).rpartition("/")[0]}/camera_info'
+
+
 def _beside(node: Node, image: str) -> dict[str, str]:
     """Return the camera's description and the odometry that there are, unless they are named."""
     found = {}
     infos, odometries = topics_of(node, CameraInfo), topics_of(node, Odometry)
-    own = f'{image.removesuffix(COMPRESSED).rpartition("/")[0]}/camera_info'
+    own = camera_info_beside(image)
     infos = [own] if own in infos else infos
     for what, topics in (('camera_info', infos), ('odom', odometries)):
         default = f'{node.get_namespace().rstrip("/")}/{what}'

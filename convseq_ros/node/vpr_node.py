@@ -18,10 +18,11 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
+from convseq_ros.node.camera_subscriptions import CameraSubscriptions
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Diagnostics, Situation
 from convseq_ros.node.fleet_answers import open_fleet
-from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
+from convseq_ros.node.image_subscription import ImageMessage
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
@@ -94,7 +95,10 @@ class VprNode(ManagedNode):
 
     def _open_work(self, undone: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
-        session = Session(Path(config.map_path) if config.map_path else None, self._config)
+        self._images = CameraSubscriptions(self, config, self._on_image)
+        topics = self._images.topics if config.image_topics else []
+        path = Path(config.map_path) if config.map_path else None
+        session = Session(path, self._config, sources=topics)
         undone.callback(session.close)
         self._results = ResultLog(config.result_file, logger)
         undone.callback(self._results.close)
@@ -102,7 +106,12 @@ class VprNode(ManagedNode):
             logger.warning(line)
         self._statistics = Statistics()
         self._surroundings = Surroundings(
-            self, config.odom_wait_s, config.base_frame, config.depth_topic, self._config.reading
+            self,
+            config.odom_wait_s,
+            config.base_frame,
+            topics,
+            config.depth_topic,
+            self._config.reading,
         )
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
@@ -127,7 +136,6 @@ class VprNode(ManagedNode):
         if fleet := open_fleet(self, config, self._config):
             undone.callback(fleet.close)
         self._fleet = fleet
-        self._images = ImageSubscription(self, config, self._on_image)
         self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
         self._diagnostics = Diagnostics(
             self,
@@ -139,7 +147,7 @@ class VprNode(ManagedNode):
         self._progress = ProgressLog(
             self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
         )
-        self._finder = TopicFinder(self, self._follow)
+        self._finder = TopicFinder(self, self._follow, not topics)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
@@ -212,10 +220,10 @@ class VprNode(ManagedNode):
     ) -> None:
         estimate = self._answers.publish(frame, match, recognizer, duration_ms)
         self._whereabouts.update(match, estimate)
-        if self._fleet:
+        if self._fleet and recognizer is self._recognition.session.recognizer:
             self._fleet.put(frame)
 
-    def _on_image(self, message: ImageMessage) -> None:
+    def _on_image(self, message: ImageMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()
         self._statistics.arrived(arrival_ns)
         if not self._enabled:
@@ -224,11 +232,10 @@ class VprNode(ManagedNode):
         if not stamp_ns:
             stamp_ns = self.get_clock().now().nanoseconds
             self.get_logger().warning(
-                f'{self._images.topic}: images have no stamp; using the time at which they arrive',
-                once=True,
+                f'{topic}: images have no stamp; using the time at which they arrive', once=True
             )
         number = self._statistics.received - 1
-        arrival = Arrival(message, stamp_ns, arrival_ns, self._images.topic, number)
+        arrival = Arrival(message, stamp_ns, arrival_ns, topic, number)
         self._worker.put(arrival, len(message.data))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:

@@ -12,6 +12,7 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
 from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.cameras import SeveralCameras
 from convseq_ros.sources.depth_source import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, pictures_in
 from convseq_ros.sources.natural_order import natural_key
@@ -147,6 +148,34 @@ def _depth_of(
         reading,
         warnings,
     )
+
+
+def open_cameras(
+    path: Path,
+    topics: str = '',
+    odom: str = '',
+    camera_info: str = '',
+    poses: Path | None = None,
+    reading: ReadingConfig = ReadingConfig(),
+    depth: str = '',
+) -> Source:
+    """
+    Open what `open_annotated` does, of several cameras if `topics` names several.
+
+    `camera_info` then names as many, or none; SourceError if it does not. `depth` is of the first.
+    """
+    names, infos = topics.split(), camera_info.split()
+    if len(names) < 2:
+        return open_annotated(path, topics, odom, camera_info, poses, reading, depth)
+    if infos and len(infos) != len(names):
+        raise SourceError(
+            f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
+        )
+    several = [
+        open_annotated(path, name, odom, info, poses, reading, depth if name == names[0] else '')
+        for name, info in zip(names, infos or [''] * len(names), strict=True)
+    ]
+    return SeveralCameras(several, several[0].pose_frame)
 
 
 def _track_at(track: PoseTrack) -> PoseAt:

@@ -153,7 +153,7 @@ def test_a_frame_knows_its_pose_and_its_camera(setup, image, gray):
     frame = setup.published[0][0]
     assert (frame.pose, frame.camera) == (POSE, CAMERA)
     setup.surroundings.pose_at.assert_called_once_with(5 * STEP_NS)
-    setup.surroundings.camera_for.assert_called_once_with(60, 80)
+    setup.surroundings.camera_for.assert_called_once_with('/image', 60, 80)
     setup.results.close()
 
 

@@ -80,3 +80,18 @@ class OnlineMap(PreloadedMap):
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
         is_far = self._pose is None or way_m >= self._exclusion_m
         return is_far and stamp_ns - self._map.places[index].stamp_ns >= self._exclusion_ns
+
+
+class FollowedMap(PreloadedMap):
+    """A map to which another camera of the same robot adds."""
+
+    def __init__(self, reference_map: ReferenceMap, leader: PreloadedMap) -> None:
+        self._leader, self.nothing_usable = leader, leader.nothing_usable
+        super().__init__(reference_map)
+
+    def reset(self) -> None:
+        self.session_start = self._leader.session_start
+
+    def update(self, stamp_ns: int, pose: Pose | None) -> int:
+        self.session_start = self._leader.session_start
+        return self._leader.update(stamp_ns, pose)

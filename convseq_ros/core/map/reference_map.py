@@ -3,6 +3,7 @@
 """The reference map: places in the order in which they were driven past."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from threading import Lock
 from uuid import uuid4
 
@@ -24,7 +25,7 @@ from convseq_ros.core.map.place import (
 )
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.map.uses import Uses
-from convseq_ros.core.types import Camera, Descriptor, Frame
+from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt
 
@@ -63,6 +64,8 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
+        # Where the camera was on the robot, of sessions that do not know; None: where it is now.
+        self.usual_mount: Pose | None = None
         self.images = KeptImages(self.pictures)
 
     def __len__(self) -> int:
@@ -121,6 +124,12 @@ class ReferenceMap:
     ) -> None:
         """Have what is added from now on belong to another drive, which begins at a stamp."""
         self.sessions.append(MapSession(str(uuid4()), name, start_ns, camera, frame))
+
+    def camera_of(self, index: int, query: Camera) -> Camera:
+        """Return what took a place; as far as its session does not know it, what takes a query."""
+        said = self.sessions[self.places[index].session].camera
+        mount = (said and said.mount) or self.usual_mount or query.mount
+        return replace(said or query, mount=mount)
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
         """Return the packed cells of a place."""

@@ -54,8 +54,7 @@ class VelocitySearch(ConstantVelocity):
     def __init__(self, bounds: SessionBounds = ONE_SESSION, both: bool = False) -> None:
         self._bounds, ahead = bounds, VELOCITY.velocities
         self._velocities = (*ahead, *(-one for one in ahead)) if both else ahead
-        others = [(abs(one) != 1.0) + (one < 0) for one in self._velocities]
-        self._weights = VELOCITY.preference ** np.array(others, np.float64)
+        self._weights = np.array([_weight(one) for one in self._velocities])
         self.reset()
 
     def reset(self) -> None:
@@ -68,8 +67,8 @@ class VelocitySearch(ConstantVelocity):
         """
         Take in rows as for `sequence_scores`; return the velocity, references per frame.
 
-        In the better scores that `closer` leads to, one other than 1 must stand out, too. `peaks`
-        is what finds them, if not here.
+        In the better scores that `closer` leads to, one other than 1 or -1 must stand out, too.
+        `peaks` is what finds them, if not here.
         """
         if len(rows) >= VELOCITY.shortest and rows[0] is not None:
             steps = np.array([diagonal(len(rows), one) for one in self._velocities])
@@ -87,13 +86,17 @@ class VelocitySearch(ConstantVelocity):
         if velocity == 1.0 or closer is None:
             self._closely.clear()
             return velocity
-        for one in (1.0, velocity):
+        same = [one for one in self._velocities if abs(one) == 1.0]
+        for one in (asked := dict.fromkeys((*same, velocity))):
             scores = closer(one)
             close = _prominence(scores[np.isfinite(scores)])
             before = self._closely.get(one, close)
             self._closely[one] = before + (close - before) / VELOCITY.close_memory
-        stands_out = VELOCITY.preference * self._closely[velocity] > self._closely[1.0]
-        return velocity if stands_out else 1.0
+        return max(asked, key=lambda one: _weight(one) * self._closely[one])
+
+
+def _weight(velocity: float) -> float:
+    return VELOCITY.preference ** ((abs(velocity) != 1.0) + (velocity < 0))
 
 
 def _prominence(scores: Values) -> float:

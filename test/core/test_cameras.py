@@ -1,0 +1,137 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Several cameras of one robot, against one map."""
+
+from dataclasses import replace
+import math
+
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    EVERY_FRAME,
+    MatchingConfig,
+    OnlineConfig,
+    SequenceConfig,
+)
+from convseq_ros.core.cameras import Cameras
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.rigid import base_between, matrix, of_roll_pitch_yaw
+from convseq_ros.core.types import Camera, Frame, LocalizationState
+from convseq_ros.errors import ConfigError
+from convseq_ros.robot_config import RobotConfig
+import numpy as np
+import pytest
+
+STEP_NS = 100_000_000
+FRONT, REAR = '/front', '/rear'
+LENS = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+TURNED = RobotConfig(camera_to_base=f'1 0 1 0 0 0; -1 0 1 0 0 {math.pi}')
+OWN = Config(
+    encoding=EncodingConfig(image_size_px=256),
+    matching=MatchingConfig(both_directions=True),
+    sequence=SequenceConfig(fixed_length=8),
+    keyframes=EVERY_FRAME,
+    robot=TURNED,
+)
+
+
+@pytest.fixture(scope='module')
+def shown(image):
+    def frame(number, place, source='', seed=1):
+        return Frame(number * STEP_NS, image(place, seed), source, camera=LENS)
+
+    return frame
+
+
+@pytest.fixture(scope='module')
+def reference_map(shown):
+    return build_map([shown(number, number, seed=0) for number in range(40)], config=OWN)
+
+
+@pytest.fixture(scope='module')
+def way_back(shown):
+    """Return what the front camera, which sees nothing known, and the rear one show by turns."""
+    frames = []
+    for number in range(24):
+        frames.append(shown(number, 500 + number, FRONT))
+        frames.append(shown(number, 35 - number, REAR))
+    return frames
+
+
+def test_each_camera_answers_from_its_own_past(reference_map, way_back):
+    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
+    together = [cameras.process(frame) for frame in way_back]
+    assert [match.query_index for match in together] == list(range(len(way_back)))
+    for source in (FRONT, REAR):
+        alone = PlaceRecognizer(reference_map, OWN)
+        own = [alone.process(frame) for frame in way_back if frame.source == source]
+        said = [match for match in together if match.camera == source]
+        assert [(one.reason, one.candidates) for one in said] == [
+            (one.reason, one.candidates) for one in own
+        ]
+    rear = [match.accepted for match in together[-19::2]]
+    assert [one and one.reference_index for one in rear] == list(range(21, 11, -1))
+
+
+def test_the_robot_is_where_the_surest_camera_is(reference_map, way_back):
+    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
+    last = [cameras.process(frame) for frame in way_back][-2:]
+    assert [match.camera for match in last] == [FRONT, REAR]
+    for match in last:
+        assert match.localization.state is LocalizationState.LOCALISED
+    cameras.reset()
+    assert cameras.localization.state is LocalizationState.LOST
+
+
+def test_the_base_is_turned_where_another_camera_recognises_a_place(reference_map, way_back):
+    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
+    match = [cameras.process(frame) for frame in way_back][-1]
+    assert match.accepted and abs(match.relative_yaw_rad) == pytest.approx(math.pi, abs=0.05)
+
+
+def test_a_single_camera_takes_frames_of_any_source(reference_map, shown):
+    frames = [shown(number, number, f'{number}.png') for number in range(12)]
+    cameras, alone = Cameras(reference_map, OWN), PlaceRecognizer(reference_map, OWN)
+    found = [(cameras.process(frame), alone.process(frame)) for frame in frames]
+    assert all(one.candidates == other.candidates and not one.camera for one, other in found)
+
+
+def test_the_first_camera_alone_adds_to_a_map(shown):
+    online = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=0.5))
+    grown = ReferenceMap(OWN.encoding, keyframes=EVERY_FRAME)
+    cameras = Cameras(grown, online, [FRONT, REAR])
+    for number in range(20):
+        cameras.process(shown(number, number, FRONT))
+        cameras.process(shown(number, 900 + number, REAR))
+    assert len(grown) == 20 and {place.source for place in grown.places} == {FRONT}
+    # Of its own drive, with the exclusion of what is recent, the other one recognises places.
+    back = [cameras.process(shown(20 + n, 15 - n, REAR, seed=2)) for n in range(12)]
+    assert back[-1].best.reference_index == 4
+
+
+def test_settings_reach_every_camera(reference_map):
+    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
+    cameras.configure(replace(OWN, acceptance=AcceptanceConfig(min_evidence=9.0)))
+    for source, x_m in ((FRONT, 1.0), (REAR, -1.0)):
+        config = cameras.of(source).config
+        assert config.acceptance.min_evidence == 9.0 and config.robot.mount[0] == x_m
+
+
+def test_a_base_is_where_both_cameras_are_at_one_place():
+    front, rear = (
+        replace(LENS, mount=of_roll_pitch_yaw((x_m, 0.0, 1.0), 0.0, 0.0, yaw))
+        for x_m, yaw in ((1.0, 0.0), (-0.5, math.pi))
+    )
+    moved = base_between(front, rear)
+    np.testing.assert_allclose(moved @ matrix(rear.mount), matrix(front.mount), atol=1e-12)
+    assert moved[:3, 3] == pytest.approx([0.5, 0.0, 0.0])
+    assert np.array_equal(base_between(front, LENS), np.eye(4))
+
+
+@pytest.mark.parametrize('said', ['1 2 3', '0 0 0 0 0 0;', '0 0 0 0 0 0; a b c d e f'])
+def test_where_cameras_are_is_six_numbers_each(said):
+    with pytest.raises(ConfigError, match=r'camera_to_base: .*semicolon'):
+        RobotConfig(camera_to_base=said)
