@@ -5,6 +5,7 @@
 from collections.abc import Callable, Sequence
 from threading import Lock
 from uuid import uuid4
+from weakref import proxy
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
@@ -62,7 +63,8 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
-        self.images = KeptImages(lambda index: self.pictures([index], True)[0].image)
+        own = proxy(self)  # a map that nobody has any more lets go of its file at once
+        self.images = KeptImages(lambda index: own.pictures([index], True)[0].image)
 
     def __len__(self) -> int:
         return len(self.places)
