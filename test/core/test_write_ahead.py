@@ -4,6 +4,7 @@
 
 import os
 import shutil
+import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import writer as module
@@ -148,3 +149,12 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
     for use in (open_map, own):
         with pytest.raises(MapError, match=f'{end}: is no file'):
             use(path)
+
+
+def test_a_map_that_nobody_has_any_more_lets_go_of_its_file_at_once(tmp_path):
+    path = tmp_path / 'map.db'
+    save_map(ReferenceMap(ENCODING), path)
+    opened = open_map(path)
+    held = weakref.ref(opened)
+    del opened
+    assert held() is None

@@ -47,8 +47,8 @@ def refuse_damaged_log(log: Path) -> None:
         with log.open('rb') as file:
             is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
             at = _damaged_at(file) if is_large else -1
-    except FileNotFoundError:
-        return
+    except OSError:
+        return  # SQLite says what is wrong
     if at >= 0:
         raise MapError(
             f'{log}: damaged at byte {at}; it holds what was added to the map last: restore it, '
