@@ -130,11 +130,14 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 differ += said(match) != said(other)
             if index == WARM:
                 read[0] = rounds[0] = 0
+                busy_s = client.run(time.process_time), time.process_time()
             if match.status is Status.ACCEPTED and match.best:
                 accepted += 1
                 off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
                 right += off <= 2
         count = len(took_ms) - WARM - 1
+        here_s = time.process_time() - busy_s[1]
+        workers_s = [then - busy_s[0][one] for one, then in client.run(time.process_time).items()]
         beside = {}
         if one:
             ratios = [a / b for a, b in zip(took_ms, beside_ms, strict=True)]
@@ -150,6 +153,8 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             'opened_s': opened_s,
             'frame_ms': statistics.median(took_ms[WARM:]),
             'p95_ms': float(np.percentile(took_ms[WARM:], 95)),
+            'here_busy_ms': 1e3 * here_s / count,  # of a processor's time, a frame
+            'workers_busy_ms': [1e3 * one / count for one in workers_s],
             'rounds_a_frame': rounds[0] / count,
             'places_read_a_frame': read[0] / count,
             'worker_mb': max(client.run(resident_mb).values()),
