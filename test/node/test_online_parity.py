@@ -116,7 +116,7 @@ def rows_of(table):
     ]
 
 
-@pytest.mark.parametrize('spacing', [{}, {'keyframe_distance_m': 1.5}])
+@pytest.mark.parametrize('spacing', [{}, {'keyframe_distance_m': 1.5}, {'mode': 'lifelong'}])
 def test_the_node_answers_as_replay_and_makes_the_same_map(
     client, start, recording, tmp_path, spacing
 ):
@@ -178,12 +178,13 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     expected = rows_of(offline)
     assert rows_of(live) == expected
     maps = [open_map(tmp_path / name) for name in ('offline.db', 'live.db')]
+    assert maps[0].uses.rows(len(PLACES)) == maps[1].uses.rows(len(PLACES))
     assert [place.pose for place in maps[0].places] == [place.pose for place in maps[1].places]
     assert [place.stamp_ns for place in maps[0].places] == [
         place.stamp_ns for place in maps[1].places
     ]
     # The drive must be worth the comparison.
-    if spacing:
+    if 'keyframe_distance_m' in spacing:
         reasons = [row['reason'] for row in expected]
         assert reasons.count('between_keyframes') > 15 and 'accepted' in reasons
         assert len(maps[1]) < len(PLACES) - 15
