@@ -211,6 +211,11 @@ class KeyframeConfig(Checked):
         128, 'Width of the small pictures that a map keeps for people to look at; 0 keeps none.',
         unit='px', low=0, high=640,
     )
+    keep_images_px: int = parameter(
+        0, 'Longer side of the images that a map keeps, as JPEGs, so that by day keypoints tell '
+        'more exactly where a camera was; 320 takes about 10 kB a place; 0 keeps none.',
+        unit='px', low=0, high=1280,
+    )
 
     @property
     def spacing(self) -> dict[str, float]:

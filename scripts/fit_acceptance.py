@@ -22,7 +22,7 @@ import sys
 
 from acceptance_drives import drawn, FORK_M, Pair, PAIRS, ROUND_M
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.acceptance import CONFIDENCE
+from convseq_ros.core.decision.confidence import CONFIDENCE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer

@@ -4,9 +4,11 @@
 Print how far off measured relative poses are, and how well their covariance says so.
 
 Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
+       [--images-px 320]
 
 Rows tell the pose from the place that lies nearest along the way, from the one 2 m before that,
-and what is shipped then: it is measured once more from the place that turns out to be nearest.
+and what is shipped then: it is measured once more from the place that turns out to be nearest;
+`ms` are medians of the processor's time, on all cores.
 Streets are drawn: mapped by day, a place each metre; driven again in the evening, under clouds,
 and at night with noise, anywhere between the own lane and 2 m to the left, up to 3 degrees turned.
 Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt: each image is asked
@@ -18,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
+import time
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
@@ -48,6 +51,7 @@ class Error:
     turn_deg: float
     squared: float  # normalised error of all six numbers
     same_m: float  # error of saying that the query is at its place
+    ms: float  # of the processor that it took
 
 
 class FromOnePlace(RelativePoses):
@@ -55,11 +59,12 @@ class FromOnePlace(RelativePoses):
 
     last = 1 << 30
 
-    def _nearest(self, index, _pose):
-        return index
-
-    def _moved(self, index, other):
-        return super()._moved(index, other) if max(index, other) <= self.last else None
+    def __init__(self, reference_map, matcher):
+        super().__init__(reference_map, matcher)
+        moved, self.ways.nearest = self.ways.moved, lambda index, _pose: index
+        self.ways.moved = lambda index, other: (
+            moved(index, other) if max(index, other) <= self.last else None
+        )
 
 
 def main() -> None:
@@ -67,16 +72,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--streets', type=int, nargs='*', default=[31, 32, 33])
     parser.add_argument('--roads', type=Path, nargs='*', default=[])
+    parser.add_argument('--images-px', type=int, default=0, help='have the map keep images')
     chosen = parser.parse_args()
-    print(f'{"what":27}   n  none  median m  90 %  median deg  90 %  squared  <12.6  same pose m')
+    numbers = 'n  none  median m  90 %  median deg  90 %  squared  <12.6  same pose m    ms'
+    print(f'{"what":27}   {numbers}')
     found: dict[str, list[Error | None]] = {}
     for seed in chosen.streets:
-        for name, error in of_street(seed):
+        for name, error in of_street(seed, chosen.images_px):
             found.setdefault(name, []).append(error)
     for name, errors in found.items():
         tell(name, errors)
     for folder in chosen.roads:
-        for name, errors in of_road(folder):
+        for name, errors in of_road(folder, chosen.images_px):
             tell(f'{folder.name} {name}', errors)
 
 
@@ -92,15 +99,16 @@ def tell(name: str, errors: list[Error | None]) -> None:
         f'{name:27}{len(errors):4}{len(errors) - len(known):6}{np.median(metres):10.2f}'
         f'{np.percentile(metres, 90):6.2f}{np.median(degrees):12.2f}'
         f'{np.percentile(degrees, 90):6.2f}{np.median(squared):9.1f}'
-        f'{np.mean(squared < EXPECTED):7.2f}{np.median([one.same_m for one in known]):13.2f}',
+        f'{np.mean(squared < EXPECTED):7.2f}{np.median([one.same_m for one in known]):13.2f}'
+        f'{np.median([one.ms for one in known]):6.0f}',
         flush=True,
     )
 
 
-def of_street(seed: int) -> Iterator[tuple[str, Error | None]]:
+def of_street(seed: int, images_px: int) -> Iterator[tuple[str, Error | None]]:
     """Yield what is wrong with poses on a drawn street, from two places each."""
     map_shown, queries = drawn(seed)
-    reference_map = made(map_shown)
+    reference_map = made(map_shown, images_px)
     for light, shown in queries.items():
         matcher = make_matcher(reference_map, Config())
         one, best = (kind(reference_map, matcher) for kind in (FromOnePlace, RelativePoses))
@@ -120,11 +128,11 @@ def of_street(seed: int) -> Iterator[tuple[str, Error | None]]:
                 yield f'{light:9}{name}', error(poses, features, frame, found, place)
 
 
-def of_road(folder: Path) -> Iterator[tuple[str, list[Error | None]]]:
+def of_road(folder: Path, images_px: int) -> Iterator[tuple[str, list[Error | None]]]:
     """Yield what is wrong with poses on a road, so many frames from the reference."""
     shown, dark = road(folder)
     for name, queries in (('', shown), ('dark', dark)):
-        matcher = make_matcher(reference_map := made(shown), Config())
+        matcher = make_matcher(reference_map := made(shown, images_px), Config())
         extracted = [matcher.extract(descriptor) for _, descriptor in queries]
         poses = FromOnePlace(reference_map, matcher)
         for apart in (1, 2, 4):
@@ -139,7 +147,9 @@ def of_road(folder: Path) -> Iterator[tuple[str, list[Error | None]]]:
 
 def error(poses, features, frame, found, place) -> Error | None:
     """Return what is wrong with one pose; None if none in metres is measured."""
+    started = time.process_time()
     told = poses.measure(features, frame, found)
+    ms = (time.process_time() - started) * 1e3
     if told is None or told.position_m is None:
         return None
     truth = inverse(matrix(place)) @ matrix(frame.pose)
@@ -148,15 +158,18 @@ def error(poses, features, frame, found, place) -> Error | None:
     turn = cv2.Rodrigues(turned)[0].ravel()
     off = np.concatenate((said[:3, 3] - truth[:3, 3], turn))
     squared = float(off @ np.linalg.solve(told.covariance, off))
-    metres = float(np.linalg.norm(off[:3]))
-    return Error(metres, math.degrees(angle(turned)), squared, math.dist(truth[:3, 3], (0, 0, 0)))
+    metres, same_m = float(np.linalg.norm(off[:3])), math.dist(truth[:3, 3], (0, 0, 0))
+    return Error(metres, math.degrees(angle(turned)), squared, same_m, ms)
 
 
-def made(shown: Shown) -> ReferenceMap:
-    """Return a map of every frame."""
+def made(shown: Shown, images_px: int) -> ReferenceMap:
+    """Return a map of every frame, with images of a size or without."""
     reference_map = ReferenceMap()
     for frame, descriptor in shown:
-        reference_map.add_frame(frame, descriptor)
+        reference_map.add_frame(frame, descriptor, 0, images_px)
+    if images_px:
+        kept = [len(one.image) for one in reference_map.pictures(range(len(shown)), True)]
+        print(f'{np.mean(kept) / 1e3:.1f} kB an image', flush=True)
     return reference_map
 
 
@@ -204,8 +217,8 @@ def darkened(gray, rng):
 
 
 def described(frames) -> Shown:
-    """Return frames without their images, and what they show."""
-    return [(replace(one, gray=None), describe(one.gray)) for one in frames]
+    """Return frames and what they show."""
+    return [(one, describe(one.gray)) for one in frames]
 
 
 if __name__ == '__main__':

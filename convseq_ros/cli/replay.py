@@ -112,6 +112,8 @@ def replay_chosen(
             then()
     for warning in source.warnings:
         warn(warning)
+    if (images := recognizer.reference_map.images).unreadable:
+        warn(f'{name}: {images.unreadable} kept images cannot be used; {images.problem}')
     return summarize(matches, durations)
 
 

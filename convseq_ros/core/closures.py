@@ -30,7 +30,7 @@ class Closures:
 
     def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
         self._map, self._matcher = reference_map, matcher
-        self._poses = RelativePoses(reference_map, matcher)
+        self._poses = RelativePoses(reference_map, matcher, config.reading)
         self._plausibility = Plausibility(config.robot, config.online.grows)
 
     def reset(self) -> None:

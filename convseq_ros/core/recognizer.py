@@ -7,7 +7,7 @@ from functools import partial
 from convseq_ros.config import Config
 from convseq_ros.core.closures import Closures
 from convseq_ros.core.decision.acceptance import Acceptance
-from convseq_ros.core.decision.candidates import ranked, why_none
+from convseq_ros.core.decision.candidates import decided, why_none
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
@@ -122,11 +122,10 @@ class PlaceRecognizer:
         # III-G: sums along diagonals; the best sequences are the candidates.
         scores = buffer.best_scores(count, ends, velocity)
         search.verify(ends, scores)
-        found = ranked(acceptance, ends, scores, self.reference_map.places, config.acceptance)
         # Ours: is the best one a match? The paper always says yes.
-        reason, sure = why_none(usable, count, velocity, buffer.bounds), None
-        if found:
-            reason, sure = acceptance.judge(frame.stamp_ns, found, config.acceptance)
+        asked = frame.stamp_ns, ends, scores, self.reference_map.places, config.acceptance
+        found, said, sure = decided(acceptance, *asked)
+        reason = said or why_none(usable, count, velocity, buffer.bounds)
         if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)

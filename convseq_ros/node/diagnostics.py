@@ -152,6 +152,8 @@ class Diagnostics:
             return DiagnosticStatus.WARN, (
                 f'the fleet does not answer, the own map does: {situation.fleet.problem}'
             )
+        if problem := situation.session.recognizer.reference_map.images.problem:
+            return DiagnosticStatus.WARN, f'{problem}; its poses are less exact'
         if situation.session.keyframes_m and not situation.odometry_heard:
             return DiagnosticStatus.WARN, (
                 f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
@@ -209,6 +211,7 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'localization_quality': '' if known.quality is None else known.quality,
         'map_path': session.path or '',
         'map_size': situation.map_size,
+        'kept_images_unreadable': session.recognizer.reference_map.images.unreadable,
         'clock_jumps': situation.clock_jumps,
         'result_rows_lost': situation.rows_lost,
         'camera_info': situation.camera_known,

@@ -9,11 +9,21 @@ every image for RTAB-Map.
 """
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 import sys
 from typing import Any
 
-from keyframes import closure_from, Keyframes, stamp_to_ns, stamps_from, Waiting
+from keyframes import (
+    closure_from,
+    confidence_from,
+    Keyframes,
+    robots_of,
+    session_from,
+    stamp_to_ns,
+    stamps_from,
+    Waiting,
+)
 import messages
 import numpy as np
 import rclpy
@@ -52,10 +62,14 @@ class Bridge(Node):
     def __init__(self, name: str) -> None:
         super().__init__(f'{name}_bridge')
         self._kinds = Kinds()
-        within_s = self.declare_parameter('within_s', 0.15).value
-        self._waiting = Waiting(Keyframes(within_s))
+        self._within_s = self.declare_parameter('within_s', 0.15).value
+        self._waiting = Waiting(Keyframes(self._within_s))
+        # Of other robots, and which of them, or this one, drove a session of the map.
+        self._others: dict[int, Waiting] = {}
+        self._robots: dict[bytes, int] = {}
         self._robot = self.declare_parameter('robot_id', 0).value
         self._send: Callable[[int, int, Any], bool] | None = None
+        self._send_to: Callable[[int, int, int, float], bool]
         self._send_by_stamp: Callable[[Any], None] | None = None
         self._needs_pose = name != 'swarm_slam'
         getattr(self, f'_begin_{name}')()
@@ -97,6 +111,36 @@ class Bridge(Node):
 
         self._send = send
         self._learn('cslam_common_interfaces/msg/KeyframeOdom', 'cslam/keyframe_odom', learn)
+        self._begin_swarm_slam_of_others()
+
+    def _begin_swarm_slam_of_others(self) -> None:
+        sessions = self.declare_parameter('sessions', ['']).value
+        self._robots = robots_of(text for text in sessions if text)
+        matches = self.create_publisher(
+            self._kinds['cslam_common_interfaces/msg/InterRobotMatches'],
+            '/cslam/inter_robot_matches',
+            _DEPTH,
+        )
+
+        def send(robot: int, query: int, reference: int, confidence: float) -> bool:
+            ends = (self._robot, query), (robot, reference)
+            match = messages.swarm_robot_match(self._kinds, *ends, confidence)
+            matches.publish(messages.swarm_robot_matches(self._kinds, [match]))
+            return True
+
+        def learn(robot: int, message: Any) -> None:
+            at_ns = stamp_to_ns(message.odom.header.stamp)
+            self._others[robot].references.add(at_ns, message.id)
+            self._flush()
+
+        self._send_to = send
+        for robot in sorted({*self._robots.values()} - {self._robot}):
+            self._others[robot] = Waiting(self._waiting.keyframes, Keyframes(self._within_s))
+            self._learn(
+                'cslam_common_interfaces/msg/KeyframeOdom',
+                f'/r{robot}/cslam/keyframe_odom',
+                partial(learn, robot),
+            )
 
     def _begin_kimera(self) -> None:
         edges = self.create_publisher(
@@ -161,6 +205,10 @@ class Bridge(Node):
             )
         elif closure and self._send_by_stamp:
             self._send_by_stamp(closure)
+        elif self._robots.get(session_from(message)) in self._others:
+            other = self._others[self._robots[session_from(message)]]
+            other.add(*stamps_from(message), confidence_from(message))
+            self._flush()
         else:
             self._waiting.add(*stamps_from(message), closure)
             self._flush()
@@ -168,6 +216,8 @@ class Bridge(Node):
     def _flush(self) -> None:
         if self._send:
             self._waiting.send(self._send)
+        for robot, waiting in self._others.items():
+            waiting.send(partial(self._send_to, robot))
 
 
 def main() -> int:
@@ -177,7 +227,12 @@ def main() -> int:
         print(f'usage: bridge_node.py {"|".join(names)} [--ros-args ...]', file=sys.stderr)
         return 1
     rclpy.init()
-    node = Bridge(sys.argv[1])
+    try:
+        node = Bridge(sys.argv[1])
+    except ValueError as error:
+        rclpy.try_shutdown()
+        print(f'bridge: {error}', file=sys.stderr)
+        return 1
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):

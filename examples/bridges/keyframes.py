@@ -4,12 +4,13 @@
 
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import sys
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 
@@ -106,15 +107,63 @@ def stamps_from(message: Any) -> tuple[int, int]:
     return stamp_ns(read, 'query'), stamp_ns(read, 'reference')
 
 
+def session_from(message: Any) -> bytes:
+    """Return the id of the session of the reference of `~/closure`."""
+    return read_closure(message)['reference_session'].tobytes()
+
+
+def confidence_from(message: Any) -> float:
+    """Return the confidence of `~/closure`; 1 if it has none, since it is accepted."""
+    confidence = float(read_closure(message)['confidence'])
+    return 1.0 if math.isnan(confidence) else confidence
+
+
+def robots_of(sessions: Iterable[str]) -> dict[bytes, int]:
+    """
+    Return which robot drove each session, by the session's id.
+
+    Parameters
+    ----------
+    sessions : iterable of str
+        Such as '6c0d2e4a-8f4b-4d51-9f0e-2d1f3a7b9c55=1'; `convseq info MAP` lists the ids.
+
+    Raises
+    ------
+    ValueError
+        If one is no id and number.
+
+    """
+    found = {}
+    for text in sessions:
+        ident, _, robot = text.partition('=')
+        if not robot.isdecimal():
+            raise ValueError(f'sessions: {text!r} is not ID=ROBOT, such as 6c0d...9c55=1')
+        try:
+            found[UUID(ident).bytes] = int(robot)
+        except ValueError:
+            raise ValueError(
+                f'sessions: {ident!r} is no id of a session; `convseq info MAP` lists them'
+            ) from None
+    return found
+
+
 class Waiting:
     """
     Closures whose keyframes the back end has not told yet; the oldest give way after 1000.
 
     A back end may come later than the closures, tell its keyframes late, or go away.
+
+    Parameters
+    ----------
+    keyframes : Keyframes
+        Of the robot.
+    references : Keyframes, optional
+        Of the robot that drove where the closures lead, if that is another.
+
     """
 
-    def __init__(self, keyframes: Keyframes) -> None:
-        self.keyframes = keyframes
+    def __init__(self, keyframes: Keyframes, references: Keyframes | None = None) -> None:
+        self.keyframes, self.references = keyframes, references or keyframes
         self._closures: deque[tuple[int, int, Any]] = deque(maxlen=_MOST_WAITING)
 
     def __len__(self) -> int:
@@ -132,10 +181,12 @@ class Waiting:
         """
         left = []
         for one in self._closures:
-            query, reference = (self.keyframes.find(at_ns) for at_ns in one[:2])
+            query, reference = self.keyframes.find(one[0]), self.references.find(one[1])
             if query is None or reference is None:
                 left.append(one)
-            elif query != reference and not send(query, reference, one[2]):
+                continue
+            is_same = query == reference and self.references is self.keyframes
+            if not is_same and not send(query, reference, one[2]):
                 left.append(one)
         self._closures = deque(left, _MOST_WAITING)
 

@@ -16,6 +16,7 @@ import numpy as np
 Kinds = Mapping[str, Callable[..., Any]]
 _USER_CLOSURE = 4  # rtabmap/core/Link.h: kUserClosure
 _LOOP_CLOSURE = 1  # pose_graph_tools_msgs/PoseGraphEdge: LOOPCLOSE
+_NO_ROBOT = 2**32 - 1  # of a uint32; no robot takes it for itself
 _CV_32FC1 = 5  # OpenCV's number of a matrix of floats
 
 
@@ -65,6 +66,12 @@ def swarm_robot_match(
         robot1_keyframe_id=reference[1],
         weight=weight,
     )
+
+
+def swarm_robot_matches(kinds: Kinds, matches: list[Any]) -> Any:
+    """Return Swarm-SLAM's list of matches of two robots; each robot leaves out what it sent."""
+    kind = kinds['cslam_common_interfaces/msg/InterRobotMatches']
+    return kind(robot_id=_NO_ROBOT, matches=matches)
 
 
 def voxgraph_edges(kinds: Kinds, header: Any, closures: list[Closure]) -> Any:

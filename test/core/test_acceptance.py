@@ -12,8 +12,9 @@ from convseq_ros.config import (
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.core.decision.acceptance import Acceptance, confidence
+from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.encoding.descriptor import describe

@@ -14,12 +14,16 @@ from convseq_ros.config import (
 )
 from convseq_ros.core.compiled import available
 from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.verified_evidence import VerifiedEvidence
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Reason
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
 import numpy as np
 import pytest
 
@@ -127,12 +131,19 @@ def test_decisions_and_inliers_are_those_without_compiled_kernels(described, mon
 class Given:
     """Stands in for what can be verified of a frame."""
 
-    def __init__(self, strengths, step):
+    def __init__(self, strengths, step, row=None):
         self.strengths, self.verified_step = strengths, Verification(0, step, step / 2)
+        self.row, self.asked = row, []
+
+    def score(self, count, ends):
+        self.asked.append((count, ends.tolist()))
 
     def verified(self, indices):
-        strengths = {index: self.strengths.get(index, 20.0) for index in indices}
-        return {index: Verification(0, one, one / 2) for index, one in strengths.items()}
+        found = {index: self.strengths.get(index, 20.0) for index in indices}
+        return {
+            index: one if isinstance(one, Verification) else Verification(0, one, one / 2)
+            for index, one in found.items()
+        }
 
 
 @pytest.mark.parametrize(
@@ -155,3 +166,42 @@ def test_a_place_of_this_drive_must_look_as_this_drive_does(step, session_start,
     found = acceptance.judge(0, [Candidate(30, 30, 0.3)], config)
     assert found[0] is reason
     assert acceptance.inliers(30) == 0 and acceptance.inliers(50) is None
+
+
+@pytest.mark.parametrize(
+    ('scores', 'strengths', 'where'),
+    [
+        ({32: 0.25}, {30: 60.0, 32: 200.0}, 32),
+        ({32: 0.25, 31: 0.3}, {30: 60.0, 32: 200.0}, 30),  # 31 scores best, and is none
+        ({32: 0.25}, {30: 180.0, 32: 200.0}, 30),  # hardly better
+        ({34: 0.25}, {30: 60.0, 34: 200.0}, 30),  # too far
+        ({32: 0.25}, {30: 60.0, 32: Verification(0, 200.0, 5.0)}, 30),  # a zebra crossing
+        ({}, {30: 60.0, 32: 200.0}, 30),  # nothing beside it was scored
+    ],
+)
+def test_a_match_belongs_to_the_neighbour_that_the_newest_frame_shows(scores, strengths, where):
+    row = np.full(40, np.nan, np.float32)
+    row[30] = 0.2
+    for index, score in scores.items():
+        row[index] = score
+    given = Given(strengths, 0.0, row)
+    assert VerifiedEvidence().placed(30, given) == where
+    assert given.asked == [(1, [*range(27, 34)])]
+
+
+def test_the_first_frames_of_a_slower_drive_are_where_they_are():
+    # Places 6 m apart, frames half a metre: sequences are taken for some of the map's velocity.
+    def frames(spacing_m, count, **how):
+        drive = Drive(
+            frame_rate_hz=10 / spacing_m, num_frames=count, width_px=160, height_px=120, **how
+        )
+        return [(shot.distance_m, shot.frame) for shot in draw(Street(400.0, 901), drive)]
+
+    mapped = frames(6.0, 25, seed=1802)
+    recognizer = PlaceRecognizer(build_map([frame for _, frame in mapped]), Config())
+    off_m = [
+        abs(mapped[match.accepted.reference_index][0] - at_m)
+        for at_m, frame in frames(0.5, 14, seed=1803, light='evening', lane_offset_m=-0.5)
+        if (match := recognizer.process(frame)).accepted
+    ]
+    assert len(off_m) >= 6 and max(off_m) <= 6.0

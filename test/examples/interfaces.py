@@ -118,6 +118,10 @@ DEFINITIONS = {
         uint32 robot1_keyframe_id
         float32 weight
     """,
+    'cslam_common_interfaces/msg/InterRobotMatches': """
+        uint32 robot_id
+        cslam_common_interfaces/InterRobotMatch[] matches
+    """,
     'voxgraph_msgs/msg/LoopClosureEdge': """
         builtin_interfaces/Time timestamp_a
         builtin_interfaces/Time timestamp_b

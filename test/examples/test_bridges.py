@@ -3,12 +3,15 @@
 """
 Bridges to back ends that cannot run here: their messages, serialised and read back as CDR.
 
-The node of examples/bridges needs the back ends' packages: it is *not run here*, but compiled.
+The node of examples/bridges needs the back ends' packages: it is *not run here*, but compiled; the
+part for Swarm-SLAM is given messages by hand.
 """
 
 import math
 from pathlib import Path
 import py_compile
+from types import SimpleNamespace
+from uuid import UUID
 import zlib
 
 import pytest
@@ -16,12 +19,13 @@ import pytest
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
 from interfaces import blank, type_store
-from keyframes import Closure, Keyframes, stamp_to_ns, Waiting
+from keyframes import Closure, Keyframes, robots_of, stamp_to_ns, Waiting
 import messages
 import numpy as np
 
 QUERY_NS, REFERENCE_NS = 1_795_355_676_679_518_551, 1_700_000_000_999_999_999
 HALF = math.sin(0.25), math.cos(0.25)
+THEIRS, OURS = UUID(int=5), UUID(int=6)
 CLOSURE = Closure(
     QUERY_NS,
     REFERENCE_NS,
@@ -122,9 +126,98 @@ def test_swarm_slam_gets_keyframes_and_no_pose(store):
     assert (stamp_to_ns(told.odom.header.stamp), told.id) == (5_000_000_007, 12)
     match = round_trip(store, messages.swarm_local_match(store.types, 40, 12))
     assert (match.keyframe0_id, match.keyframe1_id) == (40, 12)
-    other = round_trip(store, messages.swarm_robot_match(store.types, (1, 40), (0, 12), 0.75))
-    assert (other.robot0_id, other.robot0_keyframe_id) == (1, 40)
-    assert (other.robot1_id, other.robot1_keyframe_id, other.weight) == (0, 12, 0.75)
+
+
+@pytest.fixture
+def bridge(store, monkeypatch):
+    """Return a bridge to Swarm-SLAM for robot 2, what it sent, and who hears which topic."""
+    node = pytest.importorskip('bridge_node', reason='needs rclpy')
+    sent, heard = [], {}
+    given = {'sessions': [f'{THEIRS}=1', f'{OURS}=2'], 'robot_id': 2}
+
+    class Unconnected(node.Bridge):
+        def declare_parameter(self, name, usual):
+            return SimpleNamespace(value=given.get(name, usual))
+
+        def create_publisher(self, _kind, topic, _depth):
+            return SimpleNamespace(
+                publish=lambda message: sent.append((topic, round_trip(store, message)))
+            )
+
+        def create_subscription(self, _kind, topic, on_message, _depth):
+            heard[topic] = on_message
+
+    monkeypatch.setattr(node, 'Kinds', lambda: store.types)
+    monkeypatch.setattr(node.Node, '__init__', lambda *_: None)
+    return Unconnected('swarm_slam'), sent, heard
+
+
+def keyframe(store, ident, stamp_ns):
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    stamp = blank(store, 'builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
+    odom = blank(
+        store, 'nav_msgs/msg/Odometry', header=blank(store, 'std_msgs/msg/Header', stamp=stamp)
+    )
+    return blank(store, 'cslam_common_interfaces/msg/KeyframeOdom', id=ident, odom=odom)
+
+
+def closure_to(session, confidence=0.75):
+    """Return `~/closure` as the node sends it, without a pose, to a place of a session."""
+    from convseq_ros.node.closure_message import CLOSURE as ROW
+    from convseq_ros.node.conversions import cloud_message
+    from std_msgs.msg import Header
+
+    row = np.zeros(1, ROW)
+    row['x'] = row['y'] = row['z'] = np.nan
+    row['layout'], row['confidence'] = 1, confidence
+    row['query_sec'], row['query_nanosec'] = divmod(QUERY_NS, 10**9)
+    row['reference_sec'], row['reference_nanosec'] = divmod(REFERENCE_NS, 10**9)
+    row['reference_session'] = np.frombuffer(session.bytes, np.uint8)
+    return cloud_message(row, Header(), is_dense=False)
+
+
+def test_swarm_slam_gets_matches_with_who_drove_the_session(bridge, store):
+    _, sent, heard = bridge
+    assert sorted(heard) == ['/r1/cslam/keyframe_odom', 'closure', 'cslam/keyframe_odom']
+    heard['closure'](closure_to(THEIRS))
+    heard['cslam/keyframe_odom'](keyframe(store, 40, QUERY_NS))
+    # Of this robot, not of the one that drove there.
+    heard['cslam/keyframe_odom'](keyframe(store, 7, REFERENCE_NS))
+    assert not sent
+    heard['/r1/cslam/keyframe_odom'](keyframe(store, 40, REFERENCE_NS + 20_000_000))
+    ((topic, told),) = sent
+    assert topic == '/cslam/inter_robot_matches'
+    (match,) = told.matches
+    assert (match.robot0_id, match.robot0_keyframe_id) == (2, 40)
+    assert (match.robot1_id, match.robot1_keyframe_id, match.weight) == (1, 40, 0.75)
+    # Each robot leaves out what it sent itself: it would, if that were 1 or 2.
+    assert told.robot_id == 2**32 - 1
+    assert len(sent) == 1
+
+
+@pytest.mark.parametrize('session', [OURS, UUID(int=9)])
+def test_swarm_slam_gets_matches_of_one_robot_as_before(bridge, store, session):
+    _, sent, heard = bridge
+    heard['closure'](closure_to(session))
+    for ident, stamp_ns in ((40, QUERY_NS), (7, REFERENCE_NS)):
+        heard['cslam/keyframe_odom'](keyframe(store, ident, stamp_ns))
+    ((topic, match),) = sent
+    assert topic == 'cslam/local_keyframe_match'
+    assert (match.keyframe0_id, match.keyframe1_id) == (40, 7)
+
+
+def test_a_closure_without_confidence_counts_as_sure(bridge, store):
+    _, sent, heard = bridge
+    heard['closure'](closure_to(THEIRS, np.nan))
+    heard['cslam/keyframe_odom'](keyframe(store, 40, QUERY_NS))
+    heard['/r1/cslam/keyframe_odom'](keyframe(store, 7, REFERENCE_NS))
+    assert sent[0][1].matches[0].weight == 1.0
+
+
+@pytest.mark.parametrize('text', ['1', f'{OURS}', f'{OURS}=-1', f'{OURS}=x', 'home=1', '=1'])
+def test_a_session_that_names_no_robot_is_told(text):
+    with pytest.raises(ValueError, match='sessions: '):
+        robots_of([text])
 
 
 def test_voxgraph_gets_both_stamps_and_the_query_in_the_reference(store):

@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
@@ -15,15 +15,6 @@ from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
 
 Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
-
-
-@constants
-class CONFIDENCE:
-    """Between what fits drawn streets that repeat, and dark images (scripts/fit_acceptance.py)."""
-
-    offset: float = -0.2  # of a logistic function: log odds at an evidence of 1
-    slope: float = 2.1  # log odds per e-fold
-    least_evidence: float = 0.1  # added, so that none has a logarithm
 
 
 class Acceptance:
@@ -156,6 +147,18 @@ class Acceptance:
             return min(evidence, 0.0)
         return evidence
 
+    def placed(self, best: int, least: float) -> int:
+        """
+        Return the place that a match belongs to: the best, or one beside it.
+
+        A track of so much evidence at the map's velocity says where it ends. Any other may end
+        beside the place that the newest frame shows.
+        """
+        is_sure = self._velocity == 1.0 and (self._along(best) or 0.0) >= least
+        if is_sure or self._geometry is None:
+            return best
+        return self._verified.placed(best, self._geometry)
+
     def newest_score(self, reference: int) -> float:
         """Return the pair score of the newest frame with a likely place."""
         return 0.0 if self._row is None else max(0.0, float(self._row[reference]))
@@ -208,9 +211,3 @@ class Acceptance:
         own = self._verified.recent_strength(self._frame, best, self._direction)
         step = self._geometry.verified_step if self._geometry and own is not None else None
         return own is not None and step is not None and own < VERIFIED.of_step * step.strength
-
-
-def confidence(evidence: float) -> float:
-    """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
-    strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
-    return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))

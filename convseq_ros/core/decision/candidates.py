@@ -46,23 +46,38 @@ def why_none(usable: int, length: int, velocity: float, bounds: SessionBounds) -
     return Reason.MAP_TOO_SHORT if short else Reason.WARMING_UP
 
 
-def ranked(
+def decided(
     acceptance: Acceptance,
+    stamp_ns: int,
     ends: Indices,
     scores: Values,
     places: Sequence[Place],
     config: AcceptanceConfig,
-) -> Candidates:
-    """Return the best places, and what is verified of them; first what speaks most for itself."""
+) -> tuple[Candidates, Reason | None, float | None]:
+    """
+    Return the best places, what is said of the best, and how sure that is; of none, None.
+
+    First is what speaks most for itself; a match is where the newest frame shows it to be.
+    """
+
+    def candidate(index: int) -> Candidate:
+        own = scores[(ends == index) & np.isfinite(scores)]
+        return _candidate(
+            index, float(own[0]) if len(own) else acceptance.newest_score(index), places
+        )
+
     found = best_candidates(ends, scores, places, config, acceptance.places.bounds)
     surest = acceptance.surest() if acceptance.verifies else None
     if surest and surest[1] >= config.min_evidence:
-        reference = surest[0]
-        (score,) = scores[ends == reference]
-        score = score if np.isfinite(score) else acceptance.newest_score(reference)
-        first = _candidate(reference, float(score), places)
-        found = with_first(first, found, config, acceptance.places)
-    return tuple(replace(one, inliers=acceptance.inliers(one.reference_index)) for one in found)
+        found = with_first(candidate(surest[0]), found, config, acceptance.places)
+    if not found:
+        return found, None, None
+    reason, sure = acceptance.judge(stamp_ns, found, config)
+    if reason in (Reason.ACCEPTED, Reason.COOL_DOWN):
+        best = acceptance.placed(found[0].reference_index, config.min_evidence)
+        found = candidate(best), *found[1:]
+    known = (replace(one, inliers=acceptance.inliers(one.reference_index)) for one in found)
+    return tuple(known), reason, sure
 
 
 def with_first(

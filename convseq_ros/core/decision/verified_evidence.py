@@ -16,7 +16,9 @@ from typing import Protocol
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
-from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.geometry.verification import NOTHING, Verification
+from convseq_ros.core.types import Indices, Row
+import numpy as np
 
 
 @constants
@@ -35,6 +37,8 @@ class VERIFIED:
     # What lies on the ground repeats: zebra crossings, tiles. So evidence alone is no more than so
     # many times what the lead by the upper half of the image says.
     of_upper: float = 3.0
+    beside: int = 3  # places from a match; the best scored of them is where it belongs ...
+    better: float = 1.2  # ... if verified so many times as strongly (scripts/spacing.py)
     # Deviations that count alone as much as a scatter in each frame of a track; and of that, what
     # counts for a place of the same drive: identical lockers reach 33 deviations.
     alone: float = 14.0
@@ -56,7 +60,14 @@ class Sighting:
 
 
 class Geometry(Protocol):
-    """What can be verified of the newest frame."""
+    """What can be scored and verified of the newest frame."""
+
+    @property
+    def row(self) -> Row | None:
+        """Pair scores (R,), NaN where there is none; None if it shows nothing."""
+
+    def score(self, count: int, ends: Indices) -> None:
+        """Score what is missing of so many newest frames on diagonals, by their ends (n,)."""
 
     def verified(self, indices: Sequence[int]) -> Mapping[int, Verification]:
         """Return what geometry says of it and some references, if it is asked."""
@@ -123,6 +134,20 @@ class VerifiedEvidence:
         rival = max(one.upper for one in rivals)
         return (max(near) - rival) / math.sqrt(max(rival, VERIFIED.least_strength / 2))
 
+    def placed(self, best: int, geometry: Geometry) -> int:
+        """Return the place that the newest frame shows: the best, or one beside it."""
+        around = self._places.bounds.around(best, VERIFIED.beside)
+        geometry.score(1, np.array(around))
+        scores = () if geometry.row is None else geometry.row
+        near = [one for one in around if one != best and one < len(scores) and scores[one] >= 0]
+        if not near:
+            return best
+        beside = max(near, key=lambda one: float(scores[one]))
+        unknown = [one for one in (best, beside) if one not in self.found]
+        self.found = {**self.found, **geometry.verified(unknown)}
+        own, other = (_support(self.found.get(one, NOTHING)) for one in (best, beside))
+        return beside if other > VERIFIED.better * own else best
+
     def beside_scores(self, reference: int) -> float:
         """Return what geometry adds to a frame's margin, in scatters of the track."""
         lead, upper = self.lead(reference), self.upper_lead(reference)
@@ -188,3 +213,8 @@ class VerifiedEvidence:
                 if is_own and off <= VERIFIED.same_scene + VERIFIED.drift * past:
                     found[past] = one
         return found
+
+
+def _support(found: Verification) -> float:
+    """Return how strongly a place is verified; by what lies on the ground alone, hardly."""
+    return min(found.strength, VERIFIED.of_upper * found.upper)

@@ -5,29 +5,48 @@ Where a lens was that saw a reference's regions: robust least squares over all o
 
 Depths are not exact, and those of far regions are hardly known: so they move along, each held to
 its own as surely as it is known, and what a region says of the pose counts for no more than that.
-No sample is drawn: the search starts at a given pose, wide at first.
+The search starts at a given pose, wide at first; for keypoints also at one of samples.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
-from convseq_ros.core.geometry.structure import DEPTH, Floats, Structure
+from convseq_ros.core.geometry.structure import DEPTH, Floats, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
+import cv2
 import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Precision:
+    """How exactly what is aligned was seen, in its unit: cells, or that of keypoints."""
+
+    sigmas: tuple[float, ...]  # of the rounds of least squares
+    agreeing: float  # within which something agrees with a pose
+    fewest: int  # that must agree
+    least_share: float = 0.0  # of what was found, that must agree
 
 
 @constants
 class ALIGNMENT:
     """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
-    sigmas_cells: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3)
-    agreeing_cells: float = 0.6  # within which a region agrees with a pose
-    fewest: int = 40  # regions that must agree; unrelated images have less
+    # Of regions; of unrelated images less than 40 agree.
+    cells: Precision = Precision(
+        sigmas=(1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3), agreeing=0.6, fewest=40
+    )
     stiffness: float = 1e-6  # information of no motion
     # Of the way across, which the field misses, for each cell that it moves the middle region.
     shrunk: float = 0.08  # fitted on drawn streets
+    # Of a start by points in space: deviations of a depth that tells how far its point is, how
+    # many such points there must be, and what of OpenCV's samples, which are always alike.
+    least_depth_sigmas: float = 3.0
+    fewest_points: int = 8
+    samples: int = 200
+    probability: float = 0.999
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,20 +62,27 @@ class Alignment:
     baseline_m: float = math.inf  # between the images that gave the depths
 
 
-def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> Alignment | None:
+def align(
+    structure: Structure,
+    seen: Points,
+    scale: Floats,
+    start: Matrix,
+    precision: Precision = ALIGNMENT.cells,
+) -> Alignment | None:
     """
     Return the motion to a lens that saw regions where it did, (n, 2); None if few agree.
 
-    `scale` is cells across and down for a length of 1 in its plane.
+    `scale` is cells, or units of another precision, across and down for a length of 1 in its
+    plane.
     """
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
-    if known.sum() < ALIGNMENT.fewest:
+    if known.sum() < precision.fewest:
         return None
     # Numbers of a region lie in a column: sums over what is side by side in memory are faster.
     rays, seen, across_down = structure.rays[known].T, seen[known].T, scale[:, None]
     inverse = given = structure.inverse_m[known]
     held, moved = structure.information[known], start.copy()
-    for sigma in ALIGNMENT.sigmas_cells:
+    for sigma in precision.sigmas:
         turned = moved[:3, :3] @ rays
         points = turned + inverse * moved[:3, 3:]
         ahead = np.maximum(points[2], DEPTH.least_ahead)
@@ -76,12 +102,42 @@ def align(structure: Structure, seen: Points, scale: Floats, start: Matrix) -> A
         inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
         moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
         moved[:3, 3] += step[3:]
-    agreeing = int((np.hypot(*off) <= ALIGNMENT.agreeing_cells).sum())
-    if agreeing < ALIGNMENT.fewest or not np.isfinite(moved).all():
+    agreeing = int((np.hypot(*off) <= precision.agreeing).sum())
+    if agreeing < precision.fewest or not np.isfinite(moved).all():
         return None
     cells_per_m = float(np.median(inverse) * scale.mean())
-    share = agreeing / len(inverse)
+    if (share := agreeing / len(inverse)) < precision.least_share:
+        return None
     return Alignment(moved, np.linalg.inv(information), agreeing, share, cells_per_m)
+
+
+def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
+    """
+    Return the motion to a lens by SQPnP and RANSAC, for `align` to start from; None if it fails.
+
+    Only points whose depths are known well are asked.
+    """
+    deviations = structure.inverse_m * np.sqrt(structure.information)
+    known = np.isfinite(sight.seen).all(axis=1) & (deviations > ALIGNMENT.least_depth_sigmas)
+    if known.sum() < ALIGNMENT.fewest_points:
+        return None
+    points = structure.rays[known] / structure.inverse_m[known, None]
+    lens, moved = np.diag([*sight.scale, 1.0]), np.eye(4)
+    with suppress(cv2.error):
+        is_found, turn, way, _ = cv2.solvePnPRansac(
+            points,
+            sight.seen[known] * sight.scale,
+            lens,
+            None,
+            iterationsCount=ALIGNMENT.samples,
+            reprojectionError=1.0,
+            confidence=ALIGNMENT.probability,
+            flags=cv2.SOLVEPNP_SQPNP,
+        )
+        if is_found and np.isfinite(turn).all() and np.isfinite(way).all():
+            moved[:3, :3], moved[:3, 3] = turned_by(turn), way.ravel()
+            return moved
+    return None
 
 
 def unshrunk(found: Alignment, along: Floats) -> Alignment:

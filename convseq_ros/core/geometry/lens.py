@@ -16,7 +16,8 @@ Points = npt.NDArray[np.float64]  # (n, 2), each NaN where it is not known
 class LENS:
     """Of lenses; engineering, not studied."""
 
-    error_cells: float = 0.05  # by which a ray, distorted again, may miss; a field has .1
+    # Of the image, by which a ray, distorted again, may miss: .05 of 32 cells; a field has .1.
+    error_share: float = 0.05 / 32
     widest: float = 5.7  # tangent of 80 degrees; a ray further out has no picture on a plane
 
 
@@ -42,16 +43,21 @@ def rays(camera: Camera, places: Points, side: int) -> Points:
     x to the right and y down, at a distance of 1 before the lens. NaN where the place is not
     known, the distortion cannot be inverted, or the ray is further than 80 degrees from the axis.
     """
-    height, width = cell_px(camera, side)
+    return rays_through(camera, (places[:, ::-1] + REGION.span / 2) / (side + REGION.span - 1))
+
+
+def rays_through(camera: Camera, shares: Points) -> Points:
+    """Return what `rays` does for places across and down, as shares of the image."""
     # The middle of the first pixel is 0.
-    middle = (places[:, ::-1] + REGION.span / 2) * (width, height) - 0.5
+    middle = shares * (camera.width_px, camera.height_px) - 0.5
     matrix = np.array(
         [[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]]
     )
     if not any(camera.distortion):
         found = (middle - matrix[:2, 2]) / (camera.fx_px, camera.fy_px)
     else:
-        found = _undistorted(camera, middle, matrix, LENS.error_cells * min(height, width))
+        error_px = LENS.error_share * min(camera.width_px, camera.height_px)
+        found = _undistorted(camera, middle, matrix, error_px)
     with np.errstate(invalid='ignore'):
         found[~(abs(found) < LENS.widest).all(axis=1)] = np.nan
     return np.asarray(found)

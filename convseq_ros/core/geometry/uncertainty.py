@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the motion between two lenses to the pose between two bases, and how sure it is."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.alignment import Alignment
@@ -12,25 +12,37 @@ from convseq_ros.core.types import RelativePose, UNKNOWN_M2, Vector
 import numpy as np
 
 
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How far off an alignment is."""
+
+    # Times least squares' deviations, over a power of the share that agrees: neighbours err
+    # alike, and where few agree all is bad.
+    scatter: float
+    share_power: int
+    # Of the way, along every axis, at a way as long as the baseline, with a power of their ratio:
+    # so far apart, least squares is surer than it is right (4 frames of road_1 and road_2).
+    far: float
+    far_power: int
+    position_m: float  # what no number of regions or keypoints mends
+    turn_rad: float
+
+
 @constants
 class ERROR:
     """Fitted on drawn streets by day, in the evening and at night (scripts/relative_pose.py)."""
 
-    # Times least squares' deviations, over the square of the share of regions that agree:
-    # neighbouring regions err alike, and where few agree the field is bad.
-    scatter: float = 1.7
-    # Of the way, along every axis, at a way as long as the baseline, with the cube of their ratio:
-    # a field so far apart is wrong where least squares is sure (4 frames of road_1 and road_2).
-    far: float = 0.05
-    position_m: float = 0.02  # what no number of regions mends
-    turn_rad: float = 0.002
+    cells: Spread = Spread(1.7, 2, far=0.05, far_power=3, position_m=0.02, turn_rad=0.002)
+    keypoints: Spread = Spread(0.35, 8, far=0.01, far_power=0, position_m=0.002, turn_rad=0.0002)
     # A position that is less sure than this, or than half of the way, is not told.
     unsure_m: float = 1.0
     unsure_share: float = 0.5
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
 
 
-def base_pose(found: Alignment, base_reference: Matrix, base_query: Matrix) -> RelativePose:
+def base_pose(
+    found: Alignment, base_reference: Matrix, base_query: Matrix, spread: Spread = ERROR.cells
+) -> RelativePose:
     """
     Return the pose of a query's base in a reference's base.
 
@@ -47,9 +59,9 @@ def base_pose(found: Alignment, base_reference: Matrix, base_query: Matrix) -> R
     slopes[:3, :3] = turn @ arm
     slopes[:3, 3:] = slopes[3:, :3] = -turn
     way_m = float(np.linalg.norm(lens[:3, 3]))
-    scatter = ERROR.scatter / found.share**2
-    far_m = ERROR.far * way_m * (way_m / found.baseline_m) ** 3
-    floor = np.diag([ERROR.position_m**2 + far_m**2] * 3 + [ERROR.turn_rad**2] * 3)
+    scatter = spread.scatter / found.share**spread.share_power
+    far_m = spread.far * way_m * (way_m / found.baseline_m) ** spread.far_power
+    floor = np.diag([spread.position_m**2 + far_m**2] * 3 + [spread.turn_rad**2] * 3)
     covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance

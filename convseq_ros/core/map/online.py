@@ -44,7 +44,8 @@ class OnlineMap(PreloadedMap):
         self._name, self._frame = name, frame or None  # of this session, and of its poses
         self._exclusion_ns = round(config.online.exclusion_s * 1e9)
         self._exclusion_m = config.online.exclusion_m
-        self._width_px = config.keyframes.thumbnail_width_px
+        kept = config.keyframes
+        self._widths_px = kept.thumbnail_width_px, kept.keep_images_px
         super().__init__(reference_map)
 
     def reset(self) -> None:
@@ -72,7 +73,7 @@ class OnlineMap(PreloadedMap):
         """Add a frame that was passed after so many metres, and with which a session may begin."""
         if begins:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
-        self._map.add_frame(frame, descriptor, self._width_px)
+        self._map.add_frame(frame, descriptor, *self._widths_px)
         self._passed_m.append(passed_m)
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:

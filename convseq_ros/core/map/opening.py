@@ -11,6 +11,7 @@ import tempfile
 
 from convseq_ros.core.map.database import DAMAGED, Database
 from convseq_ros.core.map.format import PAGE_BYTES
+from convseq_ros.core.map.log import refuse_damaged_log
 from convseq_ros.errors import MapError
 
 _JOURNAL, _LOG = '-journal', '-wal'  # of SQLite, beside the file
@@ -34,6 +35,7 @@ def open_to_read(path: Path) -> Database:
         raise MapError(f'{path}: no such map; make one with `convseq build-map RECORDING {path}`')
     _refuse_irregular(path)
     for last in range(_TRIES, 0, -1):
+        refuse_damaged_log(_beside(path, _LOG))
         database = Database(path, 'ro')
         try:
             pages = database.number('PRAGMA page_count')
@@ -62,6 +64,7 @@ def open_to_write(path: Path) -> Database:
         raise MapError(f'{path}: is no file; name the map file')
     _refuse_irregular(path)
     _refuse_other_files(path)
+    refuse_damaged_log(_beside(path, _LOG))
     database = Database(path, 'rwc')
     database.rows(f'PRAGMA page_size = {PAGE_BYTES}')
     try:

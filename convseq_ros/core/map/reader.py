@@ -93,8 +93,8 @@ class MapReader:
             return self._end()
 
     def about(self) -> dict[str, Any]:
-        """Return what the file says about itself, and how many thumbnails and images it holds."""
-        found = {'thumbnails': 0, 'images': 0}
+        """Return what the file says about itself, and what pictures it holds."""
+        found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0}
         with self._at_one_moment():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
                 some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
@@ -103,6 +103,8 @@ class MapReader:
                     ('images', 'images WHERE jpeg IS NOT NULL'),
                 ):
                     found[name] += self._database.number(f'SELECT count(*) FROM {what} AND {some}')
+                total = f'SELECT coalesce(sum(length(jpeg)), 0) FROM images WHERE {some}'
+                found['image_bytes'] += self._database.number(total)
         return {**self._about, **found}
 
     def reference_map(self) -> ReferenceMap:

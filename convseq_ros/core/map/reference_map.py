@@ -11,6 +11,7 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.kept_image import kept_image, KeptImages
 from convseq_ros.core.map.place import (
     pack_cells,
     Packed,
@@ -38,7 +39,8 @@ class ReferenceMap:
     remembered; MapError if they are damaged. One thread may add places while others read: what has
     an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
     `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
-    is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place.
+    is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place;
+    `images` are those that were kept.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class ReferenceMap:
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
+        self.images = KeptImages(lambda index: self.pictures([index], True)[0].image)
 
     def __len__(self) -> int:
         return len(self.places)
@@ -74,14 +77,21 @@ class ReferenceMap:
         """Of all places, shape (R, n); not to be written to."""
         return self._places.descriptors.view
 
-    def add_frame(self, frame: Frame, descriptor: Descriptor, thumbnail_width_px: int = 0) -> None:
+    def add_frame(
+        self,
+        frame: Frame,
+        descriptor: Descriptor,
+        thumbnail_width_px: int = 0,
+        keep_images_px: int = 0,
+    ) -> None:
         """Append the place that a frame shows: the one way from a frame to a place."""
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
         session = len(self.sessions) - 1
         gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose, session)
         small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
-        self.add(place, pack_cells(descriptor.cells), small)
+        image = None if gray is None else kept_image(gray, keep_images_px)
+        self.add(place, pack_cells(descriptor.cells), small, image=image)
 
     def add(
         self,
@@ -89,6 +99,7 @@ class ReferenceMap:
         packed: npt.NDArray[np.float16],
         thumbnail: bytes = b'',
         known_descriptor: npt.ArrayLike | None = None,
+        image: bytes | None = None,
     ) -> None:
         """Append a place, with its global descriptor (n,) where that is known already."""
         shape, dtype = packed.shape, packed.dtype
@@ -98,7 +109,7 @@ class ReferenceMap:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
-        self._in_memory.append(Picture(packed, thumbnail))
+        self._in_memory.append(Picture(packed, thumbnail, image))
         self._places.append(place, known_descriptor)
 
     def begin_session(

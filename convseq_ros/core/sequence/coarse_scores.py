@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import weakref
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
@@ -12,6 +13,7 @@ from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, Sums
 from convseq_ros.core.sequence.diagonals import Rows, Values
+from convseq_ros.core.sequence.numpy_kernels import mean_score
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves, products, widened
 from convseq_ros.core.types import Descriptor, Indices, Row
 import numpy as np
@@ -120,6 +122,7 @@ class CoarseScores:
         self._sums, self._counted = np.zeros((2, numbers)), 0
         self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
         self._nearness = GrowingArray(np.zeros(0, np.float32))
+        self._means: dict[int, np.float32] = {}  # of rows that are there, by their identities
 
     def reset(self) -> None:
         self._drive.reset()
@@ -129,7 +132,10 @@ class CoarseScores:
         references = self._map.global_descriptors[:usable]
         self._follow_map(references)
         direction = self._drive.update(descriptor, self._usual)
-        return self._usual.row(references, self._nearness.view[: len(references)], direction)
+        row = self._usual.row(references, self._nearness.view[: len(references)], direction)
+        self._means[id(row)] = mean_score(row)
+        weakref.finalize(row, self._means.pop, id(row)).atexit = False
+        return row
 
     def peaks(self, rows: Rows, steps: Values) -> Values:
         """Return what `kernels.peaks` does."""
@@ -138,7 +144,12 @@ class CoarseScores:
 
     def sums(self, asked: Sequence[Asked]) -> list[Sums]:
         """Return all sums along diagonals."""
-        return [all_sums(one, self._map.bounds) for one in asked]
+        bounds = self._map.bounds
+        return [all_sums(one, bounds, [*map(self._mean, one.rows)]) for one in asked]
+
+    def _mean(self, row: Row | None) -> np.float32 | None:
+        known = self._means.get(id(row))
+        return mean_score(row) if known is None and row is not None else known
 
     def expect(self, places: Callable[[], Indices]) -> None:
         """Do nothing: they are at hand."""

@@ -54,7 +54,8 @@ class Shortlist:
             scores[sums.at(verified)] += sums.spread.range
         listed = self._best(replace(sums, scores=scores), self._length, rival_distance)
         if len(before):
-            new = [index for index in listed if index not in before]
+            carried = set(before.tolist())
+            new = [index for index in listed if index not in carried]
             listed = list(set(listed).difference(new[self._length // SHORTLIST.admission :]))
         self._newest, self._listed = asked.rows[0], np.array(sorted(listed), np.int64)
         return self._listed

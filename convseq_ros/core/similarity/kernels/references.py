@@ -62,11 +62,12 @@ def pack_all(
     if background is not None:
         background = np.ascontiguousarray(background, np.float32)
         behind = (-(-side // block)) ** 2 * REGION.numbers * 4
-    packed = [np.ascontiguousarray(one) for one in packed]
+    cells = np.stack(packed)
+    from_where = address(cells) + np.arange(len(cells), dtype=np.uint64) * cells[0].nbytes
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
     where = addresses(panels)
     _prepare(
-        addresses(packed), len(packed), size, PACKED_UNIT, own.middle, own.side,
+        from_where, len(packed), size, PACKED_UNIT, own.middle, own.side,
         own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
     )  # fmt: skip
     made = zip(panels, where.tolist(), shown.tolist(), strict=True)

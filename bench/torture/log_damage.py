@@ -1,0 +1,97 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The log that a crash leaves beside a growing map, and a bad disk that flips a bit of it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import random
+import time
+
+from convseq_ros.core.map.format import PAGE_BYTES
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.writer import MapWriter, save_map
+from convseq_ros.errors import MapError
+
+from bench.torture.attack import Try
+from bench.torture.scenarios import APART, drawn, ENCODING
+
+ABOUT = (
+    'A map grows in one to six commits and crashes, none of them in its file yet; one bit of the '
+    'log flips (of ten tries nine), or 512 bytes of it are zeros; it is read, and added to'
+)
+ORACLE = (
+    'it is refused with one line within 5 s, or has all that was committed; zeros that a power '
+    'cut leaves too, with at most one whole commit after them, cost what follows them'
+)
+COUNT, PORTION, SHORT, SEED = 2_000, 500, 60, 16
+_PLACES, _SECTOR = 8, 512
+_FRAME, _MARK = PAGE_BYTES + 24, 24  # of the log: a page, before which stands whose it is
+_MOST_S = 5.0
+
+
+def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
+    """Damage the logs of some crashed maps in many ways."""
+    draw, path = random.Random(seed), folder / 'map.db'
+    crashed = [_crashed(folder, commits, draw) for commits in range(1, 7)]
+    for number in range(count):
+        whole, log, ends, counts = draw.choice(crashed)
+        damaged, position = bytearray(log), draw.randrange(len(log))
+        is_flip = draw.random() < 0.9
+        if is_flip:
+            damaged[position] ^= 1 << draw.randrange(8)
+        else:
+            position -= position % _SECTOR
+            damaged[position : position + _SECTOR] = bytes(_SECTOR)
+        allowed, safe = {counts[-1]}, sum(end <= position for end in ends)
+        marks = [end - _FRAME for end in ends[safe:]]
+        left = [at for at in marks if not position - _MARK < at < position + _SECTOR]
+        if not is_flip and len(left) <= 1:
+            allowed.add(counts[safe])
+        _clear(folder)
+        path.write_bytes(whole)
+        path.with_name('map.db-wal').write_bytes(damaged)
+        name = f'{number}: {"flip" if is_flip else "zeros"} at {position} of {len(log)}'
+        yield Try(name, _problem(path, allowed, damaged == log))
+
+
+def _crashed(
+    folder: Path, commits: int, draw: random.Random
+) -> tuple[bytes, bytes, list[int], list[int]]:
+    """Return a map, its log, where each commit ends in it, and places before and after each."""
+    path = folder / 'map.db'
+    log, counts, ends = path.with_name('map.db-wal'), [_PLACES], []
+    _clear(folder)
+    save_map(drawn(_PLACES), path)
+    with MapWriter(path, ENCODING, APART, append=True) as writer:
+        writer.write_ahead()
+        for _ in range(commits):
+            counts.append(counts[-1] + draw.randint(1, 6))
+            writer.copy(drawn(counts[-1]), counts[-1])
+            ends.append(log.stat().st_size)
+        return path.read_bytes(), log.read_bytes(), ends, counts
+
+
+def _clear(folder: Path) -> None:
+    for one in folder.iterdir():
+        one.unlink()
+
+
+def _problem(path: Path, allowed: set[int], is_whole: bool) -> str:
+    started_s = time.monotonic()
+    try:
+        if (found := len(MapReader(path))) not in allowed:
+            return f'has {found} places, not {sorted(allowed)}'
+        with MapWriter(path, ENCODING, APART, append=True) as writer:
+            writer.copy(drawn(found + 1), found + 1)
+        if (
+            MapReader(path).reference_map().places[found].stamp_ns
+            != drawn(found + 1).places[found].stamp_ns
+        ):
+            return 'what was added is not there'
+    except MapError as error:
+        if is_whole or '\n' in str(error) or path.name not in str(error):
+            return f'says {error}'
+    except Exception as error:
+        return repr(error)
+    took_s = time.monotonic() - started_s
+    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''

@@ -1,0 +1,103 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a lens was against a place whose image the map keeps: by keypoints, far finer than cells.
+
+Keypoints of the place get their depth from neighbours of its own drive that have images, too. By
+night there are few keypoints, or none that agree: then there is no answer.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.encoding.descriptor import seen_cells
+from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
+from convseq_ros.core.geometry.keypoints import keypoints
+from convseq_ros.core.geometry.structure import Structure, triangulate
+from convseq_ros.core.map.kept_image import reduced
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import inverse, Matrix
+from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.views import KeypointView
+from convseq_ros.core.ways import Ways
+import numpy as np
+
+
+@constants
+class IMAGE_POSE:
+    """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+
+    apart_m: float = 0.9  # of neighbours from the place, and from each other
+    neighbours: int = 4
+    kept: int = 64  # places whose keypoints, and whose depths, are remembered; 30 MB at most
+
+
+# In units of keypoints. Wide at first, since the guess is as far off as a field.
+PRECISION = Precision(
+    sigmas=(8.0, 4.0, 2.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3),
+    agreeing=0.8,
+    fewest=15,
+    least_share=0.8,
+)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Place:
+    """A place of the map with what its neighbours tell."""
+
+    view: KeypointView
+    structure: Structure
+    baseline_m: float  # to the furthest neighbour
+
+
+class ImagePoses:
+    """Aligns queries with the kept images of a map; `max_mpx` is the most that one may declare."""
+
+    def __init__(self, reference_map: ReferenceMap, ways: Ways, max_mpx: float) -> None:
+        self._map, self._ways, self._max_mpx = reference_map, ways, max_mpx
+        self._seen = seen_cells(reference_map.encoding.image_mask, reference_map.cell_shape[0])
+        self._view = lru_cache(IMAGE_POSE.kept)(self._find)
+        self._place = lru_cache(IMAGE_POSE.kept)(self._measure)
+
+    def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
+        """
+        Return how a frame is aligned with a place that a camera saw; None if too little agrees.
+
+        `moved` (4, 4) is a guess of the motion from the place's lens to the frame's.
+        """
+        if frame.gray is None or frame.camera is None:
+            return None
+        around = self._ways.neighbours(index, IMAGE_POSE.apart_m, IMAGE_POSE.neighbours)
+        place = self._place(index, own, tuple(other for other, _ in around))
+        if place is None:
+            return None
+        small = reduced(frame.gray, max(place.view.keypoints.size_px))
+        query = KeypointView(frame.camera, keypoints(small, self._seen))
+        sight = place.view.sight_of_scene(query, moved)
+        # Far off, least squares ends where it began; points in space have no beginning.
+        sampled = start_by_points(place.structure, sight)
+        starts = [moved] if sampled is None else [moved, sampled]
+        tried = [align(place.structure, sight.seen, sight.scale, one, PRECISION) for one in starts]
+        found = max(filter(None, tried), key=lambda one: one.inliers, default=None)
+        return found and replace(found, baseline_m=place.baseline_m)
+
+    def _measure(self, index: int, own: Camera, others: tuple[int, ...]) -> _Place | None:
+        """Return the depths of a place's keypoints, by its neighbours; None if there are none."""
+        view = self._view(index, own)
+        if view is None:
+            return None
+        lens, sights = view.base_lens, []
+        for one in others:
+            moved, other = self._ways.moved(index, one), self._view(one, own)
+            if moved is not None and other is not None:
+                sights.append(view.sight(other, inverse(lens) @ moved @ lens))
+        if not sights:
+            return None
+        baseline_m = max(float(np.linalg.norm(sight.moved[:3, 3])) for sight in sights)
+        return _Place(view, triangulate(view.rays, sights), baseline_m)
+
+    def _find(self, index: int, camera: Camera) -> KeypointView | None:
+        """Return a place by its keypoints; None if its image was not kept, or is damaged."""
+        gray = self._map.images.image(index, self._max_mpx)
+        return None if gray is None else KeypointView(camera, keypoints(gray, self._seen))

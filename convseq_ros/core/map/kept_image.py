@@ -1,0 +1,84 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Images that a map keeps of its places, as JPEGs, so that keypoints can be found in them."""
+
+from collections.abc import Callable
+
+from convseq_ros.core.constants import constants
+from convseq_ros.errors import MapError
+from convseq_ros.picture_header import declared
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Gray = npt.NDArray[np.uint8]
+
+
+@constants
+class KEPT_IMAGE:
+    """Of kept images; quality by a look at road_1 and road_2 (docs/GEOMETRY.md)."""
+
+    quality_percent: int = 85  # of a JPEG; 70 doubles the error of poses on a corner
+    longest_px: int = 1280  # side of an image as it is used; a stranger's may be of any size
+
+
+def reduced(gray: Gray, longest_px: int) -> Gray:
+    """Return an image (H, W) whose longer side is at most so long."""
+    scale = longest_px / max(gray.shape)
+    if scale >= 1:
+        return gray
+    height, width = (max(1, round(side * scale)) for side in gray.shape)
+    return np.asarray(cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def kept_image(gray: Gray, width_px: int) -> bytes | None:
+    """Return a JPEG of an image (H, W), its longer side reduced to a length; None if that is 0."""
+    if not width_px:
+        return None
+    how = [cv2.IMWRITE_JPEG_QUALITY, KEPT_IMAGE.quality_percent]
+    return cv2.imencode('.jpg', reduced(gray, width_px), how)[1].tobytes()
+
+
+class KeptImages:
+    """
+    The images of a map, decoded when they are asked for; what is damaged is counted.
+
+    Parameters
+    ----------
+    read : callable
+        From a place's index to its JPEG, or None; it may raise MapError.
+
+    Attributes
+    ----------
+    unreadable : int
+        Times that an image was asked for and could not be decoded.
+    problem : str
+        Why the last of these could not, in one line; empty if all could.
+
+    """
+
+    def __init__(self, read: Callable[[int], bytes | None]) -> None:
+        self._read, self.unreadable, self.problem = read, 0, ''
+
+    def image(self, index: int, max_mpx: float) -> Gray | None:
+        """Return the image of a place; None if none was kept, or it cannot be decoded."""
+        try:
+            jpeg = self._read(index)
+            return (
+                None if jpeg is None else reduced(_decoded(jpeg, max_mpx), KEPT_IMAGE.longest_px)
+            )
+        except (MapError, ValueError, cv2.error) as error:
+            self.unreadable += 1
+            self.problem = f'kept image of reference {index}: {error}'
+            return None
+
+
+def _decoded(jpeg: bytes, max_mpx: float) -> Gray:
+    """Return what a JPEG shows; ValueError if it is damaged or declares too many pixels."""
+    size = declared(jpeg)
+    if size and size.pixels * size.passes > max_mpx * 1e6:
+        raise ValueError(f'it declares more than max_image_mpx, {max_mpx:g}; build the map again')
+    gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE) if size else None
+    if gray is None:
+        raise ValueError('it is no JPEG that can be decoded; build the map again')
+    return np.asarray(gray, np.uint8)

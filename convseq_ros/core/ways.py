@@ -1,0 +1,79 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the places of one drive lie to each other, by the poses that its map has of them."""
+
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import inverse, Matrix, matrix
+from convseq_ros.core.types import RelativePose
+import numpy as np
+
+
+@constants
+class WAYS:
+    """Which places help; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+
+    look: int = 10  # to either side, among which are neighbours
+    most_turned: float = 0.8  # cosine of the turn to a neighbour, at least
+    nearer_m: float = 0.3  # by which another place must lie nearer, to be measured from
+
+
+class Ways:
+    """Ways between places of a map, which may grow."""
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self._map = reference_map
+
+    def moved(self, index: int, other: int) -> Matrix | None:
+        """Return the motion from the base at a place to that at another of its drive, if known."""
+        places = self._map.places
+        if not (0 <= index < len(places) and 0 <= other < len(places)):
+            return None
+        one, two = places[index], places[other]
+        if one.pose is None or two.pose is None or one.session != two.session:
+            return None
+        return inverse(matrix(two.pose)) @ matrix(one.pose)
+
+    def neighbours(self, index: int, apart_m: float, count: int) -> list[tuple[int, Matrix]]:
+        """
+        Return places so far apart before and after a place, and the motions to them.
+
+        They are half on either side, or all on one where there are none on the other.
+        """
+        sides = [self._on_side(index, side, apart_m, count) for side in (-1, 1)]
+        if all(sides):
+            sides = [found[: count // 2] for found in sides]
+        return [one for found in sides for one in found]
+
+    def _on_side(
+        self, index: int, side: int, apart_m: float, count: int
+    ) -> list[tuple[int, Matrix]]:
+        """Return places before a place (-1) or after it (1), as many at most."""
+        found: list[tuple[int, Matrix]] = []
+        last_m = 0.0
+        for step in range(1, WAYS.look + 1):
+            moved = self.moved(index, other := index + side * step)
+            if moved is None or len(found) == count:
+                break
+            way_m = float(np.linalg.norm(moved[:3, 3]))
+            if way_m >= last_m + apart_m and moved[0, 0] >= WAYS.most_turned:
+                found.append((other, moved))
+                last_m = way_m
+        return found
+
+    def nearest(self, index: int, pose: RelativePose) -> int:
+        """Return the place of the same drive that lies nearest to a pose against a place."""
+        places, own = self._map.places, self._map.places[index]
+        if pose.position_m is None or own.pose is None:
+            return index
+        here = (matrix(own.pose) @ (*pose.position_m, 1.0))[:3]
+        best, least_m = index, math.hypot(*pose.position_m) - WAYS.nearer_m
+        first, end = max(0, index - WAYS.look), min(len(places), index + WAYS.look + 1)
+        for other in range(first, end):
+            one = places[other]
+            if one.pose and one.session == own.session:
+                if (way_m := math.dist(one.pose.position, here)) < least_m:
+                    best, least_m = other, way_m
+        return best
