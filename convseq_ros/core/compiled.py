@@ -132,7 +132,17 @@ def kernel(name: str, *arguments: Any) -> Callable[..., None]:
     """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
     function = library().functions[f'convseq_{name}_{library().variant}']
     function.argtypes, function.errcheck = arguments, _check
-    return function
+
+    def call(*given: Any) -> None:
+        try:
+            function(*given)
+        except ctypes.ArgumentError as error:
+            # ctypes says so of whatever comes up while it looks at an argument.
+            if KeyboardInterrupt.__name__ in str(error):
+                raise KeyboardInterrupt from None
+            raise
+
+    return call
 
 
 def _check(result: int, function: Any, _arguments: Any) -> None:

@@ -70,7 +70,7 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     if len(content) > most_bytes:
         raise SourceError(
             f'{len(data)} bytes hold more than the {most_bytes} that they declare, or that '
-            'max_chunk_mb allows'
+            'max_chunk_mb allows; raise it if there is memory'
         )
     return content
 

@@ -47,17 +47,18 @@ class TruncatedMcap:
             self.topics[topic] = Topic(topic, message.type_name, count + 1)
         self.duration_s = max(0, times_ns[-1] - times_ns[0]) / 1e9 if times_ns else 0.0
         size = path.stat().st_size
+        largest_mb = self._largest / 1e6
+        what = f'; a chunk of {largest_mb:.4g} MB'
+        too_large = limits.reading.above('max_chunk_mb', largest_mb, what)
         if not self.topics:
-            raise SourceError(
-                f'{path}: no whole message in its {size} bytes of mcap; record again'
-            )
+            remedy = too_large or '; record again'
+            raise SourceError(f'{path}: no whole message in its {size} bytes of mcap{remedy}')
         self.damage = (
             f'{path}: cut short or damaged at byte {self._broken_at} of {size}'
             if self._broken_at >= 0
             else f'{path}: its index cannot be used, so it was read from start to end'
         )
-        what = f'; a chunk of {self._largest / 1e6:.4g} MB'
-        self.damage += limits.reading.above('max_chunk_mb', self._largest / 1e6, what)
+        self.damage += too_large
 
     def messages(self, topic: str) -> Iterator[RawMessage]:
         """Yield the messages of a topic in the order in which they lie in the file."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A library that cannot be used is one line and not an error; nothing is written at run time."""
 
+import ctypes
 import os
 from pathlib import Path
 import shutil
@@ -9,6 +10,7 @@ import subprocess
 import sys
 
 from convseq_ros.core import compiled
+import numpy as np
 import pytest
 
 INSTALLED = Path(compiled.__file__).parents[1]  # the package, which need not be the repository's
@@ -142,3 +144,18 @@ def test_kernels_whose_probe_fails_are_not_used(monkeypatch):
     assert f'says that it has {best}' in found_in(compiled._FOLDER, monkeypatch).problem
     asked = found_in(compiled._FOLDER, monkeypatch, CONVSEQ_KERNELS=best)
     assert 'this processor has numpy' in asked.problem
+
+
+def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
+    needs_library()
+
+    class Interrupted:
+        @property
+        def dtype(self):
+            raise KeyboardInterrupt
+
+    score = compiled.kernel('shape', compiled.array('i4'))
+    with pytest.raises(KeyboardInterrupt):
+        score(Interrupted())
+    with pytest.raises(ctypes.ArgumentError, match='expected contiguous int32'):
+        score(np.zeros(4))
