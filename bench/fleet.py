@@ -5,7 +5,7 @@ Measure a fleet: `python -m bench.fleet frames --places 100000` or `... build`.
 
 `frames` makes maps in a temporary folder, 17 kB a place, and deletes them: one holds a drawn
 street, which is driven again in the evening, the others its images with other global descriptors.
-`build` draws 20 short recordings and builds their maps on one worker and on two.
+`build` draws short recordings and builds their maps on one worker and on two.
 """
 
 import argparse
@@ -41,7 +41,7 @@ from bench import material
 FIRST = 2000  # places of the map that holds the street; the others share the rest
 FRAMES = 200  # of the drive through the street
 WARM = 30  # first frames, which do not count: buffers and caches fill
-RECORDINGS, IMAGES = 20, 40  # of `build`
+IMAGES = 40  # of a recording of `build`
 KINDS = 2000  # places of the first map whose images others repeat
 SPREAD = 0.02  # by which their global descriptors differ from those
 
@@ -130,11 +130,14 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
                 differ += said(match) != said(other)
             if index == WARM:
                 read[0] = rounds[0] = 0
+                busy_s = client.run(time.process_time), time.process_time()
             if match.status is Status.ACCEPTED and match.best:
                 accepted += 1
                 off = abs(match.best.reference_index - material.truth(index, FIRST, FRAMES))
                 right += off <= 2
         count = len(took_ms) - WARM - 1
+        here_s = time.process_time() - busy_s[1]
+        workers_s = [then - busy_s[0][one] for one, then in client.run(time.process_time).items()]
         beside = {}
         if one:
             ratios = [a / b for a, b in zip(took_ms, beside_ms, strict=True)]
@@ -150,6 +153,8 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             'opened_s': opened_s,
             'frame_ms': statistics.median(took_ms[WARM:]),
             'p95_ms': float(np.percentile(took_ms[WARM:], 95)),
+            'here_busy_ms': 1e3 * here_s / count,  # of a processor's time, a frame
+            'workers_busy_ms': [1e3 * one / count for one in workers_s],
             'rounds_a_frame': rounds[0] / count,
             'places_read_a_frame': read[0] / count,
             'worker_mb': max(client.run(resident_mb).values()),
@@ -163,7 +168,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
 
 def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     """Measure the same recordings on one worker and on some."""
-    for number in range(RECORDINGS):
+    for number in range(chosen.recordings):
         own = folder / 'recordings' / f'drive_{number:02}'
         if own.exists():
             continue
@@ -195,8 +200,8 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     alone, together = (min(took_s[workers]) for workers in (1, chosen.workers))
     busy_alone, busy_together = (min(busy_s[workers]) for workers in (1, chosen.workers))
     return {
-        'recordings': RECORDINGS,
-        'images': RECORDINGS * IMAGES,
+        'recordings': chosen.recordings,
+        'images': chosen.recordings * IMAGES,
         'seconds': took_s,
         'workers': chosen.workers,
         'times_faster': alone / together,
@@ -212,6 +217,7 @@ def main() -> int:
     parser.add_argument('what', choices=['frames', 'build'])
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)
+    parser.add_argument('--recordings', type=int, default=20)
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument(
         '--beside', action='store_true', help='ask one merged map the same, frame by frame'

@@ -34,9 +34,10 @@ _LOCAL = {
     # A worker that died is started again by its nanny. This long after one death Dask would close
     # whoever of that name is being started again just then, after another one.
     'distributed.deploy.lost-worker-timeout': '1 day',
-    # Dask would look a hundred times a second at what its workers do.
+    # Dask would look a hundred times a second at what its workers do, fifty at how late they are.
     'distributed.worker.profile.enabled': False,
     'distributed.admin.system-monitor.interval': '10s',
+    'distributed.admin.tick.interval': '1s',
     # No pages: the port that Dask opens for them answers nothing.
     'distributed.scheduler.http.routes': [],
     'distributed.worker.http.routes': [],

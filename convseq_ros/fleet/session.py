@@ -26,7 +26,8 @@ class FleetSession:
         if config.matching.search != 'shortlist':
             raise FleetError('search exhaustive: a fleet answers by shortlist; leave it out')
         if config.online.mode != 'preloaded':
-            raise FleetError('mode online: maps of a fleet do not grow; leave it out')
+            mode = config.online.mode
+            raise FleetError(f'mode {mode}: maps of a fleet do not grow; leave it out')
         self.fleet = Fleet(client, paths, timeout_s)
         reference_map = self.fleet.reference_map()
         self.recognizer = PlaceRecognizer(

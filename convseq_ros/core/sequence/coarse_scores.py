@@ -112,8 +112,8 @@ class CoarseScores:
 
     The means of the map and of the drive are taken off: what night or season does to every image
     counts for nothing. Numbers are divided by the fourth root of their standard deviation in both,
-    as those that lamps change most would speak for all. Above a million references an index
-    should answer instead, in rows that are NaN but for the references that it names.
+    as those that lamps change most would speak for all. Indices were measured: up to a
+    million references they lose more than they save (docs/FLEET.md).
     """
 
     def __init__(self, reference_map: ReferenceMap) -> None:
