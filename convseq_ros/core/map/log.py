@@ -28,7 +28,6 @@ _SUMMED_OF_HEAD = 24  # bytes
 _SUMMED = 8  # bytes of a frame's head that are summed, before its page
 _PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # that SQLite has
 _LOOKED_AT = 8192  # frames; 500 places, which are the most in a commit, take some 1,500
-_PAGES = frozenset(1 << power for power in range(9, 17))  # bytes that a page may have
 
 Words = npt.NDArray[np.uint32]
 
@@ -43,6 +42,8 @@ class _Weights(NamedTuple):
 
 def refuse_damaged_log(log: Path) -> None:
     """Raise MapError if what was committed to a map's log is not there any more."""
+    if not log.is_file():  # a pipe would hang
+        return
     try:
         with log.open('rb') as file:
             is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
@@ -62,7 +63,7 @@ def _damaged_at(log: BinaryIO) -> int:
     magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
     sums, order = (first, second), '<>'[magic & 1]
     is_head = magic & ~1 == _MAGIC and page_bytes in _PAGE_BYTES
-    if not is_head or _sums(head[:24], order, (0, 0)) != sums:
+    if not is_head or _sums(head[:_SUMMED_OF_HEAD], order, (0, 0)) != sums:
         return 0  # it is safe before anything follows it
     at, size = _HEAD.size, _FRAME.size + page_bytes
     while len(frame := log.read(size)) == size:
