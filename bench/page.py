@@ -128,8 +128,8 @@ _ADVICE = """\
 ## Limits
 
 * Coarse scores take one short product for every place. Above about a million places that alone
-  would fill a frame's time: share the map among machines, or an index is needed, which [up to a million loses more than it
-  saves](FLEET.md#above-a-million-places).
+  would fill a frame's time: share the map among machines. An index
+  [loses more than it saves](FLEET.md#above-a-million-places), up to a million.
 * Measured on one machine. Its instructions are named above; ARM is computed, not measured, and a
   processor older than AVX2 has no compiled kernels.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.
