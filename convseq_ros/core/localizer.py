@@ -22,7 +22,7 @@ class LOCALIZER:
     """Engineering; scripts/relocalise.py measures what comes of it."""
 
     # Of an accepted match's evidence, with which a place counts as sure, as two must agree. What a
-    # few frames alone say of wrong places is a third at most, on drawn nights and terraces.
+    # few frames alone say of wrong places is a third at most, on drawn nights (towns 107, 108).
     likely: float = 0.6
     near_m: float = 5.0  # beyond what odometry says, within which it is the same place
     # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
