@@ -26,7 +26,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher
-from convseq_ros.core.relative_pose import RelativePoses
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.types import Candidate, Descriptor, Frame
 from convseq_ros.simulation.drive import draw, Drive

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.core.pose import estimate_pose, PoseEstimate
+from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match

@@ -10,7 +10,7 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.plausibility import Plausibility
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.relative_pose import RelativePoses
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import base_between, matrix
 from convseq_ros.core.types import Frame, Match, Reason, RelativePose, Status
 import numpy as np

@@ -15,7 +15,7 @@ from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.lifelong import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
-from convseq_ros.core.pose import measured
+from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.sequence.query_buffer import is_partial, QueryBuffer
 from convseq_ros.core.sequence.search import Coarse, make_search

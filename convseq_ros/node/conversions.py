@@ -8,7 +8,7 @@ import math
 import sys
 
 from builtin_interfaces.msg import Time
-from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion

@@ -9,7 +9,7 @@ import math
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Match, Pose
 from convseq_ros.node.conversions import match_header, point_message, pose_only_message
 from geometry_msgs.msg import Vector3

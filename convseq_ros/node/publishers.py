@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose import estimate_pose, PoseEstimate
+from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
 from convseq_ros.evaluation.match_picture import match_picture

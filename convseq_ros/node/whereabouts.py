@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
-from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation

@@ -14,7 +14,7 @@ from convseq_ros.core.map.editing import parts_of, write_parts
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
-from convseq_ros.core.relative_pose import RelativePoses
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import inverse, matrix
 from convseq_ros.core.types import Candidate
 from convseq_ros.simulation.drive import draw, Drive

@@ -13,8 +13,8 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.types import Candidate, Pose
 from convseq_ros.errors import MapError

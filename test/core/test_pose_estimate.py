@@ -5,7 +5,7 @@
 import math
 
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.pose import estimate_pose, turned
+from convseq_ros.core.pose.estimate import estimate_pose, turned
 from convseq_ros.core.types import Pose
 from hypothesis import given, strategies
 import numpy as np

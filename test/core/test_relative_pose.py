@@ -12,8 +12,8 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
+from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Candidate, Pose, Reason
 from convseq_ros.robot_config import RobotConfig

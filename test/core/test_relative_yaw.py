@@ -9,7 +9,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.pose import relative_yaw, shift_px
+from convseq_ros.core.pose.estimate import relative_yaw, shift_px
 from convseq_ros.core.types import Camera
 from convseq_ros.sources.camera_info import fitted
 import cv2

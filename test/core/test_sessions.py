@@ -19,7 +19,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.pose import estimate_pose
+from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.coarse_sums import all_sums
 from convseq_ros.core.sequence.diagonals import sequence_scores

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node.conversions import (
     candidates_from_message,

@@ -13,7 +13,7 @@ from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose import PoseEstimate
+from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node import map_news
 from convseq_ros.node.conversions import stamp_to_ns

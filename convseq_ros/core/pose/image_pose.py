@@ -18,10 +18,10 @@ from convseq_ros.core.geometry.keypoints import keypoints
 from convseq_ros.core.geometry.structure import Structure, triangulate
 from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.views import KeypointView
+from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix
 from convseq_ros.core.types import Camera, Frame
-from convseq_ros.core.views import KeypointView
-from convseq_ros.core.ways import Ways
 import numpy as np
 import numpy.typing as npt
 

@@ -19,14 +19,14 @@ from convseq_ros.core.geometry.lens import is_usable
 from convseq_ros.core.geometry.structure import measured, Sight, triangulate
 from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
-from convseq_ros.core.image_pose import ImagePoses
 from convseq_ros.core.map.depth import Depths
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
+from convseq_ros.core.pose.image_pose import ImagePoses
+from convseq_ros.core.pose.views import CellView, LensView
+from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.types import Camera, Candidate, Frame, Pose, RelativePose, Shift
-from convseq_ros.core.views import CellView, LensView
-from convseq_ros.core.ways import Ways
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
