@@ -203,7 +203,7 @@ def _run_folder(data: bytes, folder: Path) -> None:
     for name, content in files.items():
         (folder / name).write_bytes(content)
     for one in read_runs([folder]):
-        one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one.folder)
+        one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one)
 
 
 def _provider(data: bytes) -> Any:

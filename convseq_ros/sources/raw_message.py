@@ -85,5 +85,6 @@ def typestore() -> Any:
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error of another library says, in one short line."""
-    return ' '.join(str(error).split())[:200] or type(error).__name__
+    """Return what an error says in one line; a short one, if it is of another library."""
+    line = ' '.join(str(error).split())
+    return (line if isinstance(error, ConvseqError) else line[:200]) or type(error).__name__
