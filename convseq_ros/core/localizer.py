@@ -65,13 +65,12 @@ class Localizer:
     Holds `lost`, `candidate` or `localised` over the matches of a drive.
 
     A sure match is a candidate, and so is a place for which the newest few frames alone speak with
-    .6 of a match's evidence; `localize_keyframes` of them that agree make it localised. It
-    stays so while nothing speaks against it, also where matches are not sure. Two places agree if
-    they are no further apart in the map than odometry says, or, where there is no odometry or no
-    pose, near by their numbers. `lost_keyframes` in a row that show another place, or have half
-    the inliers that the place usually has, make it lost, and so do `localize_keyframes` sure
-    matches that agree on another one. In a map that grows only the places of earlier sessions
-    count.
+    .6 of a match's evidence; `localize_keyframes` that agree make it localised, a second time only
+    if the last is sure. It stays so while nothing speaks against it. Two places agree if they are
+    no further apart in the map than odometry says, or, where there is no odometry or no pose, near
+    by their numbers. `lost_keyframes` in a row that show another place, or have half the inliers
+    that the place usually has, make it lost, and so do `localize_keyframes` that agree on another
+    one. In a map that grows only the places of earlier sessions count.
     """
 
     def __init__(
@@ -79,8 +78,7 @@ class Localizer:
     ) -> None:
         self._places, self._config, self._acceptance = places, config.localization, acceptance
         self._map = acceptance.places if acceptance else Neighbourhood()
-        self._least_evidence = LOCALIZER.likely * config.acceptance.min_evidence
-        self._near_places = config.acceptance.rival_distance
+        self._near_places, self._least_evidence = 0, 0.0  # as each update has them
         self.reset()
 
     def reset(self) -> None:
@@ -109,7 +107,7 @@ class Localizer:
             self._seen = seen or self._seen
             if self._home:
                 self._keep_or_lose(self._home, match, seen, odometry)
-            elif seen and seen.agreeing >= self._config.localize_keyframes:
+            elif seen and self._is_enough(seen) and (seen.is_sure or not self._lost_at):
                 self._home = seen
                 self._usual = _mixed(None, match.best.inliers if match.best else None)
         return replace(match, localization=self.localization)
@@ -164,13 +162,16 @@ class Localizer:
         self._against = self._against + 1 if is_against else 0
         if (
             self._against >= self._config.lost_keyframes
-            or (seen and seen.agreeing >= self._config.localize_keyframes)
+            or (seen and self._is_enough(seen))
             or self._keyframes - home.keyframe >= LOCALIZER.silent_keyframes
         ):
             self._home, self._against, self._lost_at = None, 0, self._keyframes
             # What agreed with the old place so far counts no longer.
             self._usual, self._seen = None, seen
             self._reasons.clear()
+
+    def _is_enough(self, seen: _Sighting) -> bool:
+        return seen.agreeing >= self._config.localize_keyframes
 
     def _agree(self, sighting: _Sighting, reference: int, odometry: Pose | None) -> bool:
         """Return whether the robot may have come from a sighting to a place."""

@@ -96,6 +96,21 @@ def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
     assert second.quality == pytest.approx(1 - (1 - first.quality) ** 2)
 
 
+def test_whoever_was_lost_needs_a_sure_match():
+    robot = Robot()
+    for place in (10, 11):
+        robot.sees(place, at_m=float(place))
+    assert robot.sees(12, at_m=12.0).state is LOCALISED
+    for place in (60, 61):
+        robot.few.shown = place, NEARLY
+        found = robot.sees(120, Reason.WEAK, at_m=12.0)
+    assert found.state is not LOCALISED
+    robot.few.shown = 62, NEARLY
+    assert robot.sees(120, Reason.WEAK, at_m=13.0).state is CANDIDATE
+    robot.few.shown = None
+    assert robot.sees(63, at_m=14.0).state is LOCALISED
+
+
 @pytest.mark.parametrize('reason', [Reason.IMPLAUSIBLE, Reason.UNVERIFIED, Reason.STATIONARY])
 def test_what_is_denied_or_no_keyframe_is_never_nearly_sure(reason):
     robot = Robot()
