@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.encoding.view import upright
+from convseq_ros.core.map.place import shown
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
 from convseq_ros.installing import pip_install
-import cv2
 import numpy as np
 
 _GREEN, _GREY, _YELLOW = (63, 185, 80), (140, 140, 140), (230, 200, 40)
@@ -61,9 +61,8 @@ class Viewer:
         gray = upright(frame, known.encoding).gray
         if gray is not None:
             rerun.log('query', rerun.Image(gray, 'L').compress(80))
-        thumbnail = known.thumbnail(best.reference_index) if best else b''
-        if thumbnail:
-            picture = cv2.imdecode(np.frombuffer(thumbnail, np.uint8), cv2.IMREAD_GRAYSCALE)
+        picture = shown(known.thumbnail(best.reference_index)) if best else None
+        if picture is not None:
             rerun.log('match', rerun.Image(picture, 'L'))
         if gray is not None and best:
             height, width = gray.shape

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The query beside its best reference: on `~/debug_image`, and drawn by `convseq locate`."""
 
+from convseq_ros.core.map.place import shown
 from convseq_ros.core.types import Frame, Match
 import cv2
 import numpy as np
@@ -38,9 +39,7 @@ def match_picture(
         BGR.
 
     """
-    jpeg = np.frombuffer(thumbnail, np.uint8)
-    reference = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE) if thumbnail else None
-    sides = [_to_height(frame.gray), _to_height(reference)]
+    sides = [_to_height(frame.gray), _to_height(shown(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)
     _draw_field(pictures, sides[0].shape[1], field)
     caption = np.zeros((_CAPTION_PX, pictures.shape[1], 3), np.uint8)

@@ -11,17 +11,20 @@ from typing import Any
 from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Pose
+from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Packed = npt.NDArray[np.float16]
+Gray = npt.NDArray[np.uint8]
 
 PACKED_UNIT = np.float32(
     64.0
 )  # of stored cells; sums of strengths would overflow float16 otherwise
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
 _TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
+_MOST_PIXELS = _TALLEST * 640**2  # of a thumbnail; as wide as `thumbnail_width_px` may be
 _GROWTH = 1.25  # of an array's room, when it is full; a fifth of it is empty at most
 _FEWEST_ROWS = 64  # room of a new array
 _NOT_FINITE = np.uint16(0x7C00)  # exponent of float16; NumPy's own test is slower
@@ -162,3 +165,12 @@ def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
     return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+
+
+def shown(jpeg: bytes) -> Gray | None:
+    """Return what a thumbnail shows (H, W); None if there is none, or none that was made here."""
+    size = declared(jpeg)
+    if size is None or size.pixels * size.passes > _MOST_PIXELS:
+        return None
+    gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return None if gray is None else np.asarray(gray, np.uint8)
