@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 _HEAD, _FRAME = struct.Struct('>8I'), struct.Struct('>6I')
 _MAGIC = 0x377F0682  # the last bit tells the order of the bytes that are summed
-_WORDS = 0xFFFFFFFF
+_WORDS = 0xFFFFFFFF  # sums are of 32 bits
 _SUMMED_OF_HEAD = 24  # bytes
 _SUMMED = 8  # bytes of a frame's head that are summed, before its page
 _PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # that SQLite has

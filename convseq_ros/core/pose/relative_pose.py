@@ -38,7 +38,6 @@ class NEIGHBOURS:
     count: int = 2  # one on either side is better than two on one
     apart_m: float = 1.8  # that a neighbour is off the place, and the next off the one before
     kept: int = 64  # places whose measured depths are remembered
-    rounds_by_depth: int = 2  # the second searched about what the first found
 
 
 class RelativePoses:
@@ -152,10 +151,11 @@ def _aligned_by_depth(
     reference: CellView, sight: Sight, query: CellView, depths_m: Depths
 ) -> Alignment | None:
     """Return how a query is aligned by depths that were measured, not by another field."""
-    structure, found = measured(reference.rays, depths_m), None
-    for _ in range(NEIGHBOURS.rounds_by_depth):
-        found = align(structure, sight.seen, sight.scale, sight.moved)
-        if found is None:
-            return None
-        sight = reference.sight(query, found.moved)
+    structure = measured(reference.rays, depths_m)
+    first = align(structure, sight.seen, sight.scale, sight.moved)
+    if first is None:
+        return None
+    # Once more, with what was seen searched about what the first found.
+    again = reference.sight(query, first.moved)
+    found = align(structure, again.seen, again.scale, again.moved)
     return found and unshrunk(replace(found, baseline_m=NEIGHBOURS.apart_m), None)
