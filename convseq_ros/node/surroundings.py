@@ -10,6 +10,7 @@ from convseq_ros.node.depth_images import DepthImages
 from convseq_ros.node.mount import Mount
 from convseq_ros.node.odometry import Odometry
 from convseq_ros.node.topic_finder import camera_info_beside
+from convseq_ros.node_config import NodeConfig
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.depth import Depth
 from rclpy.node import Node
@@ -23,14 +24,12 @@ class Surroundings:
     ----------
     node : Node
         Whose relative topics they are.
-    odom_wait_s : float
-        How long an image may wait for odometry, or depth, seconds.
-    base_frame : str
-        Of the robot, in which TF tells where the camera is.
-    depth_topic : str, optional
-        Of depth images; empty for none.
-    reading : ReadingConfig, optional
-        What is too large.
+    config : NodeConfig
+        How long an image may wait for odometry or depth, the topic of depth, the robot's frame.
+    reading : ReadingConfig
+        Which depth images are too large.
+    topics : sequence of str
+        Of images, resolved, if there are several cameras.
 
     Attributes
     ----------
@@ -43,17 +42,11 @@ class Surroundings:
     """
 
     def __init__(
-        self,
-        node: Node,
-        odom_wait_s: float,
-        base_frame: str,
-        topics: Sequence[str] = (),
-        depth_topic: str = '',
-        reading: ReadingConfig = ReadingConfig(),
+        self, node: Node, config: NodeConfig, reading: ReadingConfig, topics: Sequence[str]
     ) -> None:
-        self.odometry = Odometry(node, odom_wait_s)
-        self.depth = DepthImages(node, depth_topic, odom_wait_s, reading)
-        mount = Mount(node, base_frame)
+        self.odometry = Odometry(node, config.odom_wait_s)
+        self.depth = DepthImages(node, config.depth_topic, config.odom_wait_s, reading)
+        mount = Mount(node, config.base_frame)
         if len(topics) < 2:
             self._cameras = {'': CameraDescription(node, mount)}
         else:

@@ -105,14 +105,7 @@ class VprNode(ManagedNode):
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._surroundings = Surroundings(
-            self,
-            config.odom_wait_s,
-            config.base_frame,
-            topics,
-            config.depth_topic,
-            self._config.reading,
-        )
+        self._surroundings = Surroundings(self, config, self._config.reading, topics)
         self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
         self._recognition = Recognition(
             session,
