@@ -148,9 +148,12 @@ class MapReader:
         while some := self._sound('uses', condition, (start, _ROWS_AT_ONCE)):
             rows += [(index, Use(*said)) for index, *said, _ in some]
             start = some[-1][0] + 1
-        if foreign := [index for index, use in rows if not 0 <= index < end or use.is_off(end)]:
-            raise ValueError(f'reference {foreign[0]} has a use that cannot be')
-        return Uses(rows)
+        uses = Uses(rows)
+        for index, use in rows:
+            is_there = 0 <= index < end and not use.is_off(end)
+            if not is_there or uses[uses.first(index)].look_of is not None:
+                raise ValueError(f'reference {index} has a use that cannot be')
+        return uses
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""
