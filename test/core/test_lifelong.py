@@ -200,7 +200,7 @@ def test_a_look_of_what_is_itself_a_look_is_refused(path, first):
     with MapWriter(path, whole.encoding, whole.keyframes, append=True) as writer:
         writer.keep_uses([(2 * LONG, Use(first))])
     values = {'mode': 'lifelong', 'image_size_px': 64, 'max_map_mb': 1e-3}
-    with pytest.raises(MapError, match='damaged map .*has a use that cannot be'):
+    with pytest.raises(MapError, match='has a use that cannot be'):
         Session(path, make_config(values))
 
 
