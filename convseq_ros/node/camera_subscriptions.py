@@ -13,15 +13,7 @@ class CameraSubscriptions:
     """
     Subscribes to each of `image_topics`, or else to `image`, as `ImageSubscription` does.
 
-    Parameters
-    ----------
-    node : Node
-        Whose topics they are.
-    config : NodeConfig
-        Topics, transport, reliability and queue size.
-    on_image : callable
-        Receives each message, and its topic, in the executor's thread.
-
+    `on_image` receives each message, and its topic, in the executor's thread.
     """
 
     def __init__(

@@ -21,46 +21,23 @@ _LOG_PERIOD_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """
-    What the node knows about itself besides its counts.
+    """What the node knows about itself besides its counts."""
 
-    Parameters
-    ----------
-    ready : bool
-        False while it warms up.
-    enabled : bool
-        False if frames are ignored on purpose.
-    session : Session
-        The map in use and its file.
-    topic : str
-        The camera's topic.
-    waiting, dropped, lost, rows_lost, clock_jumps, without_pose : int
-        Frames in the queue, pushed out of it, lost by the middleware; rows missing in the result
-        file; backward jumps of the clock; frames whose pose odometry did not tell.
-    without_depth, depth_unreadable : int
-        Frames without a depth image of their moment, and depth images that could not be decoded.
-    camera_known, odometry_heard : bool
-        Whether there is a calibrated camera_info, and odom.
-    fleet : FleetLink or None
-        What asks other maps as well.
-
-    """
-
-    ready: bool
-    enabled: bool
-    session: Session
-    topic: str
-    waiting: int
-    dropped: int
-    lost: int
-    rows_lost: int
-    clock_jumps: int
-    without_pose: int
-    without_depth: int
-    depth_unreadable: int
-    camera_known: bool
+    ready: bool  # False while it warms up
+    enabled: bool  # False if frames are ignored on purpose
+    session: Session  # the map in use and its file
+    topic: str  # of the camera
+    waiting: int  # frames in the queue
+    dropped: int  # frames pushed out of it
+    lost: int  # frames, by the middleware
+    rows_lost: int  # of the result file
+    clock_jumps: int  # backward ones
+    without_pose: int  # frames whose pose odometry did not tell
+    without_depth: int  # frames without a depth image of their moment
+    depth_unreadable: int  # depth images that could not be decoded
+    camera_known: bool  # whether there is a calibrated camera_info
     odometry_heard: bool
-    fleet: FleetLink | None = None
+    fleet: FleetLink | None = None  # what asks other maps as well
 
     @property
     def map_size(self) -> int:
@@ -72,19 +49,7 @@ class Diagnostics:
     """
     Publishes a status at a steady pace, whatever the node's clock does.
 
-    Parameters
-    ----------
-    node : Node
-        Who is described.
-    statistics : Statistics
-        Its counts.
-    situation : callable
-        Returns its Situation.
-    advice : callable
-        Says why no images may come.
-    period_s : float
-        Time between two messages.
-
+    `situation` returns how the node is, `advice` says why no images may come.
     """
 
     def __init__(

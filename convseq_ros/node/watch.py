@@ -49,15 +49,7 @@ _COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'
 
 
 class Watcher(Node):
-    """
-    Listens to `answer` of a node, and to its camera if that is asked for.
-
-    Parameters
-    ----------
-    options : Namespace
-        As `parser` makes them.
-
-    """
+    """Listens to `answer` of a node, and to its camera if the options of `parser` say so."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('convseq_watch')
