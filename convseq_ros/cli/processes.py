@@ -119,8 +119,7 @@ def running(
     name: str, arguments: Sequence[str], folder: Path, end_s: float
 ) -> Iterator[subprocess.Popen[bytes]]:
     """
-    Run Python with some arguments until the block ends; then ask the process to end as Ctrl-C
-    does.
+    Run Python until the block ends; then ask the process to end as Ctrl-C does.
 
     Its log is `<name>.log` in a folder. It has `end_s` to end before it is killed.
     """
