@@ -47,10 +47,15 @@ def test_a_sieve_keeps_what_half_of_the_neighbours_do_not_know(known):
             new.append(index)
         before = [one for one in range(start, index + 1) if known[one][0]]
         looks.append(before[-1] if before and any(sure[index - start :]) else None)
+
+    def reach(index):  # what waits at the end is kept up to what is new
+        waits = len(known) - index <= 2 * KNOWN.window
+        return 2 * KNOWN.window if waits else KNOWN.window
+
     kept = [
         index
         for index in range(len(known))
-        if any(abs(index - one) <= KNOWN.window for one in new)
+        if any(-KNOWN.window <= one - index <= reach(index) for one in new)
     ]
     assert [one.item for one in found] == kept
     assert [one.begins for one in found] == [index - 1 not in kept for index in kept]
