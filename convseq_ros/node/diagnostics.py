@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the node is, on /diagnostics."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import time
 
@@ -27,16 +27,9 @@ class Situation:
     enabled: bool  # False if frames are ignored on purpose
     session: Session  # the map in use and its file
     topic: str  # of the camera
-    waiting: int  # frames in the queue
-    dropped: int  # frames pushed out of it
-    lost: int  # frames, by the middleware
-    rows_lost: int  # of the result file
-    clock_jumps: int  # backward ones
-    without_pose: int  # frames whose pose odometry did not tell
-    without_depth: int  # frames without a depth image of their moment
-    depth_unreadable: int  # depth images that could not be decoded
-    camera_known: bool  # whether there is a calibrated camera_info
+    dropped: int  # frames pushed out of the queue
     odometry_heard: bool
+    further: Mapping[str, int | bool]  # what else /diagnostics says, by its names there
     fleet: FleetLink | None = None  # what asks other maps as well
 
     @property
@@ -165,9 +158,7 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'topic': situation.topic,
         'received': statistics.received,
         'processed': statistics.processed,
-        'queue': situation.waiting,
         'dropped': situation.dropped,
-        'lost_by_middleware': situation.lost,
         'unreadable': statistics.unreadable,
         'failed': statistics.failed,
         'latency_ms': statistics.latency_ms,
@@ -181,13 +172,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'map_path': session.path or '',
         'map_size': situation.map_size,
         'kept_images_unreadable': session.recognizer.reference_map.images.unreadable,
-        'clock_jumps': situation.clock_jumps,
-        'result_rows_lost': situation.rows_lost,
-        'camera_info': situation.camera_known,
         'odom': situation.odometry_heard,
-        'frames_without_pose': situation.without_pose,
-        'frames_without_depth': situation.without_depth,
-        'depth_unreadable': situation.depth_unreadable,
+        **situation.further,
     }
     if fleet := situation.fleet:
         values |= {
