@@ -110,11 +110,6 @@ class Recognition:
         """Forget the frames seen so far."""
         self.session.cameras.reset()
 
-    @property
-    def clock_jumps(self) -> int:
-        """How often the clock jumped back since the map was loaded."""
-        return self.session.cameras.resets
-
     def _answer(self, arrival: Arrival) -> None:
         cameras = self.session.cameras
         pose = self._surroundings.pose_at(arrival.stamp_ns)

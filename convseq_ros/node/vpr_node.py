@@ -266,7 +266,7 @@ class VprNode(ManagedNode):
             further={
                 'queue': self._worker.waiting,
                 'lost_by_middleware': self._images.lost,
-                'clock_jumps': self._recognition.clock_jumps,
+                'clock_jumps': session.cameras.resets,
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._surroundings.camera.known,
                 'frames_without_pose': odometry.missing,
