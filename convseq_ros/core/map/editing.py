@@ -126,7 +126,7 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
                 writer.add_session(part.session)
             for start in watch(range(0, len(every), _AT_ONCE)):
                 _copy(writer, parts, every[start : start + _AT_ONCE])
-            if uses := _uses(parts, every):
+            if uses := uses_of(parts, every):
                 writer.keep_uses(uses)
         return writer.committed
 
@@ -152,7 +152,7 @@ def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, in
             writer.add(place, picture, own.global_descriptors[index])
 
 
-def _uses(parts: Sequence[Part], every: Sequence[tuple[int, int]]) -> list[tuple[int, Use]]:
+def uses_of(parts: Sequence[Part], every: Sequence[tuple[int, int]]) -> list[tuple[int, Use]]:
     """Return what places are good for; the first that is left of its looks is their first."""
     firsts, found = dict[tuple[int, int], int](), list[tuple[int, Use]]()
     for new, (number, at) in enumerate(every):

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from convseq_ros.config import EVERY_FRAME
-from convseq_ros.core.map.editing import Part, refuse_unlike
+from convseq_ros.core.map.editing import Part, refuse_unlike, uses_of
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.uses import Uses
 
 
 def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
@@ -37,7 +38,8 @@ def joined(parts: Sequence[Part]) -> list[Part]:
     """
     refuse_unlike(parts)
     own = parts[0].reference_map
-    every = [(part.reference_map, at) for part in parts for at in part.places]
+    numbered = [(number, at) for number, part in enumerate(parts) for at in part.places]
+    every = [(parts[number].reference_map, at) for number, at in numbered]
     places, ranges = Places(own.cell_shape, len(every)), list[range]()
     for number, part in enumerate(parts):
         ranges.append(range(len(places), len(places) + len(part.places)))
@@ -58,9 +60,9 @@ def joined(parts: Sequence[Part]) -> list[Part]:
         return [found[one] for one in wanted]
 
     sessions = [part.session for part in parts]
-    whole = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions)
-    numbered = enumerate(zip(parts, ranges, strict=True))
+    known = sessions, Uses(uses_of(parts, numbered))
+    whole = ReferenceMap(own.encoding, places, read, own.keyframes, '', *known)
     return [
         replace(part, reference_map=whole, number=number, places=run, poses={})
-        for number, (part, run) in numbered
+        for number, (part, run) in enumerate(zip(parts, ranges, strict=True))
     ]
