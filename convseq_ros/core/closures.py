@@ -46,6 +46,10 @@ class Closures:
         """Forget the drive."""
         self._plausibility.reset()
 
+    def share(self, other: 'Closures') -> None:
+        """Have odometry deny what contradicts another camera's matches, too, and the reverse."""
+        self._plausibility.share(other._plausibility)
+
     def move(self, frame: Frame) -> None:
         """Take in the odometry of the next keyframe."""
         self._plausibility.move(frame.stamp_ns, frame.pose)
