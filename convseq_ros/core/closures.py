@@ -5,8 +5,9 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config
+from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.plausibility import Plausibility
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
@@ -25,6 +26,14 @@ class SLACK:
     places: float = 5.0  # where none is: so many times the way to the next place
 
 
+@constants
+class RIGID:
+    """Of places whose depths are known; chosen on drawn streets 1 and 2 (docs/GEOMETRY.md)."""
+
+    least_share: float = 0.35  # of the regions that were found, that one pose should explain
+    evidence: float = 2.0  # times `min_evidence`, that a place with fewer needs
+
+
 class Closures:
     """Measures accepted matches, and refuses those that odometry denies."""
 
@@ -37,17 +46,30 @@ class Closures:
         """Forget the drive."""
         self._plausibility.reset()
 
+    def share(self, other: 'Closures') -> None:
+        """Have odometry deny what contradicts another camera's matches, too, and the reverse."""
+        self._plausibility.share(other._plausibility)
+
     def move(self, frame: Frame) -> None:
         """Take in the odometry of the next keyframe."""
         self._plausibility.move(frame.stamp_ns, frame.pose)
 
-    def update(self, match: Match, frame: Frame, features: Features, session_start: int) -> Match:
+    def update(
+        self,
+        match: Match,
+        frame: Frame,
+        features: Features,
+        session_start: int,
+        config: AcceptanceConfig = AcceptanceConfig(),
+    ) -> Match:
         """Return an answer with candidates, complete; places from a start on are of this drive."""
         match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
         best, is_accepted = match.candidates[0], match.reason is Reason.ACCEPTED
         if not is_accepted and match.reason is not Reason.COOL_DOWN:
             return match
         pose = self._poses.measure(features, frame, best) if is_accepted else None
+        if _is_unlikely(pose, match.confidence, config):
+            return replace(match, reason=Reason.UNVERIFIED)
         place = self._map.places[best.reference_index]
         own_ns = place.stamp_ns if best.reference_index >= session_start else None
         if place.pose is not None:
@@ -73,3 +95,11 @@ class Closures:
         near = [places[at].pose for at in around if at < len(places)]
         known = [one.position for one in near if one is not None]
         return SLACK.places * max(math.dist(a, b) for a in known for b in known)
+
+
+def _is_unlikely(pose: RelativePose | None, sure: float | None, config: AcceptanceConfig) -> bool:
+    """Return whether no pose explains what two images have in common, and evidence is small."""
+    if pose is None or pose.share is None or sure is None:
+        return False
+    needed = confidence(RIGID.evidence * config.min_evidence)
+    return pose.share < RIGID.least_share and sure < needed

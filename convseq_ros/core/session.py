@@ -96,7 +96,7 @@ class Session:
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
-        for one in (self.recognizer, *self.cameras.recognizers.values()):
+        for one in self.cameras.each:
             warm_up(one)
 
     @property

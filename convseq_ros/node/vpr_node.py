@@ -117,7 +117,7 @@ class VprNode(ManagedNode):
         self.create_service(
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
-        if fleet := open_fleet(self, config, self._config):
+        if fleet := open_fleet(self, config, self._config, topics):
             undone.callback(fleet.close)
         self._fleet = fleet
         self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)

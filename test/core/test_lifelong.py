@@ -9,7 +9,7 @@ import sqlite3
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
-from convseq_ros.core.map.editing import parts_of, write_parts
+from convseq_ros.core.map.editing import joined, parts_of, write_parts
 from convseq_ros.core.map.lifelong import KNOWN, Sieve
 from convseq_ros.core.map.limits import within_limits
 from convseq_ros.core.map.place import Place
@@ -134,6 +134,21 @@ def made(path, looks=3, last=(0, 0, 0), size_px=64):
                 whole.uses.answered(at, last[look])
     save_map(whole, path)
     return whole
+
+
+def test_a_merged_map_knows_what_its_places_were_good_for(tmp_path):
+    paths = tmp_path / 'a.db', tmp_path / 'b.db'
+    whole = made(paths[0], looks=2, last=(0, 5)), made(paths[1], last=(0, 0, 7))
+    parts = [part for path in paths for part in parts_of(path)]
+    write_parts(parts, tmp_path / 'both.db', lambda some: some)
+    first, second = (one.uses.rows(len(one)) for one in whole)
+    assert first and second
+    offset = len(whole[0])
+    moved = [(at + offset, replace(use, look_of=use.look_of + offset)) for at, use in second]
+    merged = open_map(tmp_path / 'both.db')
+    assert merged.uses.rows(len(merged)) == [*first, *moved]
+    # So does the map that a fleet links.
+    assert joined(parts)[0].reference_map.uses.rows(len(merged)) == [*first, *moved]
 
 
 def names(path):

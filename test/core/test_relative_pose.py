@@ -6,6 +6,8 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.core.closures import Closures
+from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -15,13 +17,15 @@ from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Candidate, Pose, Reason
+from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.robot_config import RobotConfig
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 import pytest
 
-from test.core.measured_pose import drawn_street, measured, off
+from test.core.measured_pose import drawn_street, measured, off, SIZE
 
 
 @pytest.fixture(scope='module')
@@ -163,3 +167,25 @@ def test_a_match_that_odometry_denies_is_implausible(street):
         reasons.append(match.reason)
         assert (match.implausible_m is not None) == (match.reason is Reason.IMPLAUSIBLE)
     assert Reason.IMPLAUSIBLE in reasons[14:] and Reason.IMPLAUSIBLE not in reasons[:14]
+
+
+def test_what_no_pose_explains_needs_more_evidence(street):
+    """The street seen the other way lies alike, but its regions do not move as its depths say."""
+    reference_map, config = build_map(street[0], config=Config(keyframes=EVERY_FRAME)), Config()
+    back = Drive(num_frames=1, start_m=40.0, speed_mps=0.0, heading_deg=180.0, **SIZE)
+    turned = next(iter(draw(Street(120.0, 5), back))).frame
+    matcher = make_matcher(reference_map, config)
+    closures = Closures(reference_map, matcher, config)
+
+    def said(query, index, sure):
+        features = matcher.extract(describe(query.gray))
+        found = (Candidate(index, 0, 1.0),)
+        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found, confidence=sure)
+        return closures.update(match, replace(query, pose=None), features, len(reference_map))
+
+    least, enough = (confidence(times * config.acceptance.min_evidence) for times in (1.0, 2.0))
+    right, wrong = said(street[1][9], 11, least), said(turned, 11, least)
+    assert right.accepted and right.relative_pose.share > 0.5
+    assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None
+    assert said(turned, 11, enough).relative_pose.share < 0.35
+    assert said(replace(turned, camera=None), 11, least).accepted

@@ -65,7 +65,7 @@ def base_pose(
     covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
-    pose = RelativePose(*known, found.inliers)
+    pose = RelativePose(*known, found.inliers, found.share)
     if (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose

@@ -117,7 +117,8 @@ class LifelongMap(OnlineMap):
     """
     Adds what is new of this session, 32 places later, and counts what answers.
 
-    What waits is lost in a crash. `is_full` tells whether the map may not grow any more.
+    What waits is lost in a crash, however long it waited; not at a reset or the end.
+    `is_full` tells whether the map may not grow any more.
     """
 
     def __init__(
