@@ -19,45 +19,29 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import angle, inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.robot_config import RobotConfig
-from convseq_ros.simulation.drive import draw, Drive
-from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 import pytest
 
-SIZE = {'width_px': 320, 'height_px': 240}
+from test.core.measured_pose import drawn_street, measured, off
 
 
 @pytest.fixture(scope='module')
 def street():
-    """Return frames of a map, a metre apart, and of a drive in the evening, further left."""
-    way = Street(120.0, 5)
-    there = Drive(num_frames=30, **SIZE)
-    here = Drive(num_frames=24, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in draw(way, one)] for one in (there, here)]
+    return drawn_street()
 
 
 @pytest.fixture(scope='module')
 def made(street):
     """Return a function from frames of a map, a query and a place to the pose that is measured."""
 
-    def measured(query, index, mapped=street[0]):
+    def made_of(query, index, mapped=street[0]):
         reference_map = ReferenceMap()
         for frame in mapped:
             reference_map.add_frame(frame, describe(frame.gray))
-        matcher = make_matcher(reference_map, Config())
-        features = matcher.extract(describe(query.gray))
-        found = Candidate(index, 0, 1.0, matcher.shift(features, index))
-        return RelativePoses(reference_map, matcher).measure(features, query, found)
+        return measured(reference_map, query, index)
 
-    return measured
-
-
-def off(pose, query, place):
-    """Return by how many metres and radians a pose is off, and its normalised squared error."""
-    truth = inverse(matrix(place.pose)) @ matrix(query.pose)
-    said = matrix(Pose(pose.position_m, pose.orientation))
-    return math.dist(said[:3, 3], truth[:3, 3]), angle(said[:3, :3] @ truth[:3, :3].T)
+    return made_of
 
 
 @pytest.mark.parametrize('index', [9, 11, 12])

@@ -82,13 +82,15 @@ class Sieve(Generic[Item]):
             yield from self._next()
 
     def end(self) -> Iterator[Kept[Item]]:
-        """Yield what is left of a drive that ended; to be asked once."""
+        """
+        Yield what is left of a drive that ended; to be asked once.
+
+        Of the last 32 places all are kept up to one that cannot be done without, and 16 after it.
+        """
         while self._judged < self._count:
             if self._count - len(self._near) < self._judged - KNOWN.window:
                 self._near.popleft()
             self._judge()
-            if self._judged - self._out > KNOWN.window:
-                yield from self._next()
         while self._waiting:
             yield from self._next()
 
