@@ -5,7 +5,7 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -179,3 +179,22 @@ def test_a_match_that_odometry_denies_is_implausible(street):
         reasons.append(match.reason)
         assert (match.implausible_m is not None) == (match.reason is Reason.IMPLAUSIBLE)
     assert Reason.IMPLAUSIBLE in reasons[14:] and Reason.IMPLAUSIBLE not in reasons[:14]
+
+
+def test_a_refused_match_delays_no_other(street):
+    acceptance = AcceptanceConfig(closure_interval_s=0.3)
+    config = Config(keyframes=EVERY_FRAME, acceptance=acceptance)
+    reference_map = build_map(street[0], None, config)
+
+    def driven(wrong=None):
+        recognizer = PlaceRecognizer(reference_map, config)
+        aside = {wrong: Pose((0.0, 500.0, 0.0), (0.0, 0.0, 0.0, 1.0))}
+        return [
+            recognizer.process(replace(frame, pose=aside.get(number, frame.pose))).reason
+            for number, frame in enumerate(street[1])
+        ]
+
+    accepted = [number for number, one in enumerate(driven()) if one is Reason.ACCEPTED]
+    assert len(accepted) > 2 and min(np.diff(accepted)) > 1
+    refused = accepted[1]
+    assert driven(refused)[refused : refused + 2] == [Reason.IMPLAUSIBLE, Reason.ACCEPTED]
