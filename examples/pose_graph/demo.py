@@ -227,7 +227,7 @@ def _table(errors: Errors, trials: Sequence[Trial], right: int) -> str:
             for name, (whole, part, between) in errors.items()
         ),
         'passed twice: keyframes within 5 m of where the robot was 30 s before or later;',
-        'between visits: of where they lie in the nearest earlier one of these, looking alike (RMS)',
+        'between visits: of where they lie in the nearest earlier one, looking alike (RMS)',
         '',
     ]
     lines += [f'{name:38}' + ''.join(f'{cell:>15}' for cell in cells) for name, cells in rows]

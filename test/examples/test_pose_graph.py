@@ -229,8 +229,11 @@ def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
 
     odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
     closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
-    level = 0.0, 0.0, 0.0, 1.0
-    poses = {at: TruePose((*place, 0.0), level) for at, place in truth.items()}
+    halves = {at: at // (20 * SECOND) * math.pi / 4 for at in truth}
+    poses = {
+        at: TruePose((*place, 0.0), (0.0, 0.0, math.sin(halves[at]), math.cos(halves[at])))
+        for at, place in truth.items()
+    }
     errors = _errors(odometry, closures, optimise(odometry, closures), poses)
     before = errors['odometry alone']
     after = errors['those that GNC kept, iSAM2']
