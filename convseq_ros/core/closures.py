@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of an accepted match: its relative pose, and odometry's veto."""
+"""What becomes of a sure match: its relative pose, odometry's veto, and the time between two."""
 
 from dataclasses import replace
 import math
@@ -35,15 +35,17 @@ class RIGID:
 
 
 class Closures:
-    """Measures accepted matches, and refuses those that odometry denies."""
+    """Measures matches, refuses those that odometry denies, and keeps the others apart in time."""
 
     def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
         self._map, self._matcher = reference_map, matcher
         self._poses = RelativePoses(reference_map, matcher, config.reading)
         self._plausibility = Plausibility(config.robot, config.online.grows)
+        self._accepted_ns: int | None = None
 
     def reset(self) -> None:
         """Forget the drive."""
+        self._accepted_ns = None
         self._plausibility.reset()
 
     def move(self, frame: Frame) -> None:
@@ -58,12 +60,18 @@ class Closures:
         session_start: int,
         config: AcceptanceConfig = AcceptanceConfig(),
     ) -> Match:
-        """Return an answer with candidates, complete; places from a start on are of this drive."""
+        """
+        Return an answer with candidates, complete; places from a start on are of this drive.
+
+        No match follows another one sooner than `closure_interval_s`; a refused one is none.
+        """
         match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
-        best, is_accepted = match.candidates[0], match.reason is Reason.ACCEPTED
-        if not is_accepted and match.reason is not Reason.COOL_DOWN:
+        if match.reason is not Reason.ACCEPTED:
             return match
-        pose = self._poses.measure(features, frame, best) if is_accepted else None
+        best, last_ns = match.candidates[0], self._accepted_ns
+        interval_ns = round(config.closure_interval_s * 1e9)
+        is_due = last_ns is None or frame.stamp_ns - last_ns >= interval_ns
+        pose = self._poses.measure(features, frame, best) if is_due else None
         if _is_unlikely(pose, match.confidence, config):
             return replace(match, reason=Reason.UNVERIFIED)
         place = self._map.places[best.reference_index]
@@ -79,8 +87,10 @@ class Closures:
             excess_m = self._plausibility.excess_m(*said, own_ns, of)
             if excess_m is not None:
                 return replace(match, reason=Reason.IMPLAUSIBLE, implausible_m=excess_m)
-        status = Status.ACCEPTED if is_accepted else Status.REJECTED
-        return replace(match, status=status, relative_pose=pose)
+        if not is_due:
+            return replace(match, reason=Reason.COOL_DOWN)
+        self._accepted_ns = frame.stamp_ns
+        return replace(match, status=Status.ACCEPTED, relative_pose=pose)
 
     def _slack_m(self, index: int, pose: RelativePose | None) -> float:
         """Return by how much a match may be off."""

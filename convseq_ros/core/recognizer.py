@@ -123,10 +123,10 @@ class PlaceRecognizer:
         scores = buffer.best_scores(count, ends, velocity)
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
-        asked = frame.stamp_ns, ends, scores, self.reference_map.places, config.acceptance
+        asked = ends, scores, self.reference_map.places, config.acceptance
         found, said, sure = decided(acceptance, *asked)
         reason = said or why_none(usable, count, velocity, buffer.bounds)
-        if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
+        if not found or not (length or reason is Reason.ACCEPTED):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)
         # Ours: where was the robot against the place? Odometry may deny that it was there.

@@ -9,13 +9,12 @@ import sqlite3
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
-from convseq_ros.core.map.editing import parts_of, write_parts
+from convseq_ros.core.map.editing import joined, parts_of, write_parts
 from convseq_ros.core.map.lifelong import KNOWN, Sieve
 from convseq_ros.core.map.limits import within_limits
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.editing import joined
 from convseq_ros.core.map.uses import Use
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.session import Session

@@ -5,7 +5,7 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
 from convseq_ros.core.closures import Closures
 from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.encoding.descriptor import describe
@@ -187,3 +187,22 @@ def test_what_no_pose_explains_needs_more_evidence(street):
     assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None
     assert said(turned, 11, enough).relative_pose.share < 0.35
     assert said(replace(turned, camera=None), 11, least).accepted
+
+
+def test_a_refused_match_delays_no_other(street):
+    acceptance = AcceptanceConfig(closure_interval_s=0.3)
+    config = Config(keyframes=EVERY_FRAME, acceptance=acceptance)
+    reference_map = build_map(street[0], None, config)
+
+    def driven(wrong=None):
+        recognizer = PlaceRecognizer(reference_map, config)
+        aside = {wrong: Pose((0.0, 500.0, 0.0), (0.0, 0.0, 0.0, 1.0))}
+        return [
+            recognizer.process(replace(frame, pose=aside.get(number, frame.pose))).reason
+            for number, frame in enumerate(street[1])
+        ]
+
+    accepted = [number for number, one in enumerate(driven()) if one is Reason.ACCEPTED]
+    assert len(accepted) > 2 and min(np.diff(accepted)) > 1
+    refused = accepted[1]
+    assert driven(refused)[refused : refused + 2] == [Reason.IMPLAUSIBLE, Reason.ACCEPTED]
