@@ -113,6 +113,8 @@ class Drive:
         One that shows nothing where the image could not be decoded.
     encode_ms : float
         Median time to describe an image.
+    others : tuple of int
+        Frames at which other drives begin.
 
     """
 
@@ -123,6 +125,7 @@ class Drive:
     readable: Sequence[bool]
     descriptors: Sequence[Descriptor]
     encode_ms: float
+    others: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -133,7 +136,7 @@ class Drive:
         return np.array([one.informative for one in self.descriptors], np.bool_)
 
     def followed_by(self, other: 'Drive') -> 'Drive':
-        """Return these frames and those of another drive, a second after them."""
+        """Return these frames and those of another drive, a second after them: two sessions."""
         later = self.stamps_ns[-1] - other.stamps_ns[0] + 1_000_000_000
         return replace(
             self,
@@ -141,6 +144,7 @@ class Drive:
             names=[*self.names, *other.names],
             readable=[*self.readable, *other.readable],
             descriptors=[*self.descriptors, *other.descriptors],
+            others=(*self.others, len(self)),
         )
 
     @property
@@ -158,7 +162,10 @@ class Drive:
     def reference_map(self) -> ReferenceMap:
         """The drive as a map; frames that could not be read hold their places."""
         made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
-        for stamp_ns, name, one in zip(self.stamps_ns, self.names, self.descriptors, strict=True):
+        known = zip(self.stamps_ns, self.names, self.descriptors, strict=True)
+        for index, (stamp_ns, name, one) in enumerate(known):
+            if index in self.others:
+                made.begin_session(stamp_ns)
             made.add_frame(Frame(stamp_ns, None, name), one)
         return made
 

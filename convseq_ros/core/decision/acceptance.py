@@ -28,9 +28,9 @@ class Acceptance:
     ) -> None:
         self.places = Neighbourhood(reference_map, compare)
         rule, matching = config.acceptance.acceptance_rule, config.matching.matching
-        self._by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
-        self.window = TRACK.window if self._by_track else 1  # newest frames that must have scores
-        self.verifies = self._by_track and config.acceptance.verification
+        self.by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
+        self.window = TRACK.window if self.by_track else 1  # newest frames that must have scores
+        self.verifies = self.by_track and config.acceptance.verification
         self.reset()
 
     def reset(self) -> None:
@@ -60,7 +60,7 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
-        if not self._by_track:
+        if not self.by_track:
             return
         self._row = rows[0]
         self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
@@ -183,7 +183,7 @@ class Acceptance:
         return reason, sure
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
-        if not self._by_track:
+        if not self.by_track:
             return decide_by_margin(candidates, config, self.places), None
         best = candidates[0].reference_index
         reason, evidence = self._doubt(best), self._evidence(best)
