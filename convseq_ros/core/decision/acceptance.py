@@ -44,6 +44,8 @@ class Acceptance:
         self._session_start: int | None = None
         self._row: Row | None = None
         # A place, and its evidence, by the newest few frames alone; None on a session's border.
+        # Of the best candidate: its evidence, and the share of the last frames on its track.
+        self.known: tuple[float, float] | None = None
         self.entered: tuple[int, float] | None = None
 
     def update(
@@ -62,7 +64,7 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
-        self.entered = None
+        self.entered = self.known = None
         if not self.by_track:
             return
         self._row = rows[0]
@@ -192,7 +194,10 @@ class Acceptance:
         if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
         known = [one for one in (self._along(best), evidence) if one is not None]
-        return reason, confidence(max(known)) if known else None
+        if not known:
+            return reason, None
+        self.known = max(known), self._track.share(self._frame, best, self._velocity)
+        return reason, confidence(*self.known)
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""
