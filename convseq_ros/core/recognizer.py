@@ -124,7 +124,7 @@ class PlaceRecognizer:
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
         asked = ends, scores, self.reference_map.places, config.acceptance
-        found, said, sure = decided(acceptance, *asked)
+        found, said, sure = decided(acceptance, *asked, count)
         reason = said or why_none(usable, count, velocity, buffer.bounds)
         if not found or not (length or reason is Reason.ACCEPTED):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)

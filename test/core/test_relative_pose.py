@@ -16,14 +16,16 @@ from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.rigid import angle, inverse, matrix, of_roll_pitch_yaw, pose_of
+from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.robot_config import RobotConfig
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 import pytest
 
-from test.core.measured_pose import drawn_street, measured, off
+from test.core.measured_pose import drawn_street, measured, off, SIZE
 
 
 @pytest.fixture(scope='module')

@@ -28,9 +28,9 @@ class Acceptance:
     ) -> None:
         self.places = Neighbourhood(reference_map, compare)
         rule, matching = config.acceptance.acceptance_rule, config.matching.matching
-        self._by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
-        self.window = TRACK.window if self._by_track else 1  # newest frames that must have scores
-        self.verifies = self._by_track and config.acceptance.verification
+        self.by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
+        self.window = TRACK.window if self.by_track else 1  # newest frames that must have scores
+        self.verifies = self.by_track and config.acceptance.verification
         self.reset()
 
     def reset(self) -> None:
@@ -43,6 +43,8 @@ class Acceptance:
         self._session_start: int | None = None
         self._row: Row | None = None
         # A place, and its evidence, by the newest few frames alone; None on a session's border.
+        # Of the best candidate: its evidence, and the share of the last frames on its track.
+        self.known: tuple[float, float] | None = None
         self.entered: tuple[int, float] | None = None
 
     def update(
@@ -61,8 +63,8 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
-        self.entered = None
-        if not self._by_track:
+        self.entered = self.known = None
+        if not self.by_track:
             return
         self._row = rows[0]
         self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
@@ -179,14 +181,17 @@ class Acceptance:
         return reason, sure
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
-        if not self._by_track:
+        if not self.by_track:
             return decide_by_margin(candidates, config, self.places), None
         best = candidates[0].reference_index
         reason, evidence = self._doubt(best), self._evidence(best)
         if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
         known = [one for one in (self._along(best), evidence) if one is not None]
-        return reason, confidence(max(known)) if known else None
+        if not known:
+            return reason, None
+        self.known = max(known), self._track.share(self._frame, best, self._velocity)
+        return reason, confidence(*self.known)
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""
