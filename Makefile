@@ -19,7 +19,9 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find convseq_ros config launch resource scripts -type f \
 	-not -path '*/__pycache__/*' -not -name '*.so')
 INSTALL := bin/python -m pip install -qq --no-input
-# When only the sources change, the package alone is built again, by the setuptools that are there.
+# When only the sources change, the package alone is built again, by the setuptools that are there,
+# and C only if it is newer than its library.
+CLEAN_PYTHON := find build -type f -not -name '*.so' -delete; rm -rf *.egg-info
 AGAIN := $(INSTALL) --no-deps --no-build-isolation .
 # setuptools would install what an earlier build left behind.
 CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
@@ -152,7 +154,7 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 .venv/test.stamp: $(SOURCES) .venv/test.needs
-	$(CLEAN_BUILD)
+	$(CLEAN_PYTHON)
 	.venv/$(AGAIN)
 	touch $@ .venv/demo.stamp .venv/slam.stamp
 
@@ -162,7 +164,7 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 .venv-noble/test.stamp: $(SOURCES) .venv-noble/test.needs
-	$(CLEAN_BUILD)
+	$(CLEAN_PYTHON)
 	.venv-noble/$(AGAIN)
 	touch $@
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What small copies of images tell, and that they change no decision."""
 
-from functools import partial
+from functools import cache, partial
 
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
@@ -44,6 +44,7 @@ def test_nothing_is_sure_before_some_were_far_and_one_was_near():
     assert not near.is_sure(far[-1])
 
 
+@cache
 def drive(light, speed_mps):
     shots = Drive(
         light=light,
