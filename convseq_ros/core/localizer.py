@@ -126,7 +126,7 @@ class Localizer:
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
-        likely = self._acceptance.entered() if self._acceptance else None
+        likely = self._acceptance.entered if self._acceptance else None
         if match.best and match.reason in _SURE:
             reference, own = match.best.reference_index, match.confidence
         elif likely and likely[1] >= self._least_evidence and match.reason not in _DENIED:
