@@ -20,6 +20,7 @@ _TITLES = {
     'rows': "The paper's row",
     'frames': 'A whole frame',
     'stages': 'A whole frame, stage by stage',
+    'between': 'A frame between keyframes',
     'avx2': 'A whole frame without AVX-512',
     'sequence': 'The sequence stage',
     'memory': 'Maps: opening, memory, disk',
@@ -50,10 +51,16 @@ _ABOUT = {
         'times; its cost is **computed** from its steps, taken in turn with our frames: '
         'k x encoding + k x (R - k + 1) x pair. Above R = 1,000, frames that compare the whole '
         'map were measured before they were k: the sequence stage adds what its own table says. '
-        '*Right*: the best candidate lies within two references of the place that the image shows.'
+        '*Right*: the best candidate lies within two references of the place that the image '
+        'shows. Maps lie in the file cache.'
     ),
     'stages': (
         'Where the time goes, on average, on one core; what a stage calls of another counts there.'
+    ),
+    'between': (
+        'Frames that are no keyframes, on a drive in the evening, from gray image to answer. By '
+        'scene (`keyframe_overlap`), what a glance does not settle is described and compared; '
+        'without odometry every frame is, since whether the robot stands is asked of it.'
     ),
     'avx2': 'The same with the kernels of processors that have AVX2 and no more.',
     'sequence': 'Sums of kept pair scores along diagonals.',
