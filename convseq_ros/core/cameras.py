@@ -21,8 +21,8 @@ class Cameras:
     One recogniser for each camera, told apart by the `source` of frames; a single one takes all.
 
     What another camera saw is no part of a sequence, nor usual of these images. So cameras share
-    nothing but the map, to which the first alone adds, and where the robot is: what the surest
-    knows. ConfigError as of `PlaceRecognizer`.
+    nothing but the map, to which the first alone adds, what odometry links to it, and where the
+    robot is: what the surest knows. ConfigError as of `PlaceRecognizer`.
     """
 
     def __init__(
@@ -39,6 +39,7 @@ class Cameras:
         for number, source in enumerate(sources[1:], 1):
             own = PlaceRecognizer(reference_map, of_camera(config, number), coarse=coarse())
             own.mapping = FollowedMap(reference_map, self.first.mapping)
+            own.closures.share(self.first.closures)
             self.recognizers[source] = own
         if len(sources) > 1:
             x, y, z, *turn = config.robot.of_camera(0).mount

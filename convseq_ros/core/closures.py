@@ -48,6 +48,10 @@ class Closures:
         self._accepted_ns = None
         self._plausibility.reset()
 
+    def share(self, other: 'Closures') -> None:
+        """Have odometry deny what contradicts another camera's matches, too, and the reverse."""
+        self._plausibility.share(other._plausibility)
+
     def move(self, frame: Frame) -> None:
         """Take in the odometry of the next keyframe."""
         self._plausibility.move(frame.stamp_ns, frame.pose)
