@@ -7,7 +7,6 @@ import math
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
-from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.decision.plausibility import Plausibility
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
@@ -63,11 +62,13 @@ class Closures:
         features: Features,
         session_start: int,
         config: AcceptanceConfig = AcceptanceConfig(),
+        evidence: float | None = None,
     ) -> Match:
         """
         Return an answer with candidates, complete; places from a start on are of this drive.
 
-        No match follows another one sooner than `closure_interval_s`; a refused one is none.
+        The `evidence` is that of the best, if it is known. No match follows another one sooner
+        than `closure_interval_s`; a refused one is none.
         """
         match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
         if match.reason is not Reason.ACCEPTED:
@@ -76,7 +77,7 @@ class Closures:
         interval_ns = round(config.closure_interval_s * 1e9)
         is_due = last_ns is None or frame.stamp_ns - last_ns >= interval_ns
         pose = self._poses.measure(features, frame, best) if is_due else None
-        if _is_unlikely(pose, match.confidence, config):
+        if _is_unlikely(pose, evidence, config):
             return replace(match, reason=Reason.UNVERIFIED)
         place = self._map.places[best.reference_index]
         own_ns = place.stamp_ns if best.reference_index >= session_start else None
@@ -107,9 +108,11 @@ class Closures:
         return SLACK.places * max(math.dist(a, b) for a in known for b in known)
 
 
-def _is_unlikely(pose: RelativePose | None, sure: float | None, config: AcceptanceConfig) -> bool:
+def _is_unlikely(
+    pose: RelativePose | None, evidence: float | None, config: AcceptanceConfig
+) -> bool:
     """Return whether no pose explains what two images have in common, and evidence is small."""
-    if pose is None or pose.share is None or sure is None:
+    if pose is None or pose.share is None or evidence is None:
         return False
-    needed = confidence(RIGID.evidence * config.min_evidence)
-    return pose.share < RIGID.least_share and sure < needed
+    needed = RIGID.evidence * config.min_evidence
+    return pose.share < RIGID.least_share and evidence < needed

@@ -131,7 +131,8 @@ class PlaceRecognizer:
             return skipped(*told, buffer.pairs_scored)
         # Ours: where was the robot against the place? Odometry may deny that it was there.
         match = answer(Status.REJECTED, reason, found, count, buffer.pairs_scored, sure)
-        return self.closures.update(match, frame, features, own, config.acceptance)
+        evidence = acceptance.known and acceptance.known[0]
+        return self.closures.update(match, frame, features, own, config.acceptance, evidence)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""

@@ -7,7 +7,6 @@ import math
 
 from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
 from convseq_ros.core.closures import Closures
-from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -177,13 +176,14 @@ def test_what_no_pose_explains_needs_more_evidence(street):
     matcher = make_matcher(reference_map, config)
     closures = Closures(reference_map, matcher, config)
 
-    def said(query, index, sure):
+    def said(query, index, evidence):
         features = matcher.extract(describe(query.gray))
         found = (Candidate(index, 0, 1.0),)
-        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found, confidence=sure)
-        return closures.update(match, replace(query, pose=None), features, len(reference_map))
+        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found)
+        alone, limits = replace(query, pose=None), AcceptanceConfig(closure_interval_s=0.0)
+        return closures.update(match, alone, features, len(reference_map), limits, evidence)
 
-    least, enough = (confidence(times * config.acceptance.min_evidence) for times in (1.0, 2.0))
+    least, enough = (times * config.acceptance.min_evidence for times in (1.0, 2.0))
     right, wrong = said(street[1][9], 11, least), said(turned, 11, least)
     assert right.accepted and right.relative_pose.share > 0.5
     assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None

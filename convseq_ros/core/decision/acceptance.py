@@ -42,9 +42,9 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
-        # A place, and its evidence, by the newest few frames alone; None on a session's border.
         # Of the best candidate: its evidence, and the share of the last frames on its track.
         self.known: tuple[float, float] | None = None
+        # A place, and its evidence, by the newest few frames alone; None on a session's border.
         self.entered: tuple[int, float] | None = None
 
     def update(
