@@ -174,13 +174,13 @@ def test_what_no_pose_explains_needs_more_evidence(street):
     back = Drive(num_frames=1, start_m=40.0, speed_mps=0.0, heading_deg=180.0, **SIZE)
     turned = next(iter(draw(Street(120.0, 5), back))).frame
     matcher = make_matcher(reference_map, config)
-    closures = Closures(reference_map, matcher, config)
 
     def said(query, index, evidence):
         features = matcher.extract(describe(query.gray))
         found = (Candidate(index, 0, 1.0),)
         match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found)
-        alone, limits = replace(query, pose=None), AcceptanceConfig(closure_interval_s=0.0)
+        alone, limits = replace(query, pose=None), config.acceptance
+        closures = Closures(reference_map, matcher, config)
         return closures.update(match, alone, features, len(reference_map), limits, evidence)
 
     least, enough = (times * config.acceptance.min_evidence for times in (1.0, 2.0))
