@@ -34,7 +34,7 @@ class ERROR:
     """Fitted on drawn streets 41 to 44, evening, clouds and night (docs/GEOMETRY.md)."""
 
     cells: Spread = Spread(
-        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.05, position_m=0.01, turn_rad=0.001
+        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.06, position_m=0.01, turn_rad=0.001
     )
     keypoints: Spread = Spread(
         across=0.5,
