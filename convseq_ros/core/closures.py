@@ -8,6 +8,7 @@ import math
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.plausibility import Plausibility
+from convseq_ros.core.geometry.uncertainty import ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
@@ -26,11 +27,10 @@ class SLACK:
 
 
 @constants
-class RIGID:
-    """Of places whose depths are known; chosen on drawn streets 1 and 2 (docs/GEOMETRY.md)."""
+class UNEXPLAINED:
+    """Of a match of which one pose explains too little, so that its position is not told."""
 
-    least_share: float = 0.35  # of the regions that were found, that one pose should explain
-    evidence: float = 2.0  # times `min_evidence`, that a place with fewer needs
+    evidence: float = 2.0  # times `min_evidence`, that it needs; from drawn streets 1 and 2
 
 
 class Closures:
@@ -114,5 +114,5 @@ def _is_unlikely(
     """Return whether no pose explains what two images have in common, and evidence is small."""
     if pose is None or pose.share is None or evidence is None:
         return False
-    needed = RIGID.evidence * config.min_evidence
-    return pose.share < RIGID.least_share and evidence < needed
+    needed = UNEXPLAINED.evidence * config.min_evidence
+    return pose.share < ERROR.least_share and evidence < needed

@@ -34,7 +34,7 @@ class ERROR:
     """Fitted on drawn streets 41 to 44, evening, clouds and night (docs/GEOMETRY.md)."""
 
     cells: Spread = Spread(
-        across=3.5, down=1.5, ahead=2.5, share_power=0.8, far=0.06, position_m=0.01, turn_rad=0.001
+        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.06, position_m=0.01, turn_rad=0.001
     )
     keypoints: Spread = Spread(
         across=0.5,
@@ -47,9 +47,11 @@ class ERROR:
     )
     # Of the ratio of way to baseline: further off, least squares is surer than it is right.
     far_power: int = 3
-    # A position that is less sure than this, or than half of the way, is not told.
+    # A position that is less sure than this, or than half of the way, or with which fewer agree,
+    # is not told.
     unsure_m: float = 1.0
     unsure_share: float = 0.5
+    least_share: float = 0.35  # most that are off by more than a metre have less
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
 
 
@@ -83,7 +85,8 @@ def base_pose(
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
     pose = RelativePose(*known, found.inliers, found.share)
-    if (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
+    is_unsure = (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m)
+    if is_unsure or found.share < ERROR.least_share:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
 
