@@ -121,12 +121,11 @@ _BEFORE = """\
 ## Against the code before
 
 The targets of frames were set on two machines, on which the code of 22 November's morning
-(68e8c93: no geometry, fewer pairs) took 14, 17 and 22 ms, and 19, 24 and 30 ms, at R = 1,000,
+(68e8c93, without geometry) took 14, 17 and 22 ms, and 19, 24 and 30 ms, at R = 1,000,
 10,000 and 100,000. On the machine of this page, with both sides in turn, it takes 11.6, 15.0 and
 20.2 ms: **this is the faster one**, and no target is to be multiplied by 1.4. Today's code, with
-geometry and with up to half as many pairs more, takes 11.4, 15.2 and 21.9 ms there: .98, 1.01 and
-1.09 times as much, the median of three rounds, round by round, on a busy machine at real-time
-priority.
+geometry and with 8, 10 and 18 % more pairs, takes 11.4, 15.2 and 21.9 ms there: .98, 1.01 and 1.09
+times as much, the median of three rounds, round by round, on a busy machine at real-time priority.
 
     git clone . ../before && git -C ../before checkout 68e8c93
     chrt -f 10 python -m bench.paired ../before --rounds 3
