@@ -127,7 +127,7 @@ The targets of frames were set on two machines, on which the code of 22 November
 geometry and with 8, 10 and 18 % more pairs, takes 11.4, 15.2 and 21.9 ms there: .98, 1.01 and 1.09
 times as much, the median of three rounds, round by round, on a busy machine at real-time priority.
 
-    git clone . ../before && git -C ../before checkout 68e8c93
+    git clone . ../before && git -C ../before checkout 68e8c93     # it wants numba
     chrt -f 10 python -m bench.paired ../before --rounds 3
 
 What was tried for the rest at R = 10,000, with the same answers: a memory of 2,000 or 4,000 places
