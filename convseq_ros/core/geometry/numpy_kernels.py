@@ -24,18 +24,18 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     the reference, differs by at most 0.7 cells. Query and reference are of one size.
     """
     side, away = query.side, np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
-    similarity = (query.regions @ reference.regions.T).reshape((side,) * 4)
     y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
     row, column = y + start[0] + away[i], x + start[1] + away[j]
     shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)  # by both images
-    tried = similarity[y, x, row.clip(0, side - 1), column.clip(0, side - 1)]
+    sums = _blended(_tried(query, reference, start, shared))
     norms = _blended(shared.astype(np.float32))
-    sums = _blended(np.where(shared, tried, np.float32(0)))
-    volume, back = np.full((2, _SPAN, _SPAN, side, side), -np.inf, np.float32)
-    y, x, i, j = np.nonzero(shared)
-    volume[i, j, y, x] = sums[shared] / norms[shared]
-    # By the place in the reference.
-    back[i, j, y + start[0] + away[i], x + start[1] + away[j]] = volume[i, j, y, x]
+    means = np.divide(sums, norms, out=np.full_like(sums, -np.inf), where=shared)
+    volume = np.ascontiguousarray(means.transpose(2, 3, 0, 1))
+    back = np.full_like(volume, -np.inf)  # by the place in the reference
+    for down, right in np.ndindex(_SPAN, _SPAN):
+        rows, moved_rows = _overlap(side, start[0] + int(away[down]))
+        columns, moved_columns = _overlap(side, start[1] + int(away[right]))
+        back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
     ahead, known = _refined(volume, start)
     behind, found_back = _refined(back, start)
     y, x = np.nonzero(known)
@@ -69,6 +69,32 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
         weighted = places * (1 / (1 + (off / sigma) ** 2) ** 2)[:, None]
         motion = np.linalg.solve(weighted.T @ places + stiff, weighted.T @ moved).T
     return motion, np.hypot(*(moved - places @ motion.T).T)
+
+
+def _overlap(side: int, moved: int) -> tuple[slice, slice]:
+    """Return which rows of two images lie upon each other if one is moved: of both, its own."""
+    count = max(0, side - abs(moved))
+    first = max(0, -moved)
+    return slice(first, first + count), slice(first + moved, first + moved + count)
+
+
+def _tried(
+    query: Arranged, reference: Arranged, start: tuple[int, int], shared: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
+    # From one place to the next, and from one displacement to the next, is as far everywhere in
+    # memory: no table of indices is needed. What is not shared lies in another row, or in the room
+    # around all of them.
+    side = query.side
+    steps = side**3 + side, side**2 + 1, side, 1
+    first = (start[0] - FIELD.reach_cells) * side + start[1] - FIELD.reach_cells
+    margin = abs(first) + _SPAN * (side + 1)
+    room = np.empty(margin + side**4 + margin, np.float32)
+    whole = room[margin : margin + side**4].reshape(side**2, side**2)
+    np.matmul(query.regions, reference.regions.T, out=whole)
+    strides = [step * room.itemsize for step in steps]
+    tried = np.lib.stride_tricks.as_strided(room[margin + first :], shared.shape, strides)
+    return np.where(shared, tried, np.float32(0))
 
 
 def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
