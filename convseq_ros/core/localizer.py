@@ -130,7 +130,7 @@ class Localizer:
         if match.best and match.reason in _SURE:
             reference, own = match.best.reference_index, match.confidence
         elif likely and likely[1] >= self._least_evidence and match.reason not in _DENIED:
-            reference, own = likely[0], confidence(likely[1])
+            reference, own = likely[0], confidence(likely[1], 0.0)
         else:
             return None
         if reference >= known:

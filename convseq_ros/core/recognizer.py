@@ -123,15 +123,16 @@ class PlaceRecognizer:
         scores = buffer.best_scores(count, ends, velocity)
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
-        asked = frame.stamp_ns, ends, scores, self.reference_map.places, config.acceptance
-        found, said, sure = decided(acceptance, *asked)
+        asked = ends, scores, self.reference_map.places, config.acceptance
+        found, said, sure = decided(acceptance, *asked, count)
         reason = said or why_none(usable, count, velocity, buffer.bounds)
-        if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
+        if not found or not (length or reason is Reason.ACCEPTED):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)
         # Ours: where was the robot against the place? Odometry may deny that it was there.
         match = answer(Status.REJECTED, reason, found, count, buffer.pairs_scored, sure)
-        return self.closures.update(match, frame, features, own, config.acceptance)
+        evidence = acceptance.known and acceptance.known[0]
+        return self.closures.update(match, frame, features, own, config.acceptance, evidence)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""

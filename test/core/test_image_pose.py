@@ -98,6 +98,7 @@ def test_the_robots_own_body_has_no_keypoints(street, whole):
     assert off(pose, query, masked.places[11])[0] < 0.05
 
 
+@pytest.mark.once
 def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path):
     path = tmp_path / 'map.sqlite'
     build_map(street[0], path, KEEPS)

@@ -26,6 +26,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 DAY, SECOND = 10**15, 10**9
 LONG, NEW = 40, range(100, 140)
 

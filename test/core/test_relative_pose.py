@@ -5,9 +5,8 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
 from convseq_ros.core.closures import Closures
-from convseq_ros.core.decision.confidence import confidence
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -175,17 +174,37 @@ def test_what_no_pose_explains_needs_more_evidence(street):
     back = Drive(num_frames=1, start_m=40.0, speed_mps=0.0, heading_deg=180.0, **SIZE)
     turned = next(iter(draw(Street(120.0, 5), back))).frame
     matcher = make_matcher(reference_map, config)
-    closures = Closures(reference_map, matcher, config)
 
-    def said(query, index, sure):
+    def said(query, index, evidence):
         features = matcher.extract(describe(query.gray))
         found = (Candidate(index, 0, 1.0),)
-        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found, confidence=sure)
-        return closures.update(match, replace(query, pose=None), features, len(reference_map))
+        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found)
+        alone, limits = replace(query, pose=None), config.acceptance
+        closures = Closures(reference_map, matcher, config)
+        return closures.update(match, alone, features, len(reference_map), limits, evidence)
 
-    least, enough = (confidence(times * config.acceptance.min_evidence) for times in (1.0, 2.0))
+    least, enough = (times * config.acceptance.min_evidence for times in (1.0, 2.0))
     right, wrong = said(street[1][9], 11, least), said(turned, 11, least)
     assert right.accepted and right.relative_pose.share > 0.5
     assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None
     assert said(turned, 11, enough).relative_pose.share < 0.35
     assert said(replace(turned, camera=None), 11, least).accepted
+
+
+def test_a_refused_match_delays_no_other(street):
+    acceptance = AcceptanceConfig(closure_interval_s=0.3)
+    config = Config(keyframes=EVERY_FRAME, acceptance=acceptance)
+    reference_map = build_map(street[0], None, config)
+
+    def driven(wrong=None):
+        recognizer = PlaceRecognizer(reference_map, config)
+        aside = {wrong: Pose((0.0, 500.0, 0.0), (0.0, 0.0, 0.0, 1.0))}
+        return [
+            recognizer.process(replace(frame, pose=aside.get(number, frame.pose))).reason
+            for number, frame in enumerate(street[1])
+        ]
+
+    accepted = [number for number, one in enumerate(driven()) if one is Reason.ACCEPTED]
+    assert len(accepted) > 2 and min(np.diff(accepted)) > 1
+    refused = accepted[1]
+    assert driven(refused)[refused : refused + 2] == [Reason.IMPLAUSIBLE, Reason.ACCEPTED]
