@@ -26,6 +26,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
+_LARGE = 'thumbnail', 'image', 'depths'  # of a picture, beside its cells
 KEPT_ROWS = 32  # of coarse scores, at least; a sequence has 25 at most, by default
 
 
@@ -82,6 +83,9 @@ class Pictures:
     places: Sequence[Place]  # session counts from the map's own first
     packed: Packed  # (n, S, S, 8)
     thumbnails: Sequence[bytes]
+    # Kept images and depths, None where there are none, or they were not asked for.
+    images: Sequence[bytes | None]
+    depths: Sequence[bytes | None]
 
 
 class Shard:
@@ -121,12 +125,13 @@ class Shard:
         self._forget(question)
         return Answer(totals, peaks, sums)
 
-    def pictures(self, indices: Sequence[int]) -> Pictures:
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> Pictures:
         """Return what is known of some places."""
-        found = self._map.pictures(indices)
+        found = self._map.pictures(indices, with_images)
         packed = np.stack([one.packed for one in found])
         places = [self._map.places[index] for index in indices]
-        return Pictures(places, packed, [one.thumbnail for one in found])
+        each = ([getattr(one, name) for one in found] for name in _LARGE)
+        return Pictures(places, packed, *each)
 
     def _row(self, direction: Direction | None) -> Row | None:
         if direction is None or self._centred is None:
@@ -190,10 +195,10 @@ class Holder:
             question,
         )
 
-    def pictures(self, path: str, indices: Sequence[int]) -> Pictures | str:
+    def pictures(self, path: str, indices: Sequence[int], with_images: bool) -> Pictures | str:
         """Return what is known of some places of a map, or why it cannot be read."""
         try:
-            return self._shards[path].pictures(indices)
+            return self._shards[path].pictures(indices, with_images)
         except MapError as error:
             return str(error)
 

@@ -90,9 +90,9 @@ def accepting(matching, rule='auto'):
     return Acceptance(Config(matching=MatchingConfig(matching=matching), acceptance=settings))
 
 
-def judged(acceptance, frame, rows, found, config, stamp_ns=0):
+def judged(acceptance, frame, rows, found, config):
     acceptance.update(frame, rows, np.arange(len(rows[0])), 10)
-    return acceptance.judge(stamp_ns, found, config)
+    return acceptance.judge(found, config)
 
 
 @pytest.mark.parametrize(
@@ -185,25 +185,6 @@ def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
     rows = [scores[14 - back] for back in range(15)]
     best = Candidate(19, 0, 0.3)
     assert judged(acceptance, 14, rows, (best,), BY_TRACK)[0] is Reason.ACCEPTED
-
-
-def test_between_two_matches_it_cools_down():
-    spaced = replace(RULE, closure_interval_s=2.0)
-    acceptance = accepting('regional')
-    found = candidates([0.9, 0, 0, 0.5])
-    rows = [np.zeros(4, np.float32)]
-    reasons = [
-        judged(acceptance, second, rows, found, spaced, second * 10**9)[0] for second in range(5)
-    ]
-    assert reasons == [
-        Reason.ACCEPTED,
-        Reason.COOL_DOWN,
-        Reason.ACCEPTED,
-        Reason.COOL_DOWN,
-        Reason.ACCEPTED,
-    ]
-    acceptance.reset()
-    assert judged(acceptance, 5, rows, found, spaced, 5 * 10**9)[0] is Reason.ACCEPTED
 
 
 def test_after_a_reset_evidence_is_gathered_anew():
@@ -307,7 +288,7 @@ def accepted_of(scores, lengths, truth):
         scores_of_ends = sequence_scores(rows[:length], partial=True)
         found = best_candidates(ends, scores_of_ends, places, BY_TRACK)
         answerable += any(length - 1 <= place < len(row) for place in truth[frame])
-        if found and acceptance.judge(0, found, BY_TRACK)[0] is Reason.ACCEPTED:
+        if found and acceptance.judge(found, BY_TRACK)[0] is Reason.ACCEPTED:
             near = min(
                 (abs(found[0].reference_index - place) for place in truth[frame]), default=99
             )

@@ -18,7 +18,7 @@ Judgement = tuple[Reason, float | None]  # and the probability that the best is 
 
 
 class Acceptance:
-    """Decides frame after frame, by the track or by the margin; keeps matches apart in time."""
+    """Decides frame after frame, by the track or by the margin."""
 
     def __init__(
         self,
@@ -35,7 +35,6 @@ class Acceptance:
 
     def reset(self) -> None:
         """Forget the drive."""
-        self._accepted_ns: int | None = None
         self.places.reset()
         self._track, self._verified = TrackEvidence(self.places), VerifiedEvidence(self.places)
         self._frame, self._velocity, self._usable = 0, 1.0, 0
@@ -43,9 +42,9 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
-        # A place, and its evidence, by the newest few frames alone; None on a session's border.
         # Of the best candidate: its evidence, and the share of the last frames on its track.
         self.known: tuple[float, float] | None = None
+        # A place, and its evidence, by the newest few frames alone; None on a session's border.
         self.entered: tuple[int, float] | None = None
 
     def update(
@@ -173,17 +172,12 @@ class Acceptance:
         found = [known[one] for one in (reference, *near) if one in known]
         return found[0].inliers if found else None
 
-    def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
+    def judge(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         """Return whether the best of at least one candidate of the newest frame is a match."""
         reason, sure = self._decide(candidates, config)
         best = candidates[0].reference_index
         if reason is Reason.ACCEPTED and self._is_unlike_own_drive(best):
             return Reason.UNVERIFIED, sure
-        if reason is Reason.ACCEPTED:
-            interval_ns = round(config.closure_interval_s * 1e9)
-            if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
-                return Reason.COOL_DOWN, sure
-            self._accepted_ns = stamp_ns
         return reason, sure
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:

@@ -73,7 +73,6 @@ def why_none(usable: int, length: int, velocity: float, bounds: SessionBounds) -
 
 def decided(
     acceptance: Acceptance,
-    stamp_ns: int,
     ends: Indices,
     scores: Values,
     places: Sequence[Place],
@@ -99,8 +98,8 @@ def decided(
         found = with_first(candidate(surest[0]), found, config, acceptance.places)
     if not found:
         return found, None, None
-    reason, sure = acceptance.judge(stamp_ns, found, config)
-    if reason in (Reason.ACCEPTED, Reason.COOL_DOWN):
+    reason, sure = acceptance.judge(found, config)
+    if reason is Reason.ACCEPTED:
         best = acceptance.placed(found[0].reference_index, config.min_evidence)
         found = candidate(best), *found[1:]
     known = (replace(one, inliers=acceptance.inliers(one.reference_index)) for one in found)
