@@ -75,7 +75,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar='N',
-        help='add so many drawn places that no query shows to every map (0)',
+        help='add so many drawn places that no query shows to every map, as a session (0)',
     )
     parser.add_argument(
         '--study',
