@@ -28,10 +28,6 @@ class LOCALIZER:
     # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
     # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
     places_a_keyframe: int = 2
-    # Of the inliers that the place usually has, below which a frame shows another one. On drawn
-    # nights a robot that is put down elsewhere has a third from the first frame on.
-    few_inliers: float = 0.5
-    memory: float = 0.7  # share of the past in what is usual, per keyframe
     silent_keyframes: int = 30  # that recognise nothing, after which what was seen is forgotten
 
 
@@ -68,9 +64,9 @@ class Localizer:
     .6 of a match's evidence; `localize_keyframes` that agree make it localised, a second time only
     if the last is sure. It stays so while nothing speaks against it. Two places agree if they are
     no further apart in the map than odometry says, or, where there is no odometry or no pose, near
-    by their numbers. `lost_keyframes` in a row that show another place, or have half the inliers
-    that the place usually has, make it lost, and so do `localize_keyframes` that agree on another
-    one. In a map that grows only the places of earlier sessions count.
+    by their numbers. `lost_keyframes` in a row that show another place, or the same no better than
+    another, make it lost, and so do `localize_keyframes` that agree on another one. From then on
+    odometry denies no match. In a map that grows only the places of earlier sessions count.
     """
 
     def __init__(
@@ -87,7 +83,6 @@ class Localizer:
         self._home: _Sighting | None = None  # where it is localised
         self._seen: _Sighting | None = None  # the last sure match
         self._lost_at = 0  # keyframe at which it was lost
-        self._usual: float | None = None  # inliers of sure matches of where it is localised
         self._reasons: Counter[Reason] = Counter()  # since it was lost
         self._last: Match | None = None
 
@@ -109,7 +104,6 @@ class Localizer:
                 self._keep_or_lose(self._home, match, seen, odometry)
             elif seen and self._is_enough(seen) and (seen.is_sure or not self._lost_at):
                 self._home = seen
-                self._usual = _mixed(None, match.best.inliers if match.best else None)
         return replace(match, localization=self.localization)
 
     @property
@@ -127,7 +121,11 @@ class Localizer:
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
         likely = self._acceptance.entered() if self._acceptance else None
-        if match.best and match.reason in _SURE:
+        # What odometry said before the robot was lost denies nothing afterwards.
+        is_sure = match.reason in _SURE or (
+            match.reason is Reason.IMPLAUSIBLE and self._lost_at > 0 and self._home is None
+        )
+        if match.best and is_sure:
             reference, own = match.best.reference_index, match.confidence
         elif likely and likely[1] >= self._least_evidence and match.reason not in _DENIED:
             reference, own = likely[0], confidence(likely[1])
@@ -135,7 +133,7 @@ class Localizer:
             return None
         if reference >= known:
             return None
-        before, count, sure, is_sure = self._seen, 1, own, match.reason in _SURE
+        before, count, sure = self._seen, 1, own
         if before and (ago := self._keyframes - before.keyframe) < LOCALIZER.silent_keyframes:
             # One that is not sure must lie on one way with the other, frame for frame.
             off = VERIFIED.same_scene + math.floor(VERIFIED.drift * ago)
@@ -149,16 +147,15 @@ class Localizer:
     def _keep_or_lose(
         self, home: _Sighting, match: Match, seen: _Sighting | None, odometry: Pose | None
     ) -> None:
-        best = match.best
-        inliers = best.inliers if best else None
-        few = bool(self._usual and inliers and inliers < LOCALIZER.few_inliers * self._usual)
+        is_like_another = self._is_like_another(home, match, odometry)
         if seen and self._agree(home, seen.reference, odometry):
             self._home, seen = seen, None
-            if not few:
-                self._against, self._usual = 0, _mixed(self._usual, inliers)
+            if not is_like_another:
+                self._against = 0
                 return
+        best = match.best
         is_elsewhere = best is not None and not self._agree(home, best.reference_index, odometry)
-        is_against = is_elsewhere or few or match.reason is Reason.INCONSISTENT
+        is_against = is_elsewhere or is_like_another or match.reason is Reason.INCONSISTENT
         self._against = self._against + 1 if is_against else 0
         if (
             self._against >= self._config.lost_keyframes
@@ -167,8 +164,15 @@ class Localizer:
         ):
             self._home, self._against, self._lost_at = None, 0, self._keyframes
             # What agreed with the old place so far counts no longer.
-            self._usual, self._seen = None, seen
+            self._seen = seen
             self._reasons.clear()
+
+    def _is_like_another(self, home: _Sighting, match: Match, odometry: Pose | None) -> bool:
+        """Return whether a place elsewhere is verified as well as the best one, or nearly."""
+        if match.best is None or self._acceptance is None:
+            return False
+        rivals = self._acceptance.as_good_as(match.best.reference_index)
+        return any(not self._agree(home, one, odometry) for one in rivals)
 
     def _is_enough(self, seen: _Sighting) -> bool:
         return seen.agreeing >= self._config.localize_keyframes
@@ -211,10 +215,3 @@ class Localizer:
 def _either(first: float | None, second: float | None) -> float | None:
     """Return how sure it is that one of two is true, if they err apart; None if one is unknown."""
     return None if first is None or second is None else 1 - (1 - first) * (1 - second)
-
-
-def _mixed(usual: float | None, inliers: int | None) -> float | None:
-    """Return what is usual after one more keyframe."""
-    if usual is None or inliers is None:
-        return usual if inliers is None else float(inliers)
-    return LOCALIZER.memory * usual + (1 - LOCALIZER.memory) * inliers

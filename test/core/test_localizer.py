@@ -18,13 +18,16 @@ WITHOUT_POSES = [Place(index) for index in range(300)]
 
 
 class Few:
-    """Stands in for an acceptance, and says what the newest few frames alone show."""
+    """Stands in for an acceptance: what the newest few frames alone show, and what looks alike."""
 
     def __init__(self):
-        self.places, self.shown = Neighbourhood(), None
+        self.places, self.shown, self.alike = Neighbourhood(), None, []
 
     def entered(self):
         return self.shown
+
+    def as_good_as(self, reference):
+        return self.alike
 
 
 class Robot:
@@ -35,11 +38,9 @@ class Robot:
         self.localizer = Localizer(places, Config(), self.few)
         self.known, self.frame = known, 0
 
-    def sees(
-        self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9, inliers=None
-    ):
+    def sees(self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9):
         indices = () if best is None else (best, *others)
-        candidates = tuple(Candidate(index, index, 0.5, inliers=inliers) for index in indices)
+        candidates = tuple(Candidate(index, index, 0.5) for index in indices)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         self.frame += 1
         match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
@@ -195,31 +196,38 @@ def test_one_slip_does_not_make_it_lost(found):
 
 
 @pytest.mark.parametrize('reason', [Reason.ACCEPTED, Reason.AMBIGUOUS])
-def test_few_inliers_speak_against_the_place_that_sequences_still_see(reason):
-    robot = Robot()
-    for place in range(98, 104):
-        robot.sees(place, inliers=400 - place)
-    states = [robot.sees(place, reason, inliers=100).state for place in range(104, 108)]
+def test_a_place_like_another_speaks_against_what_sequences_still_see(found, reason):
+    found.few.alike = [250]
+    states = [found.sees(99 + step, reason, at_m=float(step)).state for step in range(2, 6)]
     assert states == [LOCALISED] * 3 + [LOST]
 
 
-def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one():
-    robot = Robot()
-    for place in range(98, 104):
-        robot.sees(place, inliers=400)
-    for place in range(104, 108):
-        told = robot.sees(place, inliers=100)
+def test_a_place_that_looks_like_itself_at_another_visit_is_no_other():
+    robot = Robot([*STREET[:150], *STREET[:150]])
+    for place in range(20, 30):
+        robot.few.alike = [place + 150]
+        told = robot.sees(place, at_m=float(place))
+    assert told.state is LOCALISED
+
+
+def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one(found):
+    found.few.alike = [250]
+    for place in range(101, 105):
+        told = found.sees(place)
     assert told.state is LOST
-    assert robot.sees(108, inliers=100).state is CANDIDATE
-    assert robot.sees(250, inliers=400).state is CANDIDATE
-    assert robot.sees(251, inliers=400).reference_index == 251
+    assert found.sees(105).state is CANDIDATE
+    assert found.sees(250).state is CANDIDATE
+    assert found.sees(251).reference_index == 251
 
 
-def test_inliers_that_fade_slowly_speak_against_nothing():
-    robot = Robot()
-    robot.sees(49, inliers=500)
-    for step in range(30):
-        assert robot.sees(50 + step, inliers=round(500 * 0.9**step)).state is LOCALISED
+def test_once_lost_what_odometry_said_before_denies_nothing(found):
+    assert found.sees(250, Reason.IMPLAUSIBLE, at_m=2.0).state is LOCALISED
+    for step in range(3, 6):
+        told = found.sees(250, Reason.INCONSISTENT, at_m=float(step))
+    assert told.state is LOST
+    assert found.sees(252, Reason.IMPLAUSIBLE, at_m=6.0).state is CANDIDATE
+    told = found.sees(253, Reason.IMPLAUSIBLE, at_m=7.0)
+    assert (told.state, told.reference_index) == (LOCALISED, 253)
 
 
 def test_the_same_place_under_another_number_is_no_contradiction():

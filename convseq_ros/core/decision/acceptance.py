@@ -169,6 +169,10 @@ class Acceptance:
         found = [known[one] for one in (reference, *near) if one in known]
         return found[0].inliers if found else None
 
+    def as_good_as(self, reference: int) -> list[int]:
+        """Return the places elsewhere that the newest frame shows nearly as well, if verified."""
+        return self._verified.as_good_as(reference)
+
     def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         """Return whether the best of at least one candidate of the newest frame is a match."""
         reason, sure = self._decide(candidates, config)
@@ -200,7 +204,7 @@ class Acceptance:
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
-        if self._verified.is_rivalled(best):
+        if self.as_good_as(best):
             return Reason.AMBIGUOUS
         return Reason.AMBIGUOUS if newest.margin < (self._track.scatter or 0.0) else Reason.WEAK
 
