@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
@@ -136,7 +137,8 @@ def _told(answer: dict[str, Any], found: PoseEstimate | None) -> str:
 def _draw(path: Path, frame: Frame, match: Match, recognizer: PlaceRecognizer) -> None:
     best = match.best
     thumbnail = recognizer.reference_map.thumbnail(best.reference_index) if best else b''
-    picture = match_picture(frame, match, thumbnail, recognizer.buffer.field(best))
+    shown = upright(frame, recognizer.reference_map.encoding)
+    picture = match_picture(shown, match, thumbnail, recognizer.buffer.field(best))
     done, png = cv2.imencode('.png', picture)
     if not done:
         raise ConvseqError(f'{path}: the picture cannot be encoded')

@@ -36,6 +36,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Thin, and say what is left, and why."""
+    parts = parts_of(chosen.map)
     limits = {
         name: value
         for name in ('max_places_per_m', 'max_map_mb')
@@ -46,9 +47,8 @@ def run(chosen: argparse.Namespace) -> int:
             raise MapError(
                 f'{chosen.map}: limits hold for all of it; leave out --session and --dry-run'
             )
-        parts, _ = within_limits(chosen.map, OnlineConfig(**limits), watched(chosen.map))
+        parts, _ = within_limits(parts, OnlineConfig(**limits), watched(chosen.map))
         return report([(chosen.map, parts)], chosen.json)
-    parts = parts_of(chosen.map)
     asked = [chosen_part(parts, said) for said in chosen.session or ()] or parts[::-1]
     left: dict[int, list[Part]] = {part.number: [part] for part in parts}
     for part in asked:

@@ -120,7 +120,7 @@ class Localizer:
         return Localization(problem=problem)
 
     def _sighting(self, match: Match, odometry: Pose | None, known: int) -> _Sighting | None:
-        likely = self._acceptance.entered() if self._acceptance else None
+        likely = self._acceptance.entered if self._acceptance else None
         # What odometry said before the robot was lost denies nothing afterwards.
         is_sure = match.reason in _SURE or (
             match.reason is Reason.IMPLAUSIBLE and self._lost_at > 0 and self._home is None

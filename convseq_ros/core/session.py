@@ -12,9 +12,10 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.editing import parts_of
 from convseq_ros.core.map.lifelong import LifelongMap
 from convseq_ros.core.map.limits import within_limits
-from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 import numpy as np
@@ -43,8 +44,8 @@ class Session:
         elif self.is_growing:
             append = None if make else True
             if config.online.mode == 'lifelong' and path.is_file() and path.stat().st_size:
-                MapReader(path, encoding, config.keyframes)  # refuses before anything is left out
-                _, self.left_out = within_limits(path, config.online)
+                parts = parts_of(path, encoding, config.keyframes)
+                _, self.left_out = within_limits(parts, config.online)
             autosave = Autosave(path, encoding, config.keyframes, append)
             self._autosave, reference_map = autosave, autosave.reference_map
         else:
@@ -88,10 +89,8 @@ class Session:
     @property
     def is_full(self) -> bool:
         """Whether the map's file is as large as it may be."""
-        most_mb = self.recognizer.config.online.max_map_mb
-        if not (self.path and most_mb and self.path.is_file()):
-            return False
-        return self.path.stat().st_size > 1e6 * most_mb
+        is_lifelong = isinstance(self.recognizer.mapping, LifelongMap)
+        return is_lifelong and 0 < self.recognizer.config.online.max_map_mb < self._autosave.size_mb
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""

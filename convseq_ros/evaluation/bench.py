@@ -21,8 +21,10 @@ from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.run_folder import (
     write_curve,
+    write_fields,
     write_frames,
     write_json,
+    write_poses,
     write_scores,
     write_summary_table,
     write_truth,
@@ -177,6 +179,8 @@ def _on_set(
         material = with_distractors(material, plan.distractors)
     base = output / data_set.name
     write_truth(base, material.truth)
+    query, reference = material.drives(config.encoding)
+    write_poses(base, query.poses, reference.poses)
     write_thumbnails(base / 'thumbnails' / 'query', material.query)
     if not data_set.online:
         write_thumbnails(base / 'thumbnails' / 'reference', material.reference)
@@ -207,6 +211,7 @@ def _measure(
     own = folder / method.name.label
     own.mkdir(parents=True, exist_ok=True)
     write_frames(own / 'frames.csv', outcome, verdicts)
+    write_fields(own / 'fields.npz', outcome.fields)
     if protocol != OPEN:
         write_scores(own / 'scores.npy', outcome)
     write_curve(own / 'curve.csv', _known_curve(verdicts, plan.criterion))

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
+import json
 from pathlib import Path
 import time
 from typing import Any
@@ -13,9 +14,10 @@ from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest
+from convseq_ros.evaluation.geometry import pose_rows
 from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
@@ -113,6 +115,10 @@ class Drive:
         One that shows nothing where the image could not be decoded.
     encode_ms : float
         Median time to describe an image.
+    poses : sequence of Pose or None
+        Where the robot's base was, if that is known.
+    camera : Camera or None
+        What took the first image, as it came, if that is known.
 
     """
 
@@ -123,6 +129,8 @@ class Drive:
     readable: Sequence[bool]
     descriptors: Sequence[Descriptor]
     encode_ms: float
+    poses: Sequence[Pose | None]
+    camera: Camera | None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -141,6 +149,7 @@ class Drive:
             names=[*self.names, *other.names],
             readable=[*self.readable, *other.readable],
             descriptors=[*self.descriptors, *other.descriptors],
+            poses=[*self.poses, *(None for _ in other.poses)],  # of another frame
         )
 
     @property
@@ -152,14 +161,27 @@ class Drive:
             names=self.names[::-1],
             readable=self.readable[::-1],
             descriptors=self.descriptors[::-1],
+            poses=self.poses[::-1],
         )
 
     @cached_property
     def reference_map(self) -> ReferenceMap:
-        """The drive as a map; frames that could not be read hold their places."""
+        """The drive as a map, of images alone; frames that could not be read hold places."""
+        return self._map([None] * len(self), None)
+
+    @cached_property
+    def posed_map(self) -> ReferenceMap | None:
+        """The same with poses; None if none is known."""
+        if not any(self.poses):
+            return None
+        camera = upright(Frame(0, None, camera=self.camera), self.encoding).camera
+        return self._map(self.poses, camera)
+
+    def _map(self, poses: Sequence[Pose | None], camera: Camera | None) -> ReferenceMap:
         made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
-        for stamp_ns, name, one in zip(self.stamps_ns, self.names, self.descriptors, strict=True):
-            made.add_frame(Frame(stamp_ns, None, name), one)
+        columns = self.stamps_ns, self.names, poses, self.descriptors
+        for stamp_ns, name, pose, one in zip(*columns, strict=True):
+            made.add_frame(Frame(stamp_ns, None, name, pose, camera=camera), one)
         return made
 
 
@@ -190,6 +212,8 @@ def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Dr
         kept['readable'].tolist(),
         descriptors,
         float(kept['encode_ms']),
+        [None if np.isnan(one).any() else _pose(one.tolist()) for one in kept['poses']],
+        _camera(str(kept['camera'])),
     )
 
 
@@ -201,12 +225,15 @@ def _paced(whole: Drive, images: Images, order: Sequence[int]) -> Drive:
         names=[whole.names[index] for index in order],
         readable=[whole.readable[index] for index in order],
         descriptors=[whole.descriptors[index] for index in order],
+        poses=[whole.poses[index] for index in order],
     )
 
 
 def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArray[Any]]:
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
-    for frame in (upright(one, encoding) for one in images):
+    poses, camera = [], None
+    for raw in images:
+        frame, camera = upright(raw, encoding), camera or raw.camera
         started = time.perf_counter()
         if frame.gray is None:
             descriptors.append(blank_descriptor(encoding))
@@ -216,6 +243,7 @@ def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArra
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
         readable.append(frame.gray is not None)
+        poses.append(frame.pose)
     if not durations:
         raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
     return {
@@ -223,6 +251,8 @@ def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArra
         'names': np.array(names),
         'readable': np.array(readable),
         'encode_ms': np.array(np.median(durations)),
+        'poses': pose_rows(poses),
+        'camera': np.array(json.dumps(camera and asdict(camera))),
         **{
             item.name: np.array([getattr(one, item.name) for one in descriptors])
             for item in fields(Descriptor)
@@ -232,3 +262,17 @@ def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArra
 
 def _value(stored: Any) -> Any:
     return stored if np.ndim(stored) else stored.item()
+
+
+def _pose(numbers: Sequence[float]) -> Pose:
+    x, y, z, *orientation = numbers
+    qx, qy, qz, qw = orientation
+    return Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def _camera(stored: str) -> Camera | None:
+    said = json.loads(stored)
+    if said is None:
+        return None
+    mount = said['mount'] and _pose([*said['mount']['position'], *said['mount']['orientation']])
+    return Camera(**{**said, 'distortion': tuple(said['distortion']), 'mount': mount})

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.geometry import Dots, NO_DOTS
 from convseq_ros.evaluation.given_scores import match_given
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method, PairScores
@@ -55,6 +56,8 @@ class Outcome:
         The same of every frame.
     way_m : ndarray of float64, shape (Q,), or None
         How far along its way each frame was taken, if that is known.
+    fields : sequence of M uint8 arrays (n, 4)
+        The inliers of each best candidate, as `Dots`; empty where nothing was verified.
 
     """
 
@@ -70,6 +73,7 @@ class Outcome:
     frame_ms: float | None = None
     durations_ms: Sequence[float] | None = None
     way_m: npt.NDArray[np.float64] | None = None
+    fields: Sequence[Dots] = ()
 
 
 def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
@@ -83,8 +87,8 @@ def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
         return _afresh(CLOSED, material, method)
     _, reference = material.drives(method.config.encoding)
     pairs = method.rows(material)
-    matches, scores = _answers(material, method, pairs, (0, len(reference)))
-    outcome = _whole_map(CLOSED, material, method, pairs, matches, scores)
+    matches, scores, dots = _answers(material, method, pairs, (0, len(reference)))
+    outcome = _whole_map(CLOSED, material, method, pairs, matches, scores, dots)
     if pairs.encode_ms is None or pairs.row_ms is None:
         return outcome
     return replace(outcome, frame_ms=pairs.encode_ms + pairs.row_ms)
@@ -100,13 +104,15 @@ def open_set(material: Material, method: Method, keep: float | None = None) -> O
     pairs = method.rows(material)
     query, reference = material.drives(method.config.encoding)
     matches: list[Match] = []
+    fields: list[Dots] = []
     scores, right, reach = [], [], []
     spans = kept_halves(len(reference))
     if keep is not None:
         spans = {'first': (0, round(keep * len(reference)))}
     for first, last in spans.values():
-        found, score = _answers(material, method, pairs, (first, last))
+        found, score, dots = _answers(material, method, pairs, (first, last))
         matches += found
+        fields += dots
         scores.append(score)
         kept = np.zeros_like(material.truth.right)
         kept[:, first:last] = material.truth.right[:, first:last]
@@ -123,6 +129,7 @@ def open_set(material: Material, method: Method, keep: float | None = None) -> O
         query,
         pairs,
         way_m=material.way_m,
+        fields=fields,
     )
 
 
@@ -134,8 +141,8 @@ def online(material: Material, method: Method) -> Outcome:
     pairs = method.rows(material)
     past = max(1, material.data_set.exclude_recent)
     known = replace(pairs, scores=past_only(pairs.scores, past))
-    matches, scores = _answers(material, method, known, (0, len(query)))
-    return _whole_map(ONLINE, material, method, pairs, matches, scores)
+    matches, scores, dots = _answers(material, method, known, (0, len(query)))
+    return _whole_map(ONLINE, material, method, pairs, matches, scores, dots)
 
 
 def kept_halves(count: int) -> Mapping[str, Span]:
@@ -174,7 +181,8 @@ def _afresh(protocol: str, material: Material, method: Method) -> Outcome:
     scores = rank_references(found.rows, query, lengths, partial_windows=_leaves_the_map(method))
     frame_ms = float(np.median(found.durations_ms))
     pairs = PairScores(found.rows, query.encode_ms, max(0.0, frame_ms - query.encode_ms))
-    outcome = _whole_map(protocol, material, method, pairs, found.matches, scores)
+    said = found.matches, scores, found.fields
+    outcome = _whole_map(protocol, material, method, pairs, *said)
     return replace(outcome, frame_ms=frame_ms, durations_ms=found.durations_ms)
 
 
@@ -185,31 +193,33 @@ def _whole_map(
     pairs: PairScores,
     matches: list[Match],
     scores: npt.NDArray[np.float64],
+    fields: Sequence[Dots],
 ) -> Outcome:
     query, _ = material.drives(method.config.encoding)
     truth = material.truth
     reach = in_reach(truth.right, matches, method.kind.forward)
     halves = [''] * len(query)
     found = protocol, matches, scores, truth.right, truth.slip, reach, halves, query, pairs
-    return Outcome(*found, way_m=material.way_m)
+    return Outcome(*found, way_m=material.way_m, fields=fields)
 
 
 def _answers(
     material: Material, method: Method, pairs: PairScores, span: Span
-) -> tuple[list[Match], npt.NDArray[np.float64]]:
+) -> tuple[list[Match], npt.NDArray[np.float64], list[Dots]]:
     query, reference = material.drives(method.config.encoding)
     first, last = span
     kept, forward = pairs.scores[:, first:last], method.kind.forward
     if method.kind.recognizer:
-        matches = answer_again(material, method.config, first, last)
+        matches, dots = answer_again(material, method.config, first, last)
     else:
         part = part_of(reference.reference_map, first, last)
         matches = _given(kept, query, part, method, pairs)
+        dots = [NO_DOTS] * len(matches)
     lengths = [match.sequence_length for match in matches]
     found = rank_references(kept, query, lengths, forward, pairs.scorer, _leaves_the_map(method))
     scores = np.full(pairs.scores.shape, -np.inf)
     scores[:, first:last] = found
-    return [_moved(match, first) for match in matches], scores
+    return [_moved(match, first) for match in matches], scores, dots
 
 
 def _given(

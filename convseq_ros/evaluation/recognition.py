@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recogniser itself over a data set, as `convseq replay` runs it, and its pair scores."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 import json
 import time
@@ -17,8 +17,10 @@ from convseq_ros.core.types import (
     LocalizationState,
     Match,
     Reason,
+    RelativePose,
     Status,
 )
+from convseq_ros.evaluation.geometry import Dots, Geometry
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.rerun import part_of, rerun
 from convseq_ros.parameter import parameters, Value
@@ -26,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 Scores = npt.NDArray[np.float32]
+_VECTORS = 'orientation', 'position_m', 'direction'
 _SEQUENCE_ONLY = {
     item.name for group in (SequenceConfig, AcceptanceConfig) for item in parameters(group)
 }
@@ -44,12 +47,15 @@ class Recognition:
         Time of each `process`.
     rows : ndarray of float32, shape (Q, R)
         Pair scores; NaN where a pair was not scored.
+    fields : list of Q uint8 arrays (n, 4)
+        The inliers of each best candidate, as `Dots`.
 
     """
 
     matches: list[Match]
     durations_ms: list[float]
     rows: npt.NDArray[np.float32]
+    fields: list[Dots]
 
 
 def with_known(config: Config, values: Mapping[str, Value]) -> Config:
@@ -74,8 +80,8 @@ def recognize(material: Material, config: Config) -> Recognition:
         material.cache.put('recognitions', facts, kept)
         pairs = {'rows': kept['rows'], 'frame_ms': np.median(kept['durations_ms'])}
         material.cache.put('rows', _pair_facts(material, config), pairs)
-    matches = [_match(one) for one in json.loads(bytes(kept['matches']))]
-    return Recognition(matches, kept['durations_ms'].tolist(), kept['rows'])
+    matches, dots = _answers(kept)
+    return Recognition(matches, kept['durations_ms'].tolist(), kept['rows'], dots)
 
 
 def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.float32], float]:
@@ -109,9 +115,11 @@ def pair_scores(material: Material, config: Config) -> tuple[npt.NDArray[np.floa
     return kept['rows'], float(kept['frame_ms'])
 
 
-def answer_again(material: Material, config: Config, first: int, last: int) -> list[Match]:
+def answer_again(
+    material: Material, config: Config, first: int, last: int
+) -> tuple[list[Match], list[Dots]]:
     """
-    Return what the recogniser says when only a part of the map is there.
+    Return what the recogniser says when only a part of the map is there, and the inliers.
 
     Parameters
     ----------
@@ -127,11 +135,12 @@ def answer_again(material: Material, config: Config, first: int, last: int) -> l
     kept = material.cache.get('answers', facts)
     if kept is None:
         query, reference = material.drives(config.encoding)
-        part = part_of(reference.reference_map, first, last)
-        matches = [_stored(one) for one in rerun(query, part, config)]
-        kept = {'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8)}
+        posed = reference.posed_map
+        whole = (reference.reference_map, *([posed] if posed else []))
+        part, *of_poses = (part_of(one, first, last) for one in whole)
+        kept = _kept(rerun(query, part, config, *of_poses))
         material.cache.put('answers', facts, kept)
-    return [_match(one) for one in json.loads(bytes(kept['matches']))]
+    return _answers(kept)
 
 
 def past_only(scores: Scores, past: int) -> Scores:
@@ -169,23 +178,21 @@ def _recognized(material: Material, config: Config) -> dict[str, npt.NDArray[Any
         reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
     recognizer = PlaceRecognizer(reference_map, config)
     recognizer.matcher.warm_up()
+    geometry = Geometry(recognizer, None if online else reference.posed_map)
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
-    matches, durations, rows = [], [], []
+    answers, durations, rows = [], [], []
     for frame in material.query:
         started = time.perf_counter()
         match = recognizer.process(frame)
         durations.append((time.perf_counter() - started) * 1e3)
-        matches.append(_stored(_numbered(match, number) if online else match))
+        match, dots = geometry.add(match, frame)
+        answers.append((_numbered(match, number) if online else match, dots))
         row = np.full(len(reference), np.nan, np.float32)
         known = None if match.reason is Reason.OUT_OF_ORDER else recognizer.buffer.row
         if known is not None:
             row[[number[place.stamp_ns] for place in reference_map.places[: len(known)]]] = known
         rows.append(row)
-    return {
-        'matches': np.frombuffer(json.dumps(matches).encode(), np.uint8),
-        'durations_ms': np.array(durations),
-        'rows': np.stack(rows),
-    }
+    return {**_kept(answers), 'durations_ms': np.array(durations), 'rows': np.stack(rows)}
 
 
 def _numbered(match: Match, number: Mapping[int, int]) -> Match:
@@ -196,9 +203,20 @@ def _numbered(match: Match, number: Mapping[int, int]) -> Match:
     return replace(match, candidates=candidates)
 
 
-def _stored(match: Match) -> dict[str, Any]:
-    """Return what JSON keeps of an answer: all but the relative pose, which no metric asks for."""
-    return asdict(replace(match, relative_pose=None))
+def _kept(answers: Iterable[tuple[Match, Dots]]) -> dict[str, npt.NDArray[Any]]:
+    """Return what a cache keeps of answers and their inliers."""
+    matches, dots = zip(*answers, strict=True)
+    said = json.dumps([asdict(one) for one in matches], default=np.ndarray.tolist)
+    return {
+        'matches': np.frombuffer(said.encode(), np.uint8),
+        'dots': np.concatenate(dots),
+        'ends': np.cumsum([len(one) for one in dots]),
+    }
+
+
+def _answers(kept: Mapping[str, npt.NDArray[Any]]) -> tuple[list[Match], list[Dots]]:
+    matches = [_match(one) for one in json.loads(bytes(kept['matches']))]
+    return matches, np.split(kept['dots'], kept['ends'][:-1])
 
 
 def _match(stored: dict[str, Any]) -> Match:
@@ -214,8 +232,14 @@ def _match(stored: dict[str, Any]) -> Match:
             'candidates': candidates,
             'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
             'localization': stored['localization'] and _localization(stored['localization']),
+            'relative_pose': stored['relative_pose'] and _relative(stored['relative_pose']),
         }
     )
+
+
+def _relative(stored: dict[str, Any]) -> RelativePose:
+    said = {name: value and tuple(value) for name, value in stored.items() if name in _VECTORS}
+    return RelativePose(**{**stored, **said, 'covariance': np.array(stored['covariance'])})
 
 
 def _localization(stored: dict[str, Any]) -> Localization:

@@ -9,6 +9,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.geometry import Dots, Geometry
 
 
 def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:
@@ -19,9 +20,14 @@ def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> Refere
     return part
 
 
-def rerun(drive: Drive, reference_map: ReferenceMap, config: Config) -> Iterator[Match]:
+def rerun(
+    drive: Drive,
+    reference_map: ReferenceMap,
+    config: Config,
+    posed_map: ReferenceMap | None = None,
+) -> Iterator[tuple[Match, Dots]]:
     """
-    Yield the answer to every frame of a drive.
+    Yield the answer to every frame of a drive, and its inliers.
 
     Parameters
     ----------
@@ -31,10 +37,14 @@ def rerun(drive: Drive, reference_map: ReferenceMap, config: Config) -> Iterator
         The references, or a part of them.
     config : Config
         Its encoding is that of the drive.
+    posed_map : ReferenceMap, optional
+        The same references with poses, for relative poses.
 
     """
     recognizer = PlaceRecognizer(reference_map, config)
+    geometry = Geometry(recognizer, posed_map)
     for stamp_ns, readable, descriptor in zip(
         drive.stamps_ns, drive.readable, drive.descriptors, strict=True
     ):
-        yield recognizer.process(Frame(stamp_ns, None), descriptor if readable else None)
+        match = recognizer.process(Frame(stamp_ns, None), descriptor if readable else None)
+        yield geometry.add(match, Frame(stamp_ns, None, camera=drive.camera))

@@ -9,6 +9,8 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
     DIR/<set>/set.json            name, title, protocol, tolerance, queries, references, query,
                                   reference, source, base
     DIR/<set>/truth.npz           `right`: bool (Q, R), query by reference
+    DIR/<set>/poses.npz           `query` (Q, 7) and `reference` (R, 7): position in metres, and
+                                  quaternion; NaN where unknown; absent if no reference has one
     DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
                                   160 px wide; missing where a frame was unreadable; no reference
                                   folder for a drive against its own past
@@ -16,6 +18,9 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
     DIR/<set>/<method>/summary.json
     DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
                                   pair was not scored; absent with half of the map removed
+    DIR/<set>/<method>/fields.npz `dots`: uint8 (N, 4), inliers of the best candidates, row and
+                                  column in query and reference, 255 the whole image; `ends`: how
+                                  many up to each row of frames.csv; absent if nothing is verified
     DIR/<set>/<method>/curve.csv  threshold, precision, recall of the exact curve
 
 With half of the map removed the set is called `<set>-open`; it has three rows a query, one for
@@ -31,8 +36,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.core.types import Match
+from convseq_ros.core.types import Match, Pose
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.geometry import Dots, NO_DOTS, pose_rows
 from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
@@ -87,6 +93,19 @@ class Run:
         path = self._base() / 'truth.npz'
         return read_array(path, 'right', self.reading) if path.exists() else None
 
+    def fields(self) -> list[Dots]:
+        """Return the inliers of each row's best candidate, if the folder has them."""
+        path = self.folder / 'fields.npz'
+        if not path.exists():
+            return [NO_DOTS] * len(self.frames)
+        dots, ends = (read_array(path, name, self.reading) for name in ('dots', 'ends'))
+        return np.split(dots, ends[:-1])
+
+    def poses(self, drive: str) -> npt.NDArray[np.float64] | None:
+        """Return where each frame of `query` or `reference` was, (N, 7), if the folder says."""
+        path = self._base() / 'poses.npz'
+        return read_array(path, drive, self.reading) if path.exists() else None
+
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
         folder = self._base() / 'thumbnails'
@@ -126,6 +145,23 @@ def write_truth(folder: Path, truth: Truth) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with complete_or_absent(folder / 'truth.npz') as part:
         np.savez_compressed(part, right=truth.right)
+
+
+def write_poses(
+    folder: Path, query: Sequence[Pose | None], reference: Sequence[Pose | None]
+) -> None:
+    """Write poses.npz into a set's folder, if any reference has a pose."""
+    if any(reference):
+        with complete_or_absent(folder / 'poses.npz') as part:
+            np.savez_compressed(part, query=pose_rows(query), reference=pose_rows(reference))
+
+
+def write_fields(path: Path, fields: Sequence[Dots]) -> None:
+    """Write fields.npz, if there are any inliers."""
+    if any(map(len, fields)):
+        ends = np.cumsum([len(one) for one in fields])
+        with complete_or_absent(path) as part:
+            np.savez_compressed(part, dots=np.concatenate(fields), ends=ends)
 
 
 def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:

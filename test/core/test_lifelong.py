@@ -16,12 +16,12 @@ from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.uses import Use
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Pose
 from convseq_ros.errors import MapError
 from convseq_ros.online_config import OnlineConfig
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ LONG, NEW = 40, range(100, 140)
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=120))
+@example([(True, True)] * 9 + [(True, False)] * 9)  # only the last is new, 17 after the first
 def test_a_sieve_keeps_what_half_of_the_neighbours_do_not_know(known):
     sieve, found, looks = Sieve(), [], []
     for index, (is_sure, is_alike) in enumerate(known):
@@ -137,16 +138,16 @@ def names(path):
 def test_of_too_many_looks_the_longest_unused_goes_and_the_first_stays(path):
     whole = made(path, last=(0, 5 * SECOND, 0))
     assert open_map(path).uses.rows(120) == whole.uses.rows(120)
-    assert within_limits(path, OnlineConfig(max_places_per_m=3.0))[1] == 0
-    parts, out = within_limits(path, OnlineConfig(max_places_per_m=2.0))
+    assert within_limits(parts_of(path), OnlineConfig(max_places_per_m=3.0))[1] == 0
+    parts, out = within_limits(parts_of(path), OnlineConfig(max_places_per_m=2.0))
     assert out == LONG and names(path) == ['look 0', 'look 1']
     assert [part.name for part in parts] == names(path)
     left = open_map(path)
     assert [left.uses.first(LONG + index) for index in range(LONG)] == [*range(LONG)]
     assert left.uses[LONG] == Use(0, 1, 5 * SECOND)
-    assert within_limits(path, OnlineConfig(max_places_per_m=0.1))[1] == LONG
+    assert within_limits(parts_of(path), OnlineConfig(max_places_per_m=0.1))[1] == LONG
     assert names(path) == ['look 0']
-    assert within_limits(path, OnlineConfig(max_places_per_m=0.1))[1] == 0
+    assert within_limits(parts_of(path), OnlineConfig(max_places_per_m=0.1))[1] == 0
 
 
 def test_a_map_that_is_too_large_is_thinned_when_it_is_opened_and_only_then(path, capsys):
@@ -172,7 +173,16 @@ def test_a_map_that_is_too_large_is_thinned_when_it_is_opened_and_only_then(path
 def test_a_full_map_answers_and_does_not_grow(drive, path):
     drive(1, range(LONG))
     session = drive(2, NEW, max_map_mb=1e-3)
-    assert session.added == 0 and len(open_map(path)) == LONG
+    assert session.added == 0 and len(open_map(path)) == LONG and session.is_full
+    path.rename(path.with_name('moved.db'))
+    assert session.is_full
+
+
+@pytest.mark.parametrize('mode', ['online', 'preloaded'])
+def test_only_lifelong_mode_has_a_limit_to_reach(drive, mode):
+    drive(1, range(LONG))
+    session = drive(2, range(LONG), mode=mode, max_map_mb=1e-3)
+    assert session.added == (LONG if mode == 'online' else 0) and not session.is_full
 
 
 def test_what_places_were_good_for_goes_with_them_into_other_maps(path, tmp_path):
@@ -182,6 +192,16 @@ def test_what_places_were_good_for_goes_with_them_into_other_maps(path, tmp_path
     opened = open_map(other)
     assert opened.uses[0] == Use(None, 1, 5 * SECOND)
     assert opened.uses[LONG] == Use(0, 1, 7 * SECOND)
+
+
+@pytest.mark.parametrize('first', [LONG, 2 * LONG])
+def test_a_look_of_what_is_itself_a_look_is_refused(path, first):
+    whole = made(path)
+    with MapWriter(path, whole.encoding, whole.keyframes, append=True) as writer:
+        writer.keep_uses([(2 * LONG, Use(first))])
+    values = {'mode': 'lifelong', 'image_size_px': 64, 'max_map_mb': 1e-3}
+    with pytest.raises(MapError, match='damaged map .*has a use that cannot be'):
+        Session(path, make_config(values))
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,7 @@ class Few:
     """Stands in for an acceptance: what the newest few frames alone show, and what looks alike."""
 
     def __init__(self):
-        self.places, self.shown, self.alike = Neighbourhood(), None, []
-
-    def entered(self):
-        return self.shown
+        self.places, self.entered, self.alike = Neighbourhood(), None, []
 
     def as_good_as(self, reference):
         return self.alike
@@ -86,12 +83,12 @@ NEARLY = LOCALIZER.likely * Config().acceptance.min_evidence + 0.001
 
 def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
     robot = Robot()
-    robot.few.shown = 40, NEARLY - 0.002
+    robot.few.entered = 40, NEARLY - 0.002
     assert robot.sees(reason=Reason.WARMING_UP, at_m=0.0).state is LOST
-    robot.few.shown = 40, NEARLY
+    robot.few.entered = 40, NEARLY
     first = robot.sees(reason=Reason.WARMING_UP, at_m=0.0)
     assert (first.state, first.reference_index) == (CANDIDATE, 40)
-    robot.few.shown = 41, NEARLY
+    robot.few.entered = 41, NEARLY
     second = robot.sees(120, Reason.WEAK, at_m=1.0)
     assert (second.state, second.reference_index) == (LOCALISED, 41)
     assert second.quality == pytest.approx(1 - (1 - first.quality) ** 2)
@@ -103,26 +100,26 @@ def test_whoever_was_lost_needs_a_sure_match():
         robot.sees(place, at_m=float(place))
     assert robot.sees(12, at_m=12.0).state is LOCALISED
     for place in (60, 61):
-        robot.few.shown = place, NEARLY
+        robot.few.entered = place, NEARLY
         found = robot.sees(120, Reason.WEAK, at_m=12.0)
     assert found.state is not LOCALISED
-    robot.few.shown = 62, NEARLY
+    robot.few.entered = 62, NEARLY
     assert robot.sees(120, Reason.WEAK, at_m=13.0).state is CANDIDATE
-    robot.few.shown = None
+    robot.few.entered = None
     assert robot.sees(63, at_m=14.0).state is LOCALISED
 
 
 @pytest.mark.parametrize('reason', [Reason.IMPLAUSIBLE, Reason.UNVERIFIED, Reason.STATIONARY])
 def test_what_is_denied_or_no_keyframe_is_never_nearly_sure(reason):
     robot = Robot()
-    robot.few.shown = 40, 9.0
+    robot.few.entered = 40, 9.0
     assert [robot.sees(40, reason).state for _ in range(3)] == [LOST] * 3
 
 
 def test_nearly_sure_frames_must_agree_and_be_of_an_earlier_session():
     robot = Robot(known=100)
     for place in (40, 90, 150, 151):
-        robot.few.shown = place, NEARLY
+        robot.few.entered = place, NEARLY
         assert robot.sees(reason=Reason.WARMING_UP, at_m=float(robot.frame)).state is CANDIDATE
 
 

@@ -19,6 +19,7 @@ import xml.etree.ElementTree
 from convseq_ros.cli import main
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report import read_runs, write_report
+from convseq_ros.evaluation.report.poses import in_words
 from convseq_ros.evaluation.report.verdict import nearest_right, seen
 from convseq_ros.results import COLUMNS
 import cv2
@@ -30,6 +31,15 @@ pytest.importorskip('matplotlib')
 NUM_FRAMES = 24
 VERDICTS = {'right': 10, 'wrong': 5, 'rejected': 6, 'skipped': 3}
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
+
+
+# Half a metre ahead, a quarter to the right, ten degrees to the left.
+MEASURED = {
+    'relative_x_m': '0.5000', 'relative_y_m': '-0.2500', 'relative_z_m': '0.0000',
+    'relative_qx': '0.0', 'relative_qy': '0.0', 'relative_qz': '0.0871557',
+    'relative_qw': '0.9961947', 'position_sigma_m': '0.1000', 'heading_sigma_rad': '0.01745',
+}  # fmt: skip
+DOTS = np.array([[0, 0, 255, 255], [51, 102, 153, 204]], np.uint8)
 
 
 def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
@@ -50,6 +60,11 @@ def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
     right = abs(np.subtract.outer(np.arange(NUM_FRAMES), np.arange(NUM_FRAMES))) <= 1
     right[-1] = False
     np.savez_compressed(place / 'truth.npz', right=right)
+    if protocol == 'closed':
+        poses = np.zeros((NUM_FRAMES, 7))
+        poses[:, 0], poses[:, 6] = np.arange(NUM_FRAMES), 1.0
+        there = poses + np.eye(7)[0] / 2
+        np.savez_compressed(place / 'poses.npz', query=there, reference=poses)
     random = np.random.default_rng(len(name))
     for side in ('query',) if protocol == 'online' else ('query', 'reference'):
         (place / 'thumbnails' / side).mkdir(parents=True)
@@ -89,6 +104,8 @@ def frame(index: int, half: str = '') -> dict[str, object]:
         'sequence_length': 2 + index % 3,
         'correct': int(verdict == 'right'),
         'margin': '0.0100',
+        'inliers': 2,
+        **(MEASURED if verdict == 'right' else {}),
     }
 
 
@@ -102,6 +119,9 @@ def write_run(folder: Path, method: str, protocol: str, accuracy: float) -> None
         table.writeheader()
         table.writerows(frame(index, half) for half in halves for index in range(NUM_FRAMES))
     (place / 'curve.csv').write_text('threshold,precision,recall\n0.9,1.0,0.4\n0.1,0.6,0.5\n')
+    if method == 'convseq' and protocol == 'closed':
+        ends = 2 * np.arange(1, NUM_FRAMES + 1)
+        np.savez_compressed(place / 'fields.npz', dots=np.tile(DOTS, (NUM_FRAMES, 1)), ends=ends)
     if protocol != 'open':
         scores = np.random.default_rng(2).random((NUM_FRAMES, NUM_FRAMES)).astype(np.float32)
         scores[:3] = np.nan
@@ -227,6 +247,35 @@ def test_how_soon_places_are_known_is_drawn_for_every_part_of_the_map(page):
         assert sum(words in chart for chart in told) == 1
 
 
+def test_measured_poses_are_told_and_drawn_with_how_far_off_they_are(page):
+    text, data = page.read_text(encoding='utf-8'), embedded(page)
+    at = {name: place for place, name in enumerate(data['fields'])}
+    rows = next(run['rows'] for run in data['runs'] if run['set'] == 'street')
+    told = '0.50 m ahead, 0.25 m right, 0.00 m up (± 0.10 m), turned 10.0° left (± 1.0°)'
+    assert [row[at['pose']] for row in rows] == [''] * 3 + [told] * 10 + [''] * 11
+    assert base64.b64decode(rows[5][at['dots']]) == DOTS.tobytes()
+    assert text.count('10 poses, 0.25 m and 10.00° off the truth in the median') == 4
+    # A position that is not known, and nothing at all.
+    assert in_words({**MEASURED, 'relative_x_m': ''}) == 'turned 10.0° left (± 1.0°)'
+    assert in_words({}) == ''
+
+
+@pytest.mark.parametrize(
+    'name, arrays',
+    [
+        ('street/convseq/fields.npz', {'dots': DOTS, 'ends': np.array([2])}),
+        ('street/convseq/fields.npz', {'dots': DOTS[:, :3], 'ends': np.arange(NUM_FRAMES)}),
+        ('street/convseq/fields.npz', {'dots': DOTS, 'ends': np.full(NUM_FRAMES, 0.5)}),
+        ('street/poses.npz', {'query': np.zeros((2, 7)), 'reference': np.zeros((2, 7))}),
+        ('street/poses.npz', {'query': np.zeros(7), 'reference': np.zeros((NUM_FRAMES, 6))}),
+    ],
+)
+def test_damaged_geometry_is_refused(copy, name, arrays):
+    np.savez_compressed(copy / name, **arrays)
+    with pytest.raises(ConvseqError, match='damaged results; run `convseq evaluate` again'):
+        read_runs([copy])
+
+
 def test_page_is_the_same_each_time(results, page, tmp_path):
     write_report(read_runs([results]), tmp_path / 'page.html')
     assert (tmp_path / 'page.html').read_bytes() == page.read_bytes()
@@ -328,7 +377,7 @@ def test_command_writes_page_and_figures(results, tmp_path, capsys):
         'loop-convseq-matrix',
     ):
         assert {f'{stem}.png', f'{stem}.svg', f'{stem}.pdf'} <= names
-    assert not [name for name in names if name.startswith('street-open-convseq')]
+    assert not [name for name in names if name.startswith('street-open-convseq-m')]
     assert capsys.readouterr().out == ''
 
 
@@ -507,6 +556,19 @@ def test_every_picture_loads(browser):
     """)
     assert len(sizes) > 4 * NUM_FRAMES
     assert min(sizes) > 0
+
+
+def test_inliers_are_drawn_over_both_pictures_where_they_are(browser, page):
+    browser.open(page.as_uri() + '#street/convseq/5')
+    dots = """return [...document.querySelectorAll('svg.dots')].map((plate) =>
+        [...plate.children].map((dot) => ['cx', 'cy'].map((name) => +dot.getAttribute(name))))"""
+    browser.wait('await document.getElementById("match").decode();')
+    assert browser.run(dots) == [[[0, 0], [64, 18]], [[160, 90], [128, 54]]]
+    browser.run('document.getElementById("dots").click()')
+    assert browser.run(dots) == [[], []]
+    browser.run('document.getElementById("dots").click()')
+    browser.open(page.as_uri() + '#street/cohog/5')
+    assert browser.run(dots) == [[], []]
 
 
 def test_filter_shows_only_frames_of_its_kind(browser):

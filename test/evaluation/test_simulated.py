@@ -3,9 +3,10 @@
 """Data sets that are drawn, drives that go backwards, and drives against their own past."""
 
 from dataclasses import replace
-import json
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import (
     Candidate,
     Localization,
@@ -19,8 +20,9 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.drive import Images
+from convseq_ros.evaluation.geometry import inliers
 from convseq_ros.evaluation.material import open_material
-from convseq_ros.evaluation.recognition import _match, _stored
+from convseq_ros.evaluation.recognition import _answers, _kept, answer_again, recognize
 from convseq_ros.evaluation.simulated import read_simulated
 import numpy as np
 import pytest
@@ -118,12 +120,56 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
         assert one['matched'] == 2  # with k = 3, of 24 frames, the latest 20 left out
 
 
-def test_what_is_remembered_of_an_answer_comes_back_but_for_its_pose():
+def test_what_is_remembered_of_an_answer_comes_back():
     known = Localization(LocalizationState.LOCALISED, 0.5, 3)
     best = Candidate(3, 30, 0.75, (1.0, -2.0), 88)
     match = Match(
         1, 10, Status.ACCEPTED, Reason.ACCEPTED, (best,), 4, 9, 0.5, (3.0, 4.0), localization=known
     )
-    pose = RelativePose((0.0, 0.0, 0.0, 1.0), None, None, np.eye(6), 3)
-    measured = replace(match, relative_pose=pose)
-    assert _match(json.loads(json.dumps(_stored(measured)))) == match
+    pose = RelativePose((0.0, 0.0, 0.6, 0.8), (0.1, 0.2, 0.3), None, np.eye(6) / 3, 3)
+    dots = np.array([[1, 2, 3, 255]], np.uint8)
+    answers = [(match, dots[:0]), (replace(match, relative_pose=pose), dots)]
+    (one, none), (other, some) = zip(*_answers(_kept(answers)), strict=True)
+    assert one == match and len(none) == 0 and np.array_equal(some, dots)
+    again = other.relative_pose
+    assert (
+        replace(other, relative_pose=None) == match and (again.covariance == np.eye(6) / 3).all()
+    )
+    known = ('orientation', 'position_m', 'direction', 'inliers')
+    assert all(getattr(again, name) == getattr(pose, name) for name in known)
+
+
+POSED = """
+name: posed
+query: {simulated: {street: 5, num_frames: 18, start_m: 1.5, lane_offset_m: -0.7, seed: 1,
+                    width_px: 160, height_px: 120}}
+reference: {simulated: {street: 5, num_frames: 18, width_px: 160, height_px: 120}}
+truth: {kind: identity, tolerance: 3}
+"""
+
+
+def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(street, kept):
+    """The report's numbers are what `replay` tells, and what ~/debug_image draws."""
+    config = Config(keyframes=EVERY_FRAME)
+    street.write(POSED, 'posed.yaml')
+    material = street.open(kept, 'posed.yaml', config)
+    said = recognize(material, config)
+    posed = build_map(list(material.reference), None, config)
+    online = PlaceRecognizer(posed, config)
+    bare = PlaceRecognizer(material.drives(config.encoding)[1].reference_map, config)
+    num_measured = 0
+    for frame, match, dots in zip(material.query, said.matches, said.fields, strict=True):
+        answer, plain = online.process(frame), bare.process(frame)
+        assert replace(match, relative_pose=None) == replace(plain, relative_pose=None)
+        assert np.array_equal(dots, inliers(bare.buffer.field(plain.best)))
+        if match.best and match.best.inliers:
+            assert len(dots) == match.best.inliers
+        if match.accepted and answer.accepted == match.accepted:
+            num_measured += match.relative_pose.position_m is not None
+            assert match.relative_pose.position_m == answer.relative_pose.position_m
+    assert num_measured > 3
+    matches, fields = answer_again(material, config, 0, 18)
+    for one, match in zip(matches, said.matches, strict=True):
+        a, b = one.relative_pose, match.relative_pose
+        assert a is b is None or a.position_m == b.position_m
+    assert all(map(np.array_equal, fields, said.fields))

@@ -43,6 +43,8 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
+        # A place, and its evidence, by the newest few frames alone; None on a session's border.
+        self.entered: tuple[int, float] | None = None
 
     def update(
         self,
@@ -60,6 +62,7 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
+        self.entered = None
         if not self._by_track:
             return
         self._row = rows[0]
@@ -76,6 +79,7 @@ class Acceptance:
         row = rows[0]
         likeliest = max(found, key=lambda index: float(row[index]) * found[index].strength)
         self._verified.see(frame, likeliest, self._track.lead(likeliest))
+        self.entered = self._entered()
 
     def surest(self) -> tuple[int, float] | None:
         """
@@ -83,8 +87,7 @@ class Acceptance:
 
         Sequences of many frames find a place late that has just been entered.
         """
-        entered = self.entered()
-        places = [entered[0]] if entered else []
+        places = [self.entered[0]] if self.entered else []
         places += [self._newest.reference] if self._newest else []
         found = [
             (one, evidence) for one in places if (evidence := self._evidence(one)) is not None
@@ -99,7 +102,7 @@ class Acceptance:
         they follow. For a place of this very drive the larger counts: camera and light are the
         same, and another locker misleads both alike.
         """
-        entered = self.entered()
+        entered = self.entered
         is_entered = entered is not None and self._is_near(reference, entered[0])
         alone = entered[1] if entered and is_entered else None
         newest = self._newest
@@ -127,8 +130,7 @@ class Acceptance:
         """Return whether a place was seen on this drive."""
         return self._session_start is not None and reference >= self._session_start
 
-    def entered(self) -> tuple[int, float] | None:
-        """Return what the newest few frames show alone; None on the border of a session."""
+    def _entered(self) -> tuple[int, float] | None:
         seen = self._verified.alone(self._frame, self._direction)
         if seen is None:
             return None

@@ -24,6 +24,7 @@ class NoAutosave:
     committed = 0  # places that are safe in a file
     committed_s: float | None = None  # monotonic time at which the file grew last
     is_failing = False  # whether what was added last could not be written
+    size_mb = 0.0  # of the file, when it grew last
 
     def save(self) -> None:
         """Do nothing."""
@@ -82,7 +83,7 @@ class Autosave(NoAutosave):
             self._writer = MapWriter(path, encoding, keyframes, append)
             opened.callback(self._writer.close)
             self.reference_map = self._writer.reader.reference_map()
-            self._file = path.stat().st_ino
+            self._file, self.size_mb = path.stat().st_ino, path.stat().st_size / 1e6
             self.committed = self._writer.committed
             self._writer.write_ahead()
             self._opened = opened.pop_all()
@@ -150,6 +151,8 @@ class Autosave(NoAutosave):
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
             self._writer.settle()
+            with suppress(OSError):
+                self.size_mb = self._path.stat().st_size / 1e6
         if self._end.is_set() or time.monotonic() >= self._uses_due_s:
             self._write_uses()
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from uuid import uuid4
 
+from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
 from convseq_ros.core.map.lock import MapLock
@@ -44,9 +45,11 @@ class Part:
         return self.session.name
 
 
-def parts_of(path: Path) -> list[Part]:
-    """Return the sessions of a map file that have places; MapError if it cannot be opened."""
-    opened = MapReader(path).reference_map()
+def parts_of(
+    path: Path, encoding: EncodingConfig | None = None, keyframes: KeyframeConfig | None = None
+) -> list[Part]:
+    """Return the sessions of a map file that have places; settings and errors of `MapReader`."""
+    opened = MapReader(path, encoding, keyframes).reference_map()
     called = names(opened.sessions, path.stem)
     parts = []
     for start, end in pairwise([*opened.bounds.starts.tolist(), len(opened)]):

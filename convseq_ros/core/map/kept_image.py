@@ -51,6 +51,8 @@ class KeptImages:
     ----------
     pictures : method
         Of the map that has these: `ReferenceMap.pictures`, which may raise MapError.
+    are_kept : bool
+        Whether a place may have an image or depths; if not, nothing is read.
 
     Attributes
     ----------
@@ -61,26 +63,34 @@ class KeptImages:
 
     """
 
-    def __init__(self, pictures: Callable[[Sequence[int], bool], list[Picture]]) -> None:
+    def __init__(
+        self, pictures: Callable[[Sequence[int], bool], list[Picture]], are_kept: bool = True
+    ) -> None:
         # Not held, so that a map that is let go of is gone at once.
-        self._pictures, self.unreadable, self.problem = WeakMethod(pictures), 0, ''
+        self._pictures, self.are_kept = WeakMethod(pictures), are_kept
+        self.unreadable, self.problem = 0, ''
 
-    def _read(self, index: int) -> Picture:
-        pictures = self._pictures()
-        assert pictures
-        return pictures([index], True)[0]
+    def _read(self, index: int) -> tuple[bytes | None, bytes | None]:
+        """Return the image of a place and its depths, as far as they were kept."""
+        pictures = self._pictures() if self.are_kept else None
+        if pictures is None:
+            return None, None
+        (picture,) = pictures([index], True)
+        return picture.image, picture.depths
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
         with self._counted('image', index):
-            if (jpeg := self._read(index).image) is not None:
+            jpeg, _ = self._read(index)
+            if jpeg is not None:
                 return reduced(_decoded(jpeg, max_mpx), KEPT_IMAGE.longest_px)
         return None
 
     def depths(self, index: int, cells: int) -> Depths | None:
         """Return the depths of a place's regions; None if none are known, or they are damaged."""
         with self._counted('depth', index):
-            if (stored := self._read(index).depths) is not None:
+            _, stored = self._read(index)
+            if stored is not None:
                 return unpacked_depths(stored, cells)
         return None
 

@@ -87,6 +87,8 @@ class Sieve(Generic[Item]):
             if self._count - len(self._near) < self._judged - KNOWN.window:
                 self._near.popleft()
             self._judge()
+            if self._judged - self._out > KNOWN.window:
+                yield from self._next()
         while self._waiting:
             yield from self._next()
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 import math
-from pathlib import Path
 
-from convseq_ros.core.map.editing import Part, parts_of, runs_of, Watch, write_parts
+from convseq_ros.core.map.editing import Part, runs_of, Watch, write_parts
 from convseq_ros.core.map.lifelong import KNOWN
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.online_config import OnlineConfig
@@ -18,10 +17,10 @@ _ROOM = 0.9  # of a file's limit: what is left when it was reached
 
 
 def within_limits(
-    path: Path, online: OnlineConfig, watch: Watch = lambda steps: steps
+    parts: list[Part], online: OnlineConfig, watch: Watch = lambda steps: steps
 ) -> tuple[list[Part], int]:
     """
-    Leave looks out of a map file that is beyond its limits, in one step, or not at all.
+    Leave looks out of a map file, given as its parts, in one step, or not at all.
 
     A look is a place that was surely recognised as another one when it came. Looks go by their
     session along up to 32 places; those go that were no answer for longest, or, if they never were
@@ -29,10 +28,10 @@ def within_limits(
     stay, so that no place is forgotten, whatever the limits. Return the sessions of the map now,
     and how many places went. MapError as for `write_parts`.
     """
-    parts = parts_of(path)
     if not parts:
         return parts, 0
-    whole, size_mb = parts[0].reference_map, path.stat().st_size / 1e6
+    path, whole = parts[0].path, parts[0].reference_map
+    size_mb = path.stat().st_size / 1e6
     stretches, out = _stretches(whole), set[int]()
     firsts = {at for one in stretches for at in one.firsts}
     left = [

@@ -97,14 +97,10 @@ class MapReader:
         found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
         with self._at_one_moment():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
-                some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
-                for name, what in (
-                    ('thumbnails', 'pictures WHERE length(thumbnail) > 0'),
-                    ('images', 'images WHERE jpeg IS NOT NULL'),
-                ):
-                    found[name] += self._database.number(f'SELECT count(*) FROM {what} AND {some}')
-                total = f'SELECT coalesce(sum(length(jpeg)), 0) FROM images WHERE {some}'
-                found['image_bytes'] += self._database.number(total)
+                found['thumbnails'] += self._count('pictures WHERE length(thumbnail) > 0', start)
+                found['images'] += self._count('images WHERE jpeg IS NOT NULL', start)
+                total = 'coalesce(sum(length(jpeg)), 0)'
+                found['image_bytes'] += self._count('images WHERE jpeg IS NOT NULL', start, total)
             if self._database.has('depths'):
                 found['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **found}
@@ -117,6 +113,7 @@ class MapReader:
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
             places = Places(self._cell_shape, end := self._end())
+            are_kept = self._database.has('depths')
             condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while (start := len(places)) < end:
                 rows = self._sound('places', condition, (start, _ROWS_AT_ONCE))
@@ -131,9 +128,17 @@ class MapReader:
                 if (np.diff(of) < 0).any():
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
+                are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
             uses = self._uses(end)
         settings = self.encoding, places, self.pictures, self.keyframes
-        return ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+        made = ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+        made.images.are_kept = are_kept
+        return made
+
+    def _count(self, rows: str, start: int, what: str = 'count(*)') -> int:
+        """Return how many rows there are from a place on, of as many as are read at once."""
+        some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
+        return self._database.number(f'SELECT {what} FROM {rows} AND {some}')
 
     def _uses(self, end: int) -> Uses:
         if not self._database.has('uses'):
@@ -143,9 +148,12 @@ class MapReader:
         while some := self._sound('uses', condition, (start, _ROWS_AT_ONCE)):
             rows += [(index, Use(*said)) for index, *said, _ in some]
             start = some[-1][0] + 1
-        if foreign := [index for index, use in rows if not 0 <= index < end or use.is_off(end)]:
-            raise ValueError(f'reference {foreign[0]} has a use that cannot be')
-        return Uses(rows)
+        uses = Uses(rows)
+        for index, use in rows:
+            is_there = 0 <= index < end and not use.is_off(end)
+            if not is_there or uses[uses.first(index)].look_of is not None:
+                raise ValueError(f'reference {index} has a use that cannot be')
+        return uses
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""

@@ -66,7 +66,7 @@ class ReferenceMap:
         self._moving = Lock()
         # Where the camera was on the robot, of sessions that do not know; None: where it is now.
         self.usual_mount: Pose | None = None
-        self.images = KeptImages(self.pictures)
+        self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
 
     def __len__(self) -> int:
         return len(self.places)
@@ -116,6 +116,7 @@ class ReferenceMap:
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)
+        self.images.are_kept |= image is not None or depths is not None
         self._in_memory.append(Picture(packed, thumbnail, image, depths))
         self._places.append(place, known_descriptor)
 

@@ -12,6 +12,7 @@ from convseq_ros.evaluation.report.page import report_page
 from convseq_ros.evaluation.run_folder import read_run, Run
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import complete_or_absent
+import numpy as np
 
 MOST_MEGABYTES = 20.0
 
@@ -46,7 +47,16 @@ def _check(run: Run) -> None:
         )
         for matrix in (run.truth(), run.scores()) if sound else ():
             sound &= matrix is None or matrix.ndim == 2
-    except (OSError, ValueError):
+        if sound:
+            fields, poses = run.fields(), [run.poses(drive) for drive in ('query', 'reference')]
+            sound = len(fields) == len(run.frames)
+            sound &= all(one.shape[1:] == (4,) and one.dtype == np.uint8 for one in fields)
+            about = run.about_set()
+            sizes = [(about['queries'], 7), (about['references'], 7)]
+            sound &= all(
+                one is None or one.shape == size for one, size in zip(poses, sizes, strict=True)
+            )
+    except (OSError, ValueError, TypeError, IndexError, KeyError):
         sound = False
     if not sound:
         raise ConvseqError(f'{run.folder}: damaged results; run `convseq evaluate` again')

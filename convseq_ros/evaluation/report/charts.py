@@ -12,6 +12,7 @@ from convseq_ros.evaluation.report.curves import curves_chart
 from convseq_ros.evaluation.report.first_closures import first_closures_chart
 from convseq_ros.evaluation.report.lengths import lengths_chart
 from convseq_ros.evaluation.report.matrix import matrix_chart
+from convseq_ros.evaluation.report.poses import poses_chart
 from convseq_ros.evaluation.report.reliability import reliability_chart
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
@@ -31,7 +32,11 @@ def set_charts(runs: Sequence[Run], colors: Mapping[str, int]) -> dict[str, Char
 
 def run_charts(run: Run, rows: Sequence[Seen]) -> dict[str, Chart]:
     """Return the charts of one run by their names; `rows` tell what became of its queries."""
-    return _drawn(matrix=matrix_chart(run, rows), lengths=lengths_chart(run, rows))
+    return _drawn(
+        matrix=matrix_chart(run, rows),
+        lengths=lengths_chart(run, rows),
+        poses=poses_chart(run, rows),
+    )
 
 
 def method_numbers(runs: Sequence[Run]) -> dict[str, int]:
@@ -45,8 +50,8 @@ def write_figures(runs: Sequence[Run], folder: Path) -> None:
     Write the charts of every set and method, .png, .svg and .pdf.
 
     They are called `<set>-curves`, `-accuracy`, `-closures` where frames to the first closure are
-    known, `-reliability` where a method tells its confidence, `<set>-<method>-matrix` and
-    `-lengths`.
+    known, `-reliability` where a method tells its confidence, `<set>-<method>-matrix`,
+    `-lengths`, and `-poses` where they are measured.
 
     Raises
     ------

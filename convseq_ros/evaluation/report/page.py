@@ -15,6 +15,7 @@ from convseq_ros.evaluation.report.chart import NUM_COLORS, STYLE_SHEET
 from convseq_ros.evaluation.report.charts import method_numbers, run_charts, set_charts
 from convseq_ros.evaluation.report.facts import run_facts, set_facts, source
 from convseq_ros.evaluation.report.pairs import browser_data
+from convseq_ros.evaluation.report.poses import off_in_words, placed
 from convseq_ros.evaluation.report.summary_table import summary_table
 from convseq_ros.evaluation.report.verdict import Seen, seen
 from convseq_ros.evaluation.run_folder import Run
@@ -32,6 +33,8 @@ CAPTIONS = {
     ' right match, of every part of the map that was kept; pale: none at all.',
     'lengths': '{method}: frames matched together (k) over the entropy of the newest image. Ticks'
     ' between them: wrong best candidates, accepted (red) or rejected (amber).',
+    'poses': '{method}: {off}. Gray: places of the map; dots: where accepted queries were'
+    ' measured, with a line to where they were. A long, narrow way is stretched.',
 }
 MATRICES = (
     '<h3>Similarity matrices</h3><p class="caption">Scores of single image pairs, query down,'
@@ -134,7 +137,7 @@ def _winner(run: Run) -> str:
 
 
 def _charts_of_runs(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]) -> str:
-    matrices, lengths = '', ''
+    matrices, lengths, poses = '', '', ''
     for run in runs:
         charts = run_charts(run, rows[run.set, run.method])
         if 'matrix' in charts:
@@ -147,8 +150,14 @@ def _charts_of_runs(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence
         if 'lengths' in charts:
             caption = CAPTIONS['lengths'].format(method=run.method)
             lengths += _figure(charts['lengths'].svg(), caption)
-    return (matrices and f'{MATRICES}<div class="matrices">{matrices}</div>') + (
-        lengths and f'<h3>Sequence length beside entropy</h3>{lengths}'
+        if 'poses' in charts:
+            off = off_in_words(placed(run, rows[run.set, run.method]))
+            caption = CAPTIONS['poses'].format(method=run.method, off=off)
+            poses += _figure(charts['poses'].svg(), caption)
+    return (
+        (matrices and f'{MATRICES}<div class="matrices">{matrices}</div>')
+        + (lengths and f'<h3>Sequence length beside entropy</h3>{lengths}')
+        + (poses and f'<h3>Measured poses</h3>{poses}')
     )
 
 

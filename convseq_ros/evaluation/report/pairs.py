@@ -4,8 +4,11 @@
 
 import base64
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
+from convseq_ros.evaluation.geometry import Dots
+from convseq_ros.evaluation.report.poses import in_words
 from convseq_ros.evaluation.report.verdict import Seen
 from convseq_ros.evaluation.run_folder import Run
 from convseq_ros.reading_config import ReadingConfig
@@ -13,8 +16,9 @@ from convseq_ros.regular_file import read_bytes
 
 FIELDS = (
     'query', 'verdict', 'best', 'truth', 'correct', 'known', 'slip', 'length', 'score', 'margin',
-    'entropy', 'reason', 'half',
+    'entropy', 'reason', 'half', 'inliers',
 )  # fmt: skip
+_PICTURES = ('query_picture', 'best_picture', 'truth_picture')
 
 
 class Pictures:
@@ -57,17 +61,31 @@ def browser_data(
             'set': run.set,
             'method': run.method,
             'rows': [
-                [*(getattr(one, field) for field in FIELDS), *_numbers(pictures, run, one)]
-                for one in rows[run.set, run.method][::step]
+                [
+                    *(getattr(one, field) for field in FIELDS),
+                    *_numbers(pictures, run, one),
+                    in_words(row),
+                    _packed(dots),
+                ]
+                for one, row, dots in islice(
+                    zip(rows[run.set, run.method], run.frames, run.fields(), strict=True),
+                    0,
+                    None,
+                    step,
+                )
             ],
         }
         for run in runs
     ]
     return {
-        'fields': [*FIELDS, 'query_picture', 'best_picture', 'truth_picture'],
+        'fields': [*FIELDS, *_PICTURES, 'pose', 'dots'],
         'pictures': pictures.uris,
         'runs': told,
     }
+
+
+def _packed(dots: Dots) -> str:
+    return base64.b64encode(dots.tobytes()).decode()
 
 
 def _numbers(pictures: Pictures, run: Run, one: Seen) -> list[int | None]:

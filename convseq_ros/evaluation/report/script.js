@@ -8,6 +8,7 @@
   }));
   const kinds = ['all', 'right', 'wrong', 'rejected', 'skipped'];
   const kindNames = { all: 'All', right: 'Right', wrong: 'Wrong', rejected: 'Rejected', skipped: 'No candidate' };
+  const namespace = 'http://www.w3.org/2000/svg';
   const now = { run: runs[0], kind: 'all', shown: [], at: 0 };
 
   // The colour scheme: the system's, unless it was chosen here.
@@ -116,10 +117,38 @@
     else image.src = data.pictures[number];
   }
 
-  function caption(id, heading, detail) {
-    const small = document.createElement('small');
-    small.textContent = detail;
-    byId(`${id}-caption`).replaceChildren(heading, small);
+  function caption(id, heading, ...details) {
+    const lines = details.filter(Boolean).map((detail) => {
+      const small = document.createElement('small');
+      small.textContent = detail;
+      return small;
+    });
+    byId(`${id}-caption`).replaceChildren(heading, ...lines);
+  }
+
+  // Inliers, coloured as on ~/debug_image: by where in the query they are.
+
+  function drawDots(id, dots, at) {
+    const image = byId(id);
+    const plate = image.nextElementSibling;
+    const [width, height] = [image.naturalWidth, image.naturalHeight];
+    plate.setAttribute('viewBox', `0 0 ${width || 1} ${height || 1}`);
+    const shown = byId('dots').checked && !image.hidden && width ? dots.length / 4 : 0;
+    plate.replaceChildren(...Array.from({ length: shown }, (_, index) => {
+      const [row, column] = [dots[4 * index + at], dots[4 * index + at + 1]];
+      const dot = document.createElementNS(namespace, 'circle');
+      const shape = { cx: column / 255 * width, cy: row / 255 * height, r: width / 130, fill: `hsl(${300 / 255 * dots[4 * index + 1]} 100% 61%)` };
+      for (const [name, value] of Object.entries(shape)) dot.setAttribute(name, value);
+      return dot;
+    }));
+  }
+
+  function showDots(row) {
+    const dots = Uint8Array.from(atob(row ? row.dots : ''), (byte) => byte.charCodeAt(0));
+    for (const [id, at] of [['query', 0], ['match', 2]]) {
+      byId(id).onload = () => drawDots(id, dots, at);
+      drawDots(id, dots, at);
+    }
   }
 
   function address() {
@@ -145,10 +174,11 @@
     showPicture('query', query_picture, row && `Query frame ${row.query}`);
     showPicture('match', best_picture, row && `Best candidate, reference ${row.best}`);
     showPicture('truth', truth_picture, row && `Truth, reference ${row.truth}`);
+    showDots(row);
     if (row) {
       byId('slider').setAttribute('aria-valuetext', `query ${row.query}, ${verdict}`);
       caption('query', `Query ${row.query}`, `k ${row.length || '–'}, entropy ${digits(row.entropy, 3)}`);
-      caption('match', row.best === null ? 'No match' : `Match: reference ${row.best}`, `score ${digits(row.score, 4)}, margin ${digits(row.margin, 4)}`);
+      caption('match', row.best === null ? 'No match' : `Match: reference ${row.best}`, `score ${digits(row.score, 4)}, margin ${digits(row.margin, 4)}, inliers ${row.inliers ?? '–'}`, row.pose);
       caption('truth', row.truth === null ? 'Truth: not in the map' : `Truth: reference ${row.truth}${row.known ? '' : ', left out of this map'}`, row.truth === null || row.best === null ? '' : distance(row.truth - row.best));
     } else {
       for (const id of ['query', 'match', 'truth']) caption(id, '', '');
@@ -159,7 +189,6 @@
   }
 
   function drawStrip() {
-    const namespace = 'http://www.w3.org/2000/svg';
     const strip = byId('strip');
     strip.setAttribute('viewBox', `0 0 ${now.run.rows.length} 10`);
     const bars = now.run.rows.map((row, at) => {
@@ -239,6 +268,7 @@
     return button;
   }));
   byId('slider').addEventListener('input', () => show(Number(byId('slider').value)));
+  byId('dots').addEventListener('change', () => showDots(now.shown[now.at]));
   byId('previous').addEventListener('click', () => show(now.at - 1));
   byId('next').addEventListener('click', () => show(now.at + 1));
   byId('strip').addEventListener('click', (event) => {

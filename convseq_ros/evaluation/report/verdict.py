@@ -36,6 +36,8 @@ class Seen:
         Of the best candidate, before its rivals, of the image.
     reason, half : str
         Why it was decided so; which half of the map was kept (open protocol).
+    inliers : int, optional
+        Regions that moved alike from query to best candidate.
 
     """
 
@@ -52,6 +54,7 @@ class Seen:
     entropy: float | None
     reason: str
     half: str
+    inliers: int | None = None
 
 
 def seen(run: Run, truth: npt.NDArray[np.bool_] | None) -> list[Seen]:
@@ -95,11 +98,12 @@ def _seen(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Seen:
         row['known'] == '1',
         row.get('slip') == '1',
         int(row['sequence_length'] or 0),
-        _number(row['best_score']),
-        _number(row.get('margin')),
-        _number(row.get('entropy')),
+        number(row['best_score']),
+        number(row.get('margin')),
+        number(row.get('entropy')),
         row['reason'],
         row.get('half') or '',
+        int(row['inliers']) if row.get('inliers') else None,
     )
 
 
@@ -131,6 +135,7 @@ def right_spans(right: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
 
 
-def _number(text: str | None) -> float | None:
+def number(text: str | None) -> float | None:
+    """Return the number in a field; None if it is empty or not finite."""
     value = float(text) if text else math.nan
     return value if math.isfinite(value) else None
