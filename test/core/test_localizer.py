@@ -4,8 +4,9 @@
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.localizer import LOCALIZER, Localizer
+from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.place import Place
+from convseq_ros.core.sighting import SIGHTING
 from convseq_ros.core.types import Candidate, LocalizationState, Match, Pose, Reason, Status
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,13 +19,17 @@ WITHOUT_POSES = [Place(index) for index in range(300)]
 
 
 class Few:
-    """Stands in for an acceptance: what the newest few frames alone show, and what looks alike."""
+    """Stands in for an acceptance: what the newest frames show alone, and what looks alike."""
 
     def __init__(self):
         self.places, self.entered, self.alike = Neighbourhood(), None, []
+        self.settled = True
 
-    def as_good_as(self, reference):
+    def as_good_as(self, _):
         return self.alike
+
+    def is_settled(self, _):
+        return self.settled
 
 
 class Robot:
@@ -78,7 +83,7 @@ def test_one_match_is_a_candidate_and_two_that_agree_are_enough():
     assert second.problem == ''
 
 
-NEARLY = LOCALIZER.likely * Config().acceptance.min_evidence + 0.001
+NEARLY = SIGHTING.likely * Config().acceptance.min_evidence + 0.001
 
 
 def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
@@ -92,6 +97,20 @@ def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
     second = robot.sees(120, Reason.WEAK, at_m=1.0)
     assert (second.state, second.reference_index) == (LOCALISED, 41)
     assert second.quality == pytest.approx(1 - (1 - first.quality) ** 2)
+
+
+@pytest.mark.parametrize('settles', [True, False])
+def test_where_a_place_beside_is_verified_better_one_more_match_is_needed(settles):
+    robot = Robot()
+    robot.sees(40)
+    robot.few.settled = False
+    told = robot.sees(42)
+    assert told.state is CANDIDATE and told.problem == (
+        'too few frames: 2 of 2 matches agree on place 42, but places beside it look as likely'
+    )
+    robot.few.settled = settles
+    told = robot.sees(41)
+    assert (told.state, told.reference_index) == (LOCALISED, 41)
 
 
 def test_whoever_was_lost_needs_a_sure_match():
@@ -151,14 +170,14 @@ def test_a_candidate_that_nothing_repeats_is_forgotten():
 def test_a_match_of_long_ago_agrees_with_nothing():
     robot = Robot(WITHOUT_POSES)
     robot.sees(40)
-    for _ in range(LOCALIZER.silent_keyframes):
+    for _ in range(SIGHTING.silent_keyframes):
         robot.sees(40, Reason.WEAK)
     assert robot.sees(41).state is CANDIDATE
     assert robot.sees(42).state is LOCALISED
 
 
 def test_it_stays_localised_while_nothing_speaks_against_it(found):
-    for metres in range(2, 2 + LOCALIZER.silent_keyframes - 1):
+    for metres in range(2, 2 + SIGHTING.silent_keyframes - 1):
         told = found.sees(99 + metres, Reason.WEAK, at_m=float(metres))
         assert (told.state, told.reference_index) == (LOCALISED, 100)
         assert told.quality == pytest.approx(0.99)
