@@ -28,9 +28,10 @@ class Localizer:
     A sure match is a candidate, and so is a place for which the newest few frames alone speak with
     .6 of a match's evidence; `localize_keyframes` that agree make it localised, one more where a
     place further along the way is verified better, and after it was lost only if the last is sure.
-    It stays so while nothing speaks against it. `lost_keyframes` in a row that show another place,
-    or the same no better than another, make it lost, and so do `localize_keyframes` that agree on
-    another one. In a map that grows only the places of earlier sessions count.
+    It stays so while nothing speaks against it. `lost_keyframes` that show another place, or the
+    same no better than another, make it lost if none between them shows it again, and so do
+    `localize_keyframes` that agree on another one. In a map that grows only the places of earlier
+    sessions count.
     """
 
     def __init__(
@@ -81,16 +82,15 @@ class Localizer:
     def _keep_or_lose(
         self, home: Sighting, match: Match, seen: Sighting | None, odometry: Pose | None
     ) -> None:
-        agree, best = self._sightings.agree, match.best.reference_index if match.best else None
-        is_alike = best is not None and self._sightings.are_alike(home, best, odometry)
+        agree, best = self._sightings.agree, match.best
+        is_alike = self._sightings.is_like_another(home, odometry)
         if seen and agree(home, seen.reference, odometry):
             self._home, seen = seen, None
             if not is_alike:
                 self._against = 0
                 return
-        is_elsewhere = best is not None and not agree(home, best, odometry)
-        is_against = is_elsewhere or is_alike or match.reason is Reason.INCONSISTENT
-        self._against = self._against + 1 if is_against else 0
+        is_elsewhere = best is not None and not agree(home, best.reference_index, odometry)
+        self._against += is_elsewhere or is_alike or match.reason is Reason.INCONSISTENT
         if (
             self._against >= self._config.lost_keyframes
             or (seen and seen.agreeing >= self._config.localize_keyframes)

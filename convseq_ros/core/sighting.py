@@ -59,7 +59,7 @@ class Sightings:
     def __init__(self, places: Sequence[Place], acceptance: Acceptance | None = None) -> None:
         self._places, self._acceptance = places, acceptance
         self._map = acceptance.places if acceptance else Neighbourhood()
-        self._near_places = 0  # as each update has it
+        self._near_places = self._known = 0  # as each update has them
         self.reset()
 
     def reset(self) -> None:
@@ -76,7 +76,7 @@ class Sightings:
         Once a robot `is_lost`, what odometry said before denies nothing.
         """
         self.keyframes, self._near_places = self.keyframes + 1, config.acceptance.rival_distance
-        least = SIGHTING.likely * config.acceptance.min_evidence
+        self._known, least = known, SIGHTING.likely * config.acceptance.min_evidence
         likely = self._acceptance.entered if self._acceptance else None
         is_sure = match.reason in _SURE or (is_lost and match.reason is Reason.IMPLAUSIBLE)
         if match.best and is_sure:
@@ -111,10 +111,13 @@ class Sightings:
         reach = self._near_places + SIGHTING.places_a_keyframe * keyframes
         return self._map.is_near(reference, before, reach)
 
-    def are_alike(self, home: Sighting, reference: int, odometry: Pose | None) -> bool:
-        """Return whether a place far from `home` is verified about as well as a reference."""
-        rivals = self._acceptance.as_good_as(reference) if self._acceptance else ()
-        return any(not self.agree(home, one, odometry) for one in rivals)
+    def is_like_another(self, home: Sighting, odometry: Pose | None) -> bool:
+        """Return whether a place far from `home` is verified about as well as those near it."""
+        strengths = self._acceptance.strengths if self._acceptance else {}
+        near = {one for one in strengths if self.agree(home, one, odometry)}
+        here = max((strengths[one] for one in near), default=VERIFIED.least_strength)
+        away = (strengths[one] for one in strengths if one not in near and one < self._known)
+        return any(one >= VERIFIED.as_good * here for one in away)
 
     def is_settled(self, seen: Sighting) -> bool:
         """Return whether the newest one is verified no worse than places further along its way."""

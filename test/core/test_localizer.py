@@ -22,11 +22,8 @@ class Few:
     """Stands in for an acceptance: what the newest frames show alone, and what looks alike."""
 
     def __init__(self):
-        self.places, self.entered, self.alike = Neighbourhood(), None, []
+        self.places, self.entered, self.strengths = Neighbourhood(), None, {}
         self.settled = True
-
-    def as_good_as(self, _):
-        return self.alike
 
     def is_settled(self, _):
         return self.settled
@@ -213,21 +210,37 @@ def test_one_slip_does_not_make_it_lost(found):
 
 @pytest.mark.parametrize('reason', [Reason.ACCEPTED, Reason.AMBIGUOUS])
 def test_a_place_like_another_speaks_against_what_sequences_still_see(found, reason):
-    found.few.alike = [250]
+    found.few.strengths = {100: 50.0, 250: 40.0}
     states = [found.sees(99 + step, reason, at_m=float(step)).state for step in range(2, 6)]
     assert states == [LOCALISED] * 3 + [LOST]
+
+
+def test_a_frame_that_says_nothing_makes_what_spoke_against_the_place_no_less(found):
+    for step, (rival, state) in enumerate(
+        [(40.0, LOCALISED), (40.0, LOCALISED), (39.0, LOCALISED), (90.0, LOCALISED), (40.0, LOST)]
+    ):
+        found.few.strengths = {100: 50.0, 250: rival}
+        assert found.sees(102 + step, Reason.WEAK, at_m=2.0 + step).state is state
+
+
+def test_a_place_of_this_very_drive_does_not_speak_against_the_map():
+    robot = Robot(known=200)
+    for place in range(100, 110):
+        robot.few.strengths = {place: 50.0, 250: 90.0}
+        told = robot.sees(place, at_m=float(place))
+    assert told.state is LOCALISED and told.quality == pytest.approx(0.99)
 
 
 def test_a_place_that_looks_like_itself_at_another_visit_is_no_other():
     robot = Robot([*STREET[:150], *STREET[:150]])
     for place in range(20, 30):
-        robot.few.alike = [place + 150]
+        robot.few.strengths = {place: 50.0, place + 150: 60.0}
         told = robot.sees(place, at_m=float(place))
     assert told.state is LOCALISED
 
 
 def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one(found):
-    found.few.alike = [250]
+    found.few.strengths = {250: 40.0}
     for place in range(101, 105):
         told = found.sees(place)
     assert told.state is LOST

@@ -54,7 +54,7 @@ def test_nothing_verified_says_nothing():
     evidence = VerifiedEvidence()
     evidence.update({}, 10)
     assert evidence.lead(5) is None and evidence.strength(5) is None
-    assert evidence.rival_strength(5) is None and not evidence.as_good_as(5)
+    assert evidence.rival_strength(5) is None and not evidence.is_rivalled(5)
     assert evidence.alone(0) is None and evidence.recent_strength(0, 5) is None
 
 
@@ -68,7 +68,7 @@ def test_a_place_that_is_verified_worse_than_its_rival_is_not_held_against_its_s
 def test_a_rival_that_is_verified_nearly_as_well_makes_a_place_ambiguous(rival, is_rivalled):
     evidence = VerifiedEvidence()
     evidence.update(strengths(_5=200.0, _60=rival), 10)
-    assert bool(evidence.as_good_as(5)) == is_rivalled
+    assert evidence.is_rivalled(5) == is_rivalled
 
 
 @pytest.mark.parametrize(('rival', 'denied'), [(40.0, False), (90.0, True), (120.0, True)])

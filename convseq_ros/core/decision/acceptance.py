@@ -44,8 +44,7 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
-        # A place, and its evidence, by the newest few frames alone; None on a session's border.
-        self.entered: tuple[int, float] | None = None
+        self.entered: tuple[int, float] | None = None  # place, evidence; by few frames alone
 
     def update(
         self,
@@ -168,9 +167,10 @@ class Acceptance:
         found = [known[one] for one in (reference, *near) if one in known]
         return found[0].inliers if found else None
 
-    def as_good_as(self, reference: int) -> list[int]:
-        """Return the places elsewhere that the newest frame shows nearly as well, if verified."""
-        return self._verified.as_good_as(reference)
+    @property
+    def strengths(self) -> dict[int, float]:
+        """How strongly likely places of the newest frame are verified."""
+        return {one: shown.strength for one, shown in self._verified.found.items()}
 
     def is_settled(self, reference: int) -> bool:
         """Return whether the newest frame shows no place further along the way better."""
@@ -207,7 +207,7 @@ class Acceptance:
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
-        if self.as_good_as(best):
+        if self._verified.is_rivalled(best):
             return Reason.AMBIGUOUS
         return Reason.AMBIGUOUS if newest.margin < (self._track.scatter or 0.0) else Reason.WEAK
 

@@ -90,12 +90,10 @@ class VerifiedEvidence:
         """Return how strongly the best place elsewhere is verified, if any is."""
         return max((one.strength for one in self.rivals(reference)), default=None)
 
-    def as_good_as(self, reference: int) -> list[int]:
-        """Return the places elsewhere that are verified nearly as well as a verified one."""
-        own, most = self.strength(reference, TRACK.same_track), self._rival_distance
-        least = math.inf if own is None else VERIFIED.as_good * own
-        good = (index for index, one in self.found.items() if one.strength >= least)
-        return [index for index in good if not self._places.is_near(reference, index, most)]
+    def is_rivalled(self, reference: int) -> bool:
+        """Return whether a place elsewhere is verified nearly as well."""
+        own, rival = self.strength(reference, TRACK.same_track), self.rival_strength(reference)
+        return own is not None and rival is not None and rival >= VERIFIED.as_good * own
 
     def lead(self, reference: int) -> float | None:
         """
