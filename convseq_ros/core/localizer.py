@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.verified_evidence import VERIFIED
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.sighting import SIGHTING, Sighting, Sightings
 from convseq_ros.core.types import Localization, LocalizationState, Match, Pose, Reason
@@ -29,9 +30,9 @@ class Localizer:
     .6 of a match's evidence; `localize_keyframes` that agree make it localised, one more where a
     place further along the way is verified better, and after it was lost only if the last is sure.
     It stays so while nothing speaks against it. `lost_keyframes` that show another place, or the
-    same no better than another, make it lost if none between them shows it again, and so do
-    `localize_keyframes` that agree on another one. In a map that grows only the places of earlier
-    sessions count.
+    same no better than another, make it lost, unless a match of about the usual strength comes
+    between them, and so do `localize_keyframes` that agree on another one. In a map that grows
+    only the places of earlier sessions count.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Localizer:
         self._sightings.reset()
         self._against = 0
         self._home: Sighting | None = None  # where it is localised
+        self._usual = 0.0  # strength of its verification
         self._lost_at = 0  # keyframe at which it was lost
         self._reasons: Counter[Reason] = Counter()  # since it was lost
         self._last: Match | None = None
@@ -64,7 +66,7 @@ class Localizer:
             if self._home:
                 self._keep_or_lose(self._home, match, seen, odometry)
             elif seen and (seen.is_sure or not is_lost) and self._is_enough(seen):
-                self._home = seen
+                self._home, self._usual = seen, self._sightings.strengths(seen, odometry)[0]
         return replace(match, localization=self.localization)
 
     @property
@@ -83,11 +85,13 @@ class Localizer:
         self, home: Sighting, match: Match, seen: Sighting | None, odometry: Pose | None
     ) -> None:
         agree, best = self._sightings.agree, match.best
-        is_alike = self._sightings.is_like_another(home, odometry)
+        here, away = self._sightings.strengths(home, odometry)
+        is_alike = away >= VERIFIED.as_good * here
         if seen and agree(home, seen.reference, odometry):
             self._home, seen = seen, None
-            if not is_alike:
+            if not is_alike or here >= SIGHTING.weak * self._usual:
                 self._against = 0
+                self._usual += (1 - SIGHTING.memory) * (here - self._usual)
                 return
         is_elsewhere = best is not None and not agree(home, best.reference_index, odometry)
         self._against += is_elsewhere or is_alike or match.reason is Reason.INCONSISTENT

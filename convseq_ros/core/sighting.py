@@ -27,6 +27,10 @@ class SIGHTING:
     # By which a drive moves on in the map without odometry, beside the rivals' distance. Quicker
     # ones are searched (6), but from a few keyframes on the way back from anywhere would be near.
     places_a_keyframe: int = 2
+    # Of the strength that the place usually has, below which a sure match of it may be due to the
+    # frames before: on drawn nights it has a third at once when the robot is carried away.
+    weak: float = 0.5
+    memory: float = 0.7  # share of the past in what is usual, per keyframe
     silent_keyframes: int = 30  # that recognise nothing, after which what was seen is forgotten
 
 
@@ -111,13 +115,13 @@ class Sightings:
         reach = self._near_places + SIGHTING.places_a_keyframe * keyframes
         return self._map.is_near(reference, before, reach)
 
-    def is_like_another(self, home: Sighting, odometry: Pose | None) -> bool:
-        """Return whether a place far from `home` is verified about as well as those near it."""
-        strengths = self._acceptance.strengths if self._acceptance else {}
-        near = {one for one in strengths if self.agree(home, one, odometry)}
-        here = max((strengths[one] for one in near), default=VERIFIED.least_strength)
-        away = (strengths[one] for one in strengths if one not in near and one < self._known)
-        return any(one >= VERIFIED.as_good * here for one in away)
+    def strengths(self, home: Sighting, odometry: Pose | None) -> tuple[float, float]:
+        """Return the greatest strength of what is verified near `home`, and of the rest."""
+        found = self._acceptance.strengths if self._acceptance else {}
+        near = {one for one in found if self.agree(home, one, odometry)}
+        here = max((found[one] for one in near), default=VERIFIED.least_strength)
+        away = (found[one] for one in found if one not in near and one < self._known)
+        return here, max(away, default=0.0)
 
     def is_settled(self, seen: Sighting) -> bool:
         """Return whether the newest one is verified no worse than places further along its way."""
