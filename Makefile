@@ -19,15 +19,23 @@ SOURCES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find convseq_ros config launch resource scripts -type f \
 	-not -path '*/__pycache__/*' -not -name '*.so')
 INSTALL := bin/python -m pip install -qq --no-input
+# When only the sources change, the package alone is built again, by the setuptools that are there,
+# and C only if it is newer than its library.
+CLEAN_PYTHON := find build -type f -not -name '*.so' -delete; rm -rf *.egg-info
+AGAIN := $(INSTALL) --no-deps --no-build-isolation .
 # setuptools would install what an earlier build left behind.
 CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
+PYTEST := bin/pytest --quiet --timeout=240
 # Two processes share the tests; one that is done takes over tests from the other.
-PYTEST := bin/pytest --quiet --timeout=240 --numprocesses=2 --dist=worksteal
+SHARED := --numprocesses=2 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV and scikit-image may compute other numbers. All the rest,
-# such as command lines, packaging and the node's life, cannot depend on them and is tested once.
+# such as command lines, packaging and the node's life, cannot depend on them and is tested once;
+# among these files are tests of the same kind, which have the mark `once`.
 NUMERICAL := test/core test/baselines test/sources/test_images.py test/sources/test_video.py \
 	test/sources/test_folder.py test/evaluation/test_metrics.py \
 	test/evaluation/test_ranking.py test/evaluation/test_truth.py test/test_parity.py
+
+CHECKS := test-newest test-noble lint types contract
 
 # A python3.12 that is only a pyenv shim exists and yet does not run, so each one is tried.
 define find_python312
@@ -36,7 +44,9 @@ for python in python3.12 $$(pyenv root 2>/dev/null)/versions/3.12*/bin/python3 $
 done
 endef
 
+ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
+endif
 .PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test pictures gif board torture test \
 	lint types contract test-aarch64 test-newest test-noble clean
 
@@ -57,7 +67,7 @@ bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
 
 coverage: .venv/test.stamp
-	.venv/$(PYTEST) --cov=convseq_ros --cov-report=html --cov-report=term:skip-covered
+	.venv/$(PYTEST) $(SHARED) --cov=convseq_ros --cov-report=html --cov-report=term:skip-covered
 
 docs: .venv-docs/docs.stamp
 	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
@@ -78,8 +88,11 @@ board: .venv/board.stamp
 torture: .venv/test.stamp
 	.venv/bin/python -m bench.torture $(ATTACKS) $(if $(HOURS),--hours $(HOURS)) --docs docs
 
-test: lint types contract test-newest test-noble
-	@echo 'passed: $^'
+# Side by side, so that no core waits; each one's output is shown whole when it ends.
+test: .venv/test.stamp .venv-noble/test.stamp
+	@echo 'running: $(CHECKS)'
+	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target SIDE_BY_SIDE=yes $(CHECKS)
+	@echo 'passed: $(CHECKS)'
 
 lint: .venv/test.stamp
 	.venv/bin/yamllint --strict .github .pre-commit-config.yaml mkdocs.yml
@@ -99,10 +112,10 @@ test-aarch64: .venv/board.stamp
 	.ci/test_aarch64 .venv/bin/python
 
 test-newest: .venv/test.stamp
-	.venv/$(PYTEST)
+	.venv/$(PYTEST) $(SHARED)
 
 test-noble: .venv-noble/test.stamp
-	.venv-noble/$(PYTEST) $(NUMERICAL)
+	.venv-noble/$(PYTEST) -m 'not once' $(NUMERICAL)
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
@@ -135,14 +148,24 @@ test-noble: .venv-noble/test.stamp
 	.venv/$(INSTALL) '.[evaluation]'
 	touch $@
 
-.venv/test.stamp: $(SOURCES) | .venv/bin/python
+.venv/test.needs: setup.py pyproject.toml | .venv/bin/python
 	$(CLEAN_BUILD)
-	.venv/$(INSTALL) '.[ros,plot,slam,test,dev,torture]'
+	.venv/$(INSTALL) 'setuptools>=70.1' '.[ros,plot,slam,test,dev,torture]'
+	touch $@
+
+.venv/test.stamp: $(SOURCES) .venv/test.needs
+	$(CLEAN_PYTHON)
+	.venv/$(AGAIN)
 	touch $@ .venv/demo.stamp .venv/slam.stamp
 
-.venv-noble/test.stamp: $(SOURCES) test/noble-constraints.txt | .venv-noble/bin/python
+.venv-noble/test.needs: setup.py pyproject.toml test/noble-constraints.txt | .venv-noble/bin/python
 	$(CLEAN_BUILD)
-	.venv-noble/$(INSTALL) --constraint test/noble-constraints.txt '.[ros,test]'
+	.venv-noble/$(INSTALL) --constraint test/noble-constraints.txt 'setuptools>=70.1' '.[ros,test]'
+	touch $@
+
+.venv-noble/test.stamp: $(SOURCES) .venv-noble/test.needs
+	$(CLEAN_PYTHON)
+	.venv-noble/$(AGAIN)
 	touch $@
 
 clean:

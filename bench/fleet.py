@@ -184,7 +184,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         with connected(Cluster(workers=workers)) as client:
             client.run(resident_mb)  # both are there
             jobs = {
-                path.name: (path, maps / f'{path.name}.db', '', '', '', Config())
+                path.name: (path, maps / f'{path.name}.db', *[''] * 4, Config())
                 for path in sorted((folder / 'recordings').iterdir())
             }
             # Once for imports and kernels of each worker.

@@ -71,6 +71,13 @@ def map_path(folder: Path, size: int) -> Path:
     return folder / f'map-{size}.db'
 
 
+def read_into_file_cache(path: Path) -> None:
+    """Read a file once: a system that is short of memory, or lends it out, may have let it go."""
+    with path.open('rb') as file:
+        while file.read(1 << 24):
+            pass
+
+
 def queries_path(folder: Path) -> Path:
     """Return where the images of the second drive are."""
     return folder / 'queries.npy'
@@ -81,13 +88,13 @@ def read_queries(folder: Path) -> npt.NDArray[np.uint8]:
     return np.load(queries_path(folder))
 
 
-def read_drive(folder: Path, frames: int) -> npt.NDArray[np.uint8]:
-    """Return gray images (n, 480, 640) at 30 Hz of the second drive at 10 m/s, drawn once."""
-    path = folder / f'drive-{frames}.npy'
+def read_drive(folder: Path, frames: int, speed_mps: float = 10.0) -> npt.NDArray[np.uint8]:
+    """Return gray images (n, 480, 640) at 30 Hz of the second drive, drawn once."""
+    path = folder / f'drive-{frames}-{speed_mps:g}.npy'
     if not path.exists():
         drive = Drive(
             start_m=_START_M, num_frames=frames, frame_rate_hz=30, lane_offset_m=-0.5,
-            light='evening', seed=5,
+            light='evening', seed=5, speed_mps=speed_mps,
         )  # fmt: skip
         np.save(path, np.array(_gray(Street(length_m=frames / 3 + 60, seed=7), drive)))
     return np.load(path)

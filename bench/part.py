@@ -49,6 +49,7 @@ PARTS = {
     'sequence': (ONE,),
     'memory': (ONE,),
     'stages': (ONE_CORE,),
+    'between': (ONE_CORE,),
     'avx2': (Setting(1, pinned=True, kernels='avx2'),),
     'start': (TWO, ONE),
     'node': (TWO, ONE),

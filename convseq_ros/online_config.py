@@ -16,7 +16,9 @@ class OnlineConfig(Checked):
     mode: str = parameter(
         'preloaded', 'preloaded recognises the places of a map; online also adds to it what the '
         'camera sees; lifelong adds what the map does not know yet, 32 places later, and counts '
-        'which of its places are answers.', choices=('preloaded', 'online', 'lifelong'),
+        'which of its places are answers. What is added is in the file half a second later: a '
+        'crash loses that, and in lifelong mode up to 32 places that wait, however long.',
+        choices=('preloaded', 'online', 'lifelong'),
     )
     exclusion_s: float = parameter(
         30.0, 'Online mode: places of this session younger than this are not matched.',

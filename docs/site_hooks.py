@@ -8,10 +8,10 @@ import io
 import os
 from pathlib import Path
 import re
+from types import ModuleType
 from typing import Any
 
 from convseq_ros.cli import COMMANDS, main
-from mkdocs.exceptions import PluginError
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r'(?<!!)\[([^\]]+)\]\(([^)#:\s]+)(#[^)\s]*)?\)')
@@ -29,6 +29,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         if target.is_relative_to(_REPOSITORY / 'docs') and target.suffix != '.py':
             return link[0]
         if not target.exists():
+            from mkdocs.exceptions import PluginError
+
             raise PluginError(f'{page.file.src_uri}: {link[2]} does not exist')
         return f'{link[1]} (`{target.relative_to(_REPOSITORY)}` of the repository)'
 
@@ -40,14 +42,19 @@ def commands() -> str:
     os.environ['COLUMNS'] = '96'
     parts = []
     for name, text in COMMANDS.items():
-        told = io.StringIO()
-        with redirect_stdout(told), suppress(SystemExit):
-            if not hasattr(import_module(f'convseq_ros.cli.{name.replace("-", "_")}'), 'describe'):
-                # A process of its own, which needs ROS.
-                told.write(f'convseq {name} --help says more, where ROS is installed.')
-            else:
-                main([name, '--help'])
-        parts.append(
-            f'## convseq {name}\n\n{text.capitalize()}.\n\n```text\n{told.getvalue()}```\n'
-        )
+        command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
+        parts.append(_section(command, name, text))
+        for own, about in getattr(command, 'COMMANDS', {}).items():
+            parts.append(_section(command, f'{name} {own}', about))
     return '\n'.join(parts)
+
+
+def _section(command: ModuleType, name: str, text: str) -> str:
+    told = io.StringIO()
+    with redirect_stdout(told), suppress(SystemExit):
+        if not hasattr(command, 'describe'):
+            # A process of its own, which needs ROS.
+            print(f'convseq {name} --help says more, where ROS is installed.')
+        else:
+            main([*name.split(), '--help'])
+    return f'## convseq {name}\n\n{text.capitalize()}.\n\n```text\n{told.getvalue()}```\n'

@@ -142,6 +142,18 @@ PAIRS = (
          offset_m=-0.5),
 )  # fmt: skip
 
+# On which nothing was fitted.
+CHECKS = (
+    Pair('check-evening', 602, count=120, light='evening', offset_m=0.0),
+    Pair('check-night', 603, count=120, light='night'),
+    Pair('check-night-noise', 604, count=120, light='night', noise=40),
+    Pair('check-night-lane', 605, 1.0, count=120, light='night', offset_m=1.0, noise=15),
+    Pair('check-low', 606, count=120, both_look=LOW, light='overcast', noise=20),
+    Pair('check-low-night', 607, 1.0, count=120, both_look=LOW, light='night', noise=50),
+    Pair('check-rain', 608, count=120, looks=('rain', 'blur'), light='evening'),
+    Pair('check-terrace', 612, count=120, kind='terrace2', light='evening'),
+)
+
 
 def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray:
     """Return an image after rain, traffic, motion or a small sensor."""

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what `min_evidence` and the confidence come from: false and right evidence on drawn drives.
+Print what `min_evidence` comes from: false and right evidence on drawn drives.
 
 Usage: python scripts/fit_acceptance.py [NAME...], about half an hour on two cores for all of
 acceptance_drives.py. Every query is asked with half of the map removed (the first, the last and
@@ -9,8 +9,7 @@ the middle half kept in turn) and in the map of another street, and both drives 
 past (40 m and 20 frames at least). Maps are made of keyframes, as the product makes them, and
 only keyframes are counted. With `min_evidence` as it is, right answers less ten times the
 false ones are most, over these drives and real images made dark. The left side of a terrace
-repeats every 48 or 96 m: no threshold tells such places apart, so they count for the confidence
-only.
+repeats every 48 or 96 m: no threshold tells such places apart, so they do not count.
 """
 
 from collections.abc import Iterator
@@ -22,12 +21,10 @@ import sys
 
 from acceptance_drives import drawn, FORK_M, Pair, PAIRS, ROUND_M
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.confidence import CONFIDENCE
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Reason
-from convseq_ros.evaluation.calibration import adjusted, fitted, reliability
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.evaluation.truth import Truth
 import numpy as np
@@ -49,16 +46,15 @@ def answers(
     """Yield of each keyframe: evidence, whether its track was consistent, right, slip, known."""
     recognizer = PlaceRecognizer(made, make_config(settings))
     number = {frame.stamp_ns: index for index, frame in enumerate(references)}
-    offset, slope, least = CONFIDENCE.offset, CONFIDENCE.slope, CONFIDENCE.least_evidence
+    acceptance = recognizer._acceptance
     for index, frame in enumerate(frames):
         match = recognizer.process(frame)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
             continue
-        best, sure = match.best, match.confidence
+        best, known = match.best, acceptance.known
         evidence, hit, slipped = math.nan, False, False
-        if best is not None and sure is not None:
-            odds = math.log(max(sure, 1e-12) / max(1 - sure, 1e-12))
-            evidence = math.exp((odds - offset) / slope) - least
+        if best is not None and known is not None:
+            evidence, _ = known
             place = number[best.reference_stamp_ns]
             hit, slipped = right[index, place], slip[index, place]
         consistent = match.reason is not Reason.INCONSISTENT
@@ -129,8 +125,6 @@ def main(names: list[str]) -> None:
         runs = dict(chain.from_iterable(one.items() for one in some))
         if runs:
             print_evidence(name, runs)
-    every = np.concatenate([run for one in found.values() for run in one.values()])
-    print_confidence(every[~np.isnan(every[:, 0])])
 
 
 def print_evidence(name: str, runs: dict[str, np.ndarray]) -> None:
@@ -149,17 +143,6 @@ def print_evidence(name: str, runs: dict[str, np.ndarray]) -> None:
     }
     worst = sorted(tops, key=lambda run: -tops[run])[:8]
     print('  largest false:', ', '.join(f'{run} {tops[run]:.2f}' for run in worst))
-
-
-def print_confidence(every: np.ndarray) -> None:
-    """Print the constants of the confidence, and how reliable it is with them."""
-    evidence, right = every[:, 0], every[:, 2] + every[:, 3] > 0
-    odds = np.log(np.maximum(evidence, 0) + CONFIDENCE.least_evidence)
-    said = 1 / (1 + np.exp(-odds))
-    offset, slope = fitted(said, right)
-    print(f'confidence: offset {offset:.2f}, slope {slope:.2f}')
-    for row in reliability(adjusted(said, offset, slope), right):
-        print('  {low:.2f} to {high:.2f}: {count} said {said:.3f} right {right:.3f}'.format(**row))
 
 
 if __name__ == '__main__':

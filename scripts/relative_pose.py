@@ -6,8 +6,9 @@ Print how far off measured relative poses are, and how well their covariance say
 Usage: python scripts/relative_pose.py [--streets 31 32 33] [--roads FOLDER ...]
        [--images-px 320] [--depth]
 
-Rows tell the pose from the place that lies nearest along the way, from the one 2 m before that,
-and what is shipped then: it is measured once more from the place that turns out to be nearest;
+Rows tell the pose from the place that lies nearest along the way, from those 2 m and 3 m before
+that, and what is shipped 2 m away: it is measured once more from the place that turns out to be
+nearest;
 `ms` are medians of the processor's time, on all cores.
 Streets are drawn: mapped by day, a place each metre; driven again in the evening, under clouds,
 and at night with noise, anywhere between the own lane and 2 m to the left, up to 3 degrees turned.
@@ -109,7 +110,7 @@ def tell(name: str, errors: list[Error | None]) -> None:
 
 
 def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
-    """Yield what is wrong with poses on a drawn street, from two places each."""
+    """Yield what is wrong with poses on a drawn street, from three places each."""
     map_shown, queries = drawn(seed, depth)
     poses_of_map = [frame.pose for frame, _ in map_shown]
     if depth:
@@ -128,6 +129,7 @@ def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Err
                 ('nearest', nearest, one),
                 ('2 m away', nearest - 2, one),
                 ('2 m away, shipped', nearest - 2, best),
+                ('3 m away', nearest - 3, one),
             ):
                 found = Candidate(index, 0, 0, matcher.shift(features, index))
                 what_is_wrong = error(poses, features, frame, found, poses_of_map[index])

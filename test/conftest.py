@@ -39,6 +39,7 @@ def isolate_ros() -> None:
 
 prefer_installed()
 isolate_ros()
+sys.path.append(str(Path(__file__).parent))  # of what several tests share
 # How long an example takes says more of the machine than of us.
 hypothesis.settings.register_profile('patient', deadline=None)
 hypothesis.settings.load_profile('patient')

@@ -100,10 +100,10 @@ def test_import_contracts_hold():
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_only_the_node_imports_ros(path):
-    ros = sorted(filter(is_ros, imported(path)))
-    assert not ros or PACKAGE / 'node' in path.parents, ros
+def test_only_the_node_imports_ros():
+    outside = [path for path in MODULES if PACKAGE / 'node' not in path.parents]
+    ros = {relative(path): sorted(filter(is_ros, imported(path))) for path in outside}
+    assert not {path: names for path, names in ros.items() if names}
 
 
 @pytest.mark.parametrize('name', STANDARD_ONLY)
@@ -133,23 +133,27 @@ def test_no_module_of_the_core_imports_itself_in_a_circle():
     order.prepare()
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_no_import_is_for_types_alone(path):
-    assert 'TYPE_CHECKING' not in path.read_text()
+def test_no_import_is_for_types_alone():
+    assert not [relative(path) for path in MODULES if 'TYPE_CHECKING' in path.read_text()]
 
 
-@pytest.mark.parametrize('path', MODULES, ids=relative)
-def test_a_module_is_short(path):
-    most = MOST_LINES
-    if PACKAGE / 'core' in path.parents and 'kernels' not in relative(path):
-        most = MOST_LINES_OF_CORE
+def most_lines(path: Path) -> int:
     if path.name == 'recognizer.py':
-        most = MOST_LINES_OF_THE_ALGORITHM
-    assert len(path.read_text().splitlines()) <= most
+        return MOST_LINES_OF_THE_ALGORITHM
+    of_core = PACKAGE / 'core' in path.parents and 'kernels' not in relative(path)
+    return MOST_LINES_OF_CORE if of_core else MOST_LINES
 
 
-@pytest.mark.parametrize('path', [REPOSITORY / 'setup.py', *MODULES, *SCRIPTS], ids=relative)
-def test_a_file_says_whose_it_is_and_what_it_does(path):
+def test_a_module_is_short():
+    lines = {path: len(path.read_text().splitlines()) for path in MODULES}
+    assert not {relative(path): count for path, count in lines.items() if count > most_lines(path)}
+
+
+def tells_of_itself(path: Path) -> bool:
     text = path.read_text()
-    assert text.splitlines()[:2] == HEADER
-    assert ast.get_docstring(ast.parse(text))
+    return text.splitlines()[:2] == HEADER and bool(ast.get_docstring(ast.parse(text)))
+
+
+def test_a_file_says_whose_it_is_and_what_it_does():
+    files = [REPOSITORY / 'setup.py', *MODULES, *SCRIPTS]
+    assert not [relative(path) for path in files if not tells_of_itself(path)]

@@ -2,15 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What README, launch file and hints promise a stranger is true where it can be run here."""
 
+import argparse
+import importlib
 from pathlib import Path
 import re
+import runpy
 import subprocess
 import sys
 import sysconfig
 import types
 
 from convseq_ros import installing
+from convseq_ros.cli import COMMANDS
 from convseq_ros.config import core_parameters
+from convseq_ros.core.types import Reason
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
 import pytest
@@ -50,6 +55,38 @@ def test_links_inside_the_repository_lead_somewhere():
         if ':' not in target and not (page.parent / target).exists()
     ]
     assert not broken
+
+
+def options_of(parser):
+    for action in parser._actions:
+        yield from action.option_strings
+        for one in (action.choices or {}).values() if action.nargs == argparse.PARSER else ():
+            yield from options_of(one)
+
+
+def test_the_page_of_commands_has_every_option_of_every_command(monkeypatch):
+    monkeypatch.setenv('COLUMNS', '96')
+    hooks = runpy.run_path(str(REPOSITORY / 'docs' / 'site_hooks.py'))
+    sections = re.split(r'(?m)^## convseq ', hooks['commands']())
+    for name in COMMANDS:
+        command = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
+        told = ' '.join(one for one in sections if one.split()[:1] == [name])
+        assert told
+        if hasattr(command, 'describe'):  # the others need ROS to say it
+            parser = argparse.ArgumentParser()
+            command.describe(parser)
+            unsaid = [one for one in options_of(parser) if not re.search(rf'{one}(?![\w-])', told)]
+            assert not unsaid, name
+
+
+def test_the_page_of_topics_has_every_topic_service_and_reason():
+    page = (REPOSITORY / 'docs' / 'TOPICS.md').read_text(encoding='utf-8')
+    files = [*(REPOSITORY / 'convseq_ros' / 'node').glob('*.py')]
+    own = {name for file in files for name in re.findall(r"'(~/\w+)'", file.read_text('utf-8'))}
+    settings = {item.name for item in parameters(NodeConfig) if 'topic' in item.name}
+    named = own | settings | {'image', 'odom', 'camera_info', 'initialpose', '/diagnostics'}
+    assert len(own) > 15 and settings == {'image_topics', 'depth_topic'}
+    assert not [name for name in named | {*Reason} if not re.search(f'[`/]{name}`', page)]
 
 
 def test_every_page_is_in_the_navigation_of_the_site():

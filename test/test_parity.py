@@ -173,6 +173,7 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
     assert {row['localization'] for row in offline} == {'lost', 'candidate', 'localised'}
 
 
+@pytest.mark.once
 def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, encoding, tmp_path):
     given, topics = (recording, map_path, encoding), ['/front/image', '/rear/image']
     offline = answers_of_the_core(*given, tmp_path / 'offline.csv', topics)

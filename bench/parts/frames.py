@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.clock import Times
 from bench.finding import at_least, at_most, Finding
-from bench.material import truth
+from bench.material import read_into_file_cache, truth
 from bench.released import encode, frame_ms, ReleasedLoop
 from bench.work import Work
 
@@ -60,6 +60,7 @@ class Drive:
             matching='coherent', search=search, shortlist_length=listed, threads=work.threads
         )
         config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=LENGTH))
+        read_into_file_cache(work.map_path(size))
         self._recognizer = PlaceRecognizer(open_map(work.map_path(size)), config)
         self._recognizer.matcher.warm_up()
         self._images, self._size = work.images, size

@@ -14,13 +14,14 @@ from convseq_ros.cli.options import add_annotations, add_parameters, chosen_read
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import SourceError
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
-from convseq_ros.sources import open_annotated
+from convseq_ros.sources import open_each_camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,12 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument('map', type=Path, help='map file to make')
-    parser.add_argument('--topic', default='', help='image topic, if there are several')
+    parser.add_argument(
+        '--topic',
+        default='',
+        help='image topic, if there are several; of several cameras, in quotes with spaces '
+        'between: each makes a session, and so are those of --camera-info',
+    )
     add_annotations(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
     parser.add_argument('--session', help='what to call it; by default as the recording')
@@ -58,6 +64,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
     add_parameters(parser, 'motion', parameters(MotionConfig))
     add_parameters(parser, 'images', [*_encoding(), *parameters(ReadingConfig)])
+    add_parameters(parser, 'robot', _mount())
 
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
@@ -112,7 +119,7 @@ def build(
     tell: Callable[[str], None] | None = None,
 ) -> Built:
     """
-    Build a map file, or add to one.
+    Build a map file, or add to one; several topics make a session each, one after the other.
 
     Warnings and a bar of progress go to standard error; or warnings alone to whom to `tell`.
 
@@ -124,30 +131,44 @@ def build(
         If the map cannot be written.
 
     """
-    source = open_annotated(recording, topic, odom, camera_info, poses, config.reading, depth)
+    sources = open_each_camera(recording, topic, odom, camera_info, poses, config.reading, depth)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
-    builder = MapBuilder(path, config, append, name, pose_frame or source.pose_frame)
-    frames = unreadable = with_pose = 0
+    frames = added = unreadable = with_pose = 0
     interrupted = False
-    try:
-        with builder:
-            for frame in source if tell else progress(source, len(source), path.name):
-                frames += 1
-                if frame.gray is None:
-                    unreadable += 1
-                    say(frame.problem)
-                with_pose += builder.process(frame) and frame.pose is not None
-    except KeyboardInterrupt:
-        interrupted = True
-    for warning in source.warnings:
-        say(warning)
-    if not builder.added:
-        raise SourceError(f'{recording}: none of its {frames} images could be used')
+    for number, source in enumerate(sources):
+        called = f'{name} {source.topic}' if len(sources) > 1 else name
+        before = frames
+        builder = MapBuilder(
+            path,
+            of_camera(config, number),
+            append or number > 0,
+            called,
+            pose_frame or source.pose_frame,
+        )
+        try:
+            with builder:
+                for frame in source if tell else progress(source, len(source), path.name):
+                    frames += 1
+                    if frame.gray is None:
+                        unreadable += 1
+                        say(frame.problem)
+                    with_pose += builder.process(frame) and frame.pose is not None
+        except KeyboardInterrupt:
+            interrupted = True
+        for warning in source.warnings:
+            say(warning)
+        added += builder.added
+        if not builder.added:
+            of = f' of {source.topic}' if number else ''
+            shown = f'{frames - before} images{of}'
+            raise SourceError(f'{recording}: none of its {shown} could be used')
+        if interrupted:
+            break
     return Built(
         str(path),
         frames,
-        builder.added,
+        added,
         len(builder.reference_map),
         unreadable,
         with_pose,
@@ -180,8 +201,12 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
 def _asked() -> list[Parameter]:
     """Return the parameters that decide what is read and becomes a place, and how it is stored."""
     groups = KeyframeConfig, MotionConfig, ReadingConfig
-    mount = [item for item in parameters(RobotConfig) if item.name == 'camera_to_base']
-    return [*(item for group in groups for item in parameters(group)), *_encoding(), *mount]
+    return [*(item for group in groups for item in parameters(group)), *_encoding(), *_mount()]
+
+
+def _mount() -> list[Parameter]:
+    """Return what says where cameras are on the robot."""
+    return [item for item in parameters(RobotConfig) if item.name == 'camera_to_base']
 
 
 def _encoding() -> list[Parameter]:

@@ -19,24 +19,12 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, slots=True)
 class Drives:
-    """
-    Two drives along the same places.
+    """Two drives along the same places."""
 
-    Parameters
-    ----------
-    reference, query : Path
-        Recordings or folders of images.
-    truth : ndarray of int64, shape (Q,)
-        The right reference of each query; -1 where it is not known.
-    told : str
-        Where they come from, for the heading.
-
-    """
-
-    reference: Path
+    reference: Path  # recording or folder of images
     query: Path
-    truth: npt.NDArray[np.int64]
-    told: str
+    truth: npt.NDArray[np.int64]  # (Q,), the right reference of each query; -1 where not known
+    told: str  # where they come from, for the heading
 
 
 def drawn_drives(chosen: argparse.Namespace, folder: Path) -> Drives:

@@ -22,7 +22,7 @@ from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.jobs import done
 from convseq_ros.sources import recordings_in
 
-Job = tuple[Path, Path, str, str, str, Config]  # recording, map, three topics, settings
+Job = tuple[Path, Path, str, str, str, str, Config]  # recording, map, four topics, settings
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -36,13 +36,24 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar='MAPS',
         help='folder for the maps, made if there is none; finished maps in it are kept',
     )
-    parser.add_argument('--topic', default='', help='image topic, if there are several')
+    parser.add_argument(
+        '--topic',
+        default='',
+        help='image topic, if there are several; of several cameras, in quotes with spaces '
+        'between: each makes a session, and so are those of --camera-info',
+    )
     parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
     parser.add_argument(
         '--camera-info',
         default='',
         metavar='TOPIC|FILE',
         help='topic or file that describes the camera',
+    )
+    parser.add_argument(
+        '--depth',
+        default='',
+        metavar='TOPIC',
+        help='depth images registered to the camera, of several to the first',
     )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_cluster(parser)
@@ -63,7 +74,7 @@ def run(chosen: argparse.Namespace) -> int:
         except MapError as error:
             failed[str(path)] = str(error)
             continue
-        topics = chosen.topic, chosen.odom, chosen.camera_info
+        topics = chosen.topic, chosen.odom, chosen.camera_info, chosen.depth
         jobs[str(path)] = recording.resolve(), path.resolve(), *topics, config
     started, built = time.monotonic(), dict[str, Built]()
     if jobs:
@@ -104,7 +115,13 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def build_one(
-    recording: Path, path: Path, topic: str, odom: str, camera_info: str, config: Config
+    recording: Path,
+    path: Path,
+    topic: str,
+    odom: str,
+    camera_info: str,
+    depth: str,
+    config: Config,
 ) -> tuple[Built, list[str]]:
     """Build a map, which is there whole or not at all; return what was built, and warnings."""
     warnings: list[str] = []
@@ -115,6 +132,7 @@ def build_one(
             topic=topic,
             odom=odom,
             camera_info=camera_info,
+            depth=depth,
             config=config,
             tell=warnings.append,
         )

@@ -14,8 +14,7 @@ from convseq_ros.cli.link import add_outputs, link
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.replay import warn
 from convseq_ros.core.linking import Link, links_of
-from convseq_ros.core.map.editing import Part, parts_of
-from convseq_ros.core.map.selection import joined
+from convseq_ros.core.map.editing import joined, Part, parts_of
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.jobs import done

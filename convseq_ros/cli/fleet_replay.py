@@ -9,6 +9,7 @@ from pathlib import Path
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.options import chosen_config
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen, warn
+from convseq_ros.core.session import warm_up
 from convseq_ros.errors import MapError
 from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.session import FleetSession
@@ -27,7 +28,8 @@ def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
     paths, told = maps_in(chosen.maps), set[str]()
     with connected(chosen_cluster(chosen)) as client:
-        session = FleetSession(client, paths, chosen_config(chosen))
+        sources = chosen.topic.split()
+        session = FleetSession(client, paths, chosen_config(chosen), sources=sources)
 
         def tell() -> None:
             for line in session.missing:
@@ -36,7 +38,9 @@ def run(chosen: argparse.Namespace) -> int:
             told.update(session.missing)
 
         tell()
-        summary = replay_chosen(chosen, session.recognizer, chosen.maps, tell)
+        for one in session.cameras.each:
+            warm_up(one)
+        summary = replay_chosen(chosen, session.cameras, chosen.maps, tell)
     fleet = session.fleet
     if chosen.json:
         about = {'output': str(chosen.output), 'slow': session.slow, 'missing': session.missing}

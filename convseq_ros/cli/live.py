@@ -37,28 +37,10 @@ def recognise_live(
     """
     Return the result table that the node wrote, one row for every frame that reached it.
 
-    Parameters
-    ----------
-    recording : Path
-        What the player publishes; its only image topic, or a folder of images.
-    frames : int
-        How many images that is.
-    map_path : Path
-        What the node opens.
-    folder : Path
-        Where the table and the logs go.
-    rate : float
-        Seconds of the recording in a second.
-    config : Config
-        Given to the node parameter by parameter.
-    odom, camera_info : str, optional
-        Topics of the recording that are played as well.
-
-    Raises
-    ------
-    ConvseqError
-        If ROS is absent, or one of the two processes fails.
-
+    The player publishes the recording, its only image topic or a folder, of so many `frames`, and
+    its topics `odom` and `camera_info`; `rate` is how many seconds of it are in a second. The node
+    gets the configuration parameter by parameter; tables and logs go to a folder. ConvseqError if
+    ROS is not there, or one of the processes fails.
     """
     need_ros()
     table = folder / 'live.csv'

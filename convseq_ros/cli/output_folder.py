@@ -10,20 +10,9 @@ from convseq_ros.errors import ConvseqError
 
 def make_empty(folder: Path, marker: str) -> None:
     """
-    Make a folder anew if a demo made it before.
+    Make a folder anew if a demo, which knows its own by a file of that name, made it before.
 
-    Parameters
-    ----------
-    folder : Path
-        What it holds is deleted.
-    marker : str
-        Name of a file by which a demo knows its own.
-
-    Raises
-    ------
-    ConvseqError
-        If somebody else made it, and it is not empty.
-
+    ConvseqError if somebody else made it, and it is not empty.
     """
     mark = folder / marker
     if folder.exists() and any(folder.iterdir()) and not mark.is_file():

@@ -104,17 +104,10 @@ def become(module: str, arguments: Sequence[str], **variables: str) -> NoReturn:
 
 def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) -> list[str]:
     """
-    Return Python's arguments to play a recording, once a node listens.
+    Return Python's arguments to play a recording of one image topic, or a folder of images.
 
-    Parameters
-    ----------
-    recording : Path
-        Its only image topic, or a folder of images.
-    rate : float
-        Seconds of the recording in a second.
-    odom, camera_info : str
-        Topics that are played as well; empty for none.
-
+    It begins once a node listens; `rate` is how many seconds of the recording are in a second;
+    `odom` and `camera_info` are topics that are played as well, empty for none.
     """
     what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
     topics = ['--odom', odom, '--camera-info', camera_info]
@@ -128,17 +121,7 @@ def running(
     """
     Run Python until the block ends; then ask the process to end as Ctrl-C does.
 
-    Parameters
-    ----------
-    name : str
-        Of the log `<name>.log`.
-    arguments : sequence of str
-        Of Python.
-    folder : Path
-        Where logs go.
-    end_s : float
-        Time that it has to end before it is killed.
-
+    Its log is `<name>.log` in a folder. It has `end_s` to end before it is killed.
     """
     with (folder / f'{name}.log').open('wb') as log:
         process = subprocess.Popen(
@@ -165,22 +148,9 @@ def end(process: subprocess.Popen[bytes], end_s: float) -> None:
 
 def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:
     """
-    Wait until a result table that is being written has as many rows, or stops growing.
+    Wait until a result table that is being written has as many rows; return how many there are.
 
-    Parameters
-    ----------
-    table : Path
-        Under the name that it will have.
-    wanted : int
-        Rows to wait for.
-    stalled_s : float
-        Time without a new row after which there will be no more.
-
-    Returns
-    -------
-    int
-        How many there are.
-
+    The table is named as it will be. After `stalled_s` without a new row there will be no more.
     """
     part = table.with_name(table.name + '.part')
     rows, changed_s = 0, time.monotonic()

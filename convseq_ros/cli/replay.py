@@ -21,9 +21,9 @@ from convseq_ros.cli.progress import progress
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session, warm_up
+from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
-from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.errors import MapError
 from convseq_ros.results import ResultWriter
 from convseq_ros.sources import open_cameras, Source
 
@@ -91,14 +91,12 @@ def run(chosen: argparse.Namespace) -> int:
 
 def replay_chosen(
     chosen: argparse.Namespace,
-    recognizer: PlaceRecognizer | Cameras,
+    cameras: Cameras,
     name: Path,
     then: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Replay a recording in the map of a name; do something after each frame; return a summary."""
-    first = recognizer.first if isinstance(recognizer, Cameras) else recognizer
-    if recognizer is first and len(chosen.topic.split()) > 1:
-        raise ConfigError('--topic: a fleet answers one camera; name one topic')
+    first = cameras.first
     source = open_cameras(
         chosen.recording,
         chosen.topic,
@@ -114,11 +112,9 @@ def replay_chosen(
             f'{name}: has a place every {way_m:g} m; without --odom or --poses every frame is '
             'matched with it'
         )
-    if recognizer is first:
-        warm_up(first)
     matches, durations = [], []
     with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
-        for match, duration_ms in replay(source, recognizer, [written, *shown]):
+        for match, duration_ms in replay(source, cameras, [written, *shown]):
             matches.append(match)
             durations.append(duration_ms)
             then()

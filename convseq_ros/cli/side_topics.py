@@ -26,15 +26,7 @@ def side_topics(path: Path, reading: ReadingConfig = ReadingConfig()) -> SideTop
     Return the topics of a recording that say where its frames were taken, and by which camera.
 
     One is left out, with a line on standard error, if several could be meant or what it says
-    cannot be used.
-
-    Parameters
-    ----------
-    path : Path
-        As for `open_source`; a folder of pictures has none.
-    reading : ReadingConfig, optional
-        What is too large.
-
+    cannot be used. A folder of pictures has none.
     """
     source = open_source(path, reading=reading)
     if not isinstance(source, Recording):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.sessions import add_json, report, SESSION_HELP, watched
+from convseq_ros.core.linking import selected
 from convseq_ros.core.map.editing import chosen_part, Part, parts_of, runs_of, write_parts
 from convseq_ros.core.map.limits import within_limits
-from convseq_ros.core.map.selection import selected
 from convseq_ros.core.thinning import Needed, needed
 from convseq_ros.errors import MapError
 from convseq_ros.online_config import OnlineConfig

@@ -18,18 +18,9 @@ _GREEN, _GREY, _YELLOW = (63, 185, 80), (140, 140, 140), (230, 200, 40)
 
 class Viewer:
     """
-    Shows frame after frame.
+    Shows frame after frame; or writes a .rrd file for `rerun FILE` instead of opening the viewer.
 
-    Parameters
-    ----------
-    file : Path, optional
-        Write a .rrd file for `rerun FILE` instead of opening the viewer.
-
-    Raises
-    ------
-    ConvseqError
-        If rerun is not installed.
-
+    ConvseqError if rerun is not installed.
     """
 
     def __init__(self, file: Path | None = None) -> None:

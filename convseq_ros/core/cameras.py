@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cameras of one robot, against one map."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
@@ -10,6 +10,7 @@ from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import of_roll_pitch_yaw
+from convseq_ros.core.sequence.search import Coarse
 from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
 
 _SURER = tuple(LocalizationState)  # the later the surer
@@ -20,23 +21,34 @@ class Cameras:
     One recogniser for each camera, told apart by the `source` of frames; a single one takes all.
 
     What another camera saw is no part of a sequence, nor usual of these images. So cameras share
-    nothing but the map, to which the first alone adds, and where the robot is: what the surest
-    knows. ConfigError as of `PlaceRecognizer`.
+    nothing but the map, to which the first alone adds, what odometry links to it, and where the
+    robot is: what the surest knows. ConfigError as of `PlaceRecognizer`.
     """
 
     def __init__(
-        self, reference_map: ReferenceMap, config: Config, sources: Sequence[str] = ()
+        self,
+        reference_map: ReferenceMap,
+        config: Config,
+        sources: Sequence[str] = (),
+        coarse: Callable[[], Coarse | None] = lambda: None,
     ) -> None:
+        """Make what recognises; `coarse` makes what knows coarse scores, one for each camera."""
         self.config = config
-        self.first = PlaceRecognizer(reference_map, _of_camera(config, 0))
+        self.first = PlaceRecognizer(reference_map, of_camera(config, 0), coarse=coarse())
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0
         for number, source in enumerate(sources[1:], 1):
-            own = PlaceRecognizer(reference_map, _of_camera(config, number))
+            own = PlaceRecognizer(reference_map, of_camera(config, number), coarse=coarse())
             own.mapping = FollowedMap(reference_map, self.first.mapping)
+            own.closures.share(self.first.closures)
             self.recognizers[source] = own
         if len(sources) > 1:
             x, y, z, *turn = config.robot.of_camera(0).mount
             reference_map.usual_mount = of_roll_pitch_yaw((x, y, z), *turn)
+
+    @property
+    def each(self) -> list[PlaceRecognizer]:
+        """Every recogniser, the first one first."""
+        return [*dict.fromkeys((self.first, *self.recognizers.values()))]
 
     def of(self, source: str) -> PlaceRecognizer:
         """Return what recognises the frames of a source."""
@@ -54,27 +66,26 @@ class Cameras:
     @property
     def localization(self) -> Localization:
         """Where the robot is, by the camera that is surest."""
-        found = [one.localizer.localization for one in self.recognizers.values()]
-        found = found or [self.first.localizer.localization]
+        found = [one.localizer.localization for one in self.each]
         return max(found, key=lambda one: (_SURER.index(one.state), one.quality or 0.0))
 
     @property
     def resets(self) -> int:
         """How often a clock jumped back."""
-        return max(one.resets for one in (self.first, *self.recognizers.values()))
+        return max(one.resets for one in self.each)
 
     def configure(self, config: Config) -> None:
         """Go on with other settings."""
         self.config = config
-        self.first.config = _of_camera(config, 0)
-        for number, one in enumerate(self.recognizers.values()):
-            one.config = _of_camera(config, number)
+        for number, one in enumerate(self.each):
+            one.config = of_camera(config, number)
 
     def reset(self) -> None:
         """Forget the frames so far, as `PlaceRecognizer.reset` does."""
-        for one in dict.fromkeys((self.first, *self.recognizers.values())):
+        for one in self.each:
             one.reset()
 
 
-def _of_camera(config: Config, number: int) -> Config:
+def of_camera(config: Config, number: int) -> Config:
+    """Return the settings of a camera by its number."""
     return replace(config, robot=config.robot.of_camera(number))

@@ -1,13 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of an accepted match: its relative pose, and odometry's veto."""
+"""What becomes of a sure match: its relative pose, odometry's veto, and the time between two."""
 
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config
+from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.plausibility import Plausibility
+from convseq_ros.core.geometry.uncertainty import ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
@@ -25,29 +26,59 @@ class SLACK:
     places: float = 5.0  # where none is: so many times the way to the next place
 
 
+@constants
+class UNEXPLAINED:
+    """Of a match of which one pose explains too little, so that its position is not told."""
+
+    evidence: float = 2.0  # times `min_evidence`, that it needs; from drawn streets 1 and 2
+
+
 class Closures:
-    """Measures accepted matches, and refuses those that odometry denies."""
+    """Measures matches, refuses those that odometry denies, and keeps the others apart in time."""
 
     def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
         self._map, self._matcher = reference_map, matcher
         self._poses = RelativePoses(reference_map, matcher, config.reading)
         self._plausibility = Plausibility(config.robot, config.online.grows)
+        self._accepted_ns: int | None = None
 
     def reset(self) -> None:
         """Forget the drive."""
+        self._accepted_ns = None
         self._plausibility.reset()
+
+    def share(self, other: 'Closures') -> None:
+        """Have odometry deny what contradicts another camera's matches, too, and the reverse."""
+        self._plausibility.share(other._plausibility)
 
     def move(self, frame: Frame) -> None:
         """Take in the odometry of the next keyframe."""
         self._plausibility.move(frame.stamp_ns, frame.pose)
 
-    def update(self, match: Match, frame: Frame, features: Features, session_start: int) -> Match:
-        """Return an answer with candidates, complete; places from a start on are of this drive."""
+    def update(
+        self,
+        match: Match,
+        frame: Frame,
+        features: Features,
+        session_start: int,
+        config: AcceptanceConfig = AcceptanceConfig(),
+        evidence: float | None = None,
+    ) -> Match:
+        """
+        Return an answer with candidates, complete; places from a start on are of this drive.
+
+        The `evidence` is that of the best, if it is known. No match follows another one sooner
+        than `closure_interval_s`; a refused one is none.
+        """
         match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))
-        best, is_accepted = match.candidates[0], match.reason is Reason.ACCEPTED
-        if not is_accepted and match.reason is not Reason.COOL_DOWN:
+        if match.reason is not Reason.ACCEPTED:
             return match
-        pose = self._poses.measure(features, frame, best) if is_accepted else None
+        best, last_ns = match.candidates[0], self._accepted_ns
+        interval_ns = round(config.closure_interval_s * 1e9)
+        is_due = last_ns is None or frame.stamp_ns - last_ns >= interval_ns
+        pose = self._poses.measure(features, frame, best) if is_due else None
+        if _is_unlikely(pose, evidence, config):
+            return replace(match, reason=Reason.UNVERIFIED)
         place = self._map.places[best.reference_index]
         own_ns = place.stamp_ns if best.reference_index >= session_start else None
         if place.pose is not None:
@@ -61,8 +92,10 @@ class Closures:
             excess_m = self._plausibility.excess_m(*said, own_ns, of)
             if excess_m is not None:
                 return replace(match, reason=Reason.IMPLAUSIBLE, implausible_m=excess_m)
-        status = Status.ACCEPTED if is_accepted else Status.REJECTED
-        return replace(match, status=status, relative_pose=pose)
+        if not is_due:
+            return replace(match, reason=Reason.COOL_DOWN)
+        self._accepted_ns = frame.stamp_ns
+        return replace(match, status=Status.ACCEPTED, relative_pose=pose)
 
     def _slack_m(self, index: int, pose: RelativePose | None) -> float:
         """Return by how much a match may be off."""
@@ -73,3 +106,13 @@ class Closures:
         near = [places[at].pose for at in around if at < len(places)]
         known = [one.position for one in near if one is not None]
         return SLACK.places * max(math.dist(a, b) for a in known for b in known)
+
+
+def _is_unlikely(
+    pose: RelativePose | None, evidence: float | None, config: AcceptanceConfig
+) -> bool:
+    """Return whether no pose explains what two images have in common, and evidence is small."""
+    if pose is None or pose.share is None or evidence is None:
+        return False
+    needed = UNEXPLAINED.evidence * config.min_evidence
+    return pose.share < ERROR.least_share and evidence < needed

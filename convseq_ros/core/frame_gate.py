@@ -62,7 +62,8 @@ class Standstill:
     def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
         self._config, self._similarity = config, similarity
         self._by_image = by_image and config.stationary_overlap < 1.0  # if there is no odometry
-        self._glances = NearnessByGlance()
+        # A robot that creeps may be told to stand in every other frame.
+        self._glances = NearnessByGlance(apart=True)
         self._pose: Pose | None = None
         self._descriptor: Descriptor | None = None
 

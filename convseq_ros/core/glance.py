@@ -38,10 +38,12 @@ class NearnessByGlance:
     Tells by glances alone which frames a slower test would find near to the last far one.
 
     It learns from that test. A frame is surely near if it is much nearer than all that were
-    lately found far, and no further than one that was found near.
+    lately found far, and no further than one that was found near. Where a test divides what lies
+    `apart`, nothing is sure while ones that were found near are not much nearer themselves.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, apart: bool = False) -> None:
+        self._apart = apart
         self.reset()
 
     def reset(self) -> None:
@@ -53,7 +55,10 @@ class NearnessByGlance:
         """Return whether the slower test would surely find a frame near."""
         if len(self._far) < GLANCE.fewest or not self._near:
             return False
-        return self._distance(seen) < min(GLANCE.share * min(self._far), max(self._near))
+        least, most = GLANCE.share * min(self._far), max(self._near)
+        if self._apart and most >= least:
+            return False
+        return self._distance(seen) < min(least, most)
 
     def update(self, seen: Glance | None, is_near: bool) -> None:
         """Take in what the slower test says of a frame; a far one is what others are near to."""

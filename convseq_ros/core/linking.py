@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Links between the sessions of a map: each is recognised in the others as a later drive is."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
-from convseq_ros.config import Config, MotionConfig
+from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
+from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.selection import selected
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match, RelativePose
 
@@ -22,6 +22,23 @@ class Link:
     confidence: float | None  # probability in [0, 1] that it is, if that is known
     inliers: int | None
     relative: RelativePose | None  # of the base at the place, against the other's; if measured
+
+
+def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
+    """
+    Return some places of a map, in their order, with all its sessions.
+
+    Its queries are places of the same map: upright already, and a keyframe each.
+    """
+    places = Places(whole.cell_shape, len(indices))
+    for index in indices:
+        places.append(whole.places[index], whole.global_descriptors[index])
+
+    def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
+        return whole.pictures([indices[one] for one in wanted], with_images)
+
+    encoding = replace(whole.encoding, image_rotation_deg=0)
+    return ReferenceMap(encoding, places, read, EVERY_FRAME, whole.map_id, whole.sessions)
 
 
 def recognised(whole: ReferenceMap, session: int) -> Iterator[tuple[int, Match]]:

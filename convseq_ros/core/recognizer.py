@@ -54,7 +54,7 @@ class PlaceRecognizer:
         self.buffer = QueryBuffer(self.matcher, is_partial(config), reference_map.bounds)
         self._search = make_search(reference_map, config, coarse)
         self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
-        self._closures = Closures(reference_map, self.matcher, config)
+        self.closures = Closures(reference_map, self.matcher, config)
         self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config, self._acceptance)
         self._last: Match | None = None
@@ -106,7 +106,7 @@ class PlaceRecognizer:
         most = max(config.sequence.window, acceptance.window)
         buffer.hold_places(verdict.missing, self._blank, most)
         usable = self.mapping.update(frame.stamp_ns, frame.pose)
-        self._closures.move(frame)
+        self.closures.move(frame)
         buffer.append(verdict.descriptor, usable, search.update, most)
         if (features := buffer.newest.features) is None or not usable:
             return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
@@ -123,15 +123,16 @@ class PlaceRecognizer:
         scores = buffer.best_scores(count, ends, velocity)
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
-        asked = frame.stamp_ns, ends, scores, self.reference_map.places, config.acceptance
-        found, said, sure = decided(acceptance, *asked)
+        asked = ends, scores, self.reference_map.places, config.acceptance
+        found, said, sure = decided(acceptance, *asked, count)
         reason = said or why_none(usable, count, velocity, buffer.bounds)
-        if not found or not (length or reason in (Reason.ACCEPTED, Reason.COOL_DOWN)):
+        if not found or not (length or reason is Reason.ACCEPTED):
             told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
             return skipped(*told, buffer.pairs_scored)
         # Ours: where was the robot against the place? Odometry may deny that it was there.
         match = answer(Status.REJECTED, reason, found, count, buffer.pairs_scored, sure)
-        return self._closures.update(match, frame, features, own)
+        evidence = acceptance.known and acceptance.known[0]
+        return self.closures.update(match, frame, features, own, config.acceptance, evidence)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
@@ -145,5 +146,5 @@ class PlaceRecognizer:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
         before = self._order, self.gate, self.matcher, self.buffer, self._search
-        for stage in (*before, self._acceptance, self._closures, self.localizer):
+        for stage in (*before, self._acceptance, self.closures, self.localizer):
             stage.reset()

@@ -90,11 +90,13 @@ class Session:
     def is_full(self) -> bool:
         """Whether the map's file is as large as it may be."""
         is_lifelong = isinstance(self.recognizer.mapping, LifelongMap)
-        return is_lifelong and 0 < self.recognizer.config.online.max_map_mb < self._autosave.size_mb
+        return (
+            is_lifelong and 0 < self.recognizer.config.online.max_map_mb < self._autosave.size_mb
+        )
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
-        for one in (self.recognizer, *self.cameras.recognizers.values()):
+        for one in self.cameras.each:
             warm_up(one)
 
     @property

@@ -86,7 +86,7 @@ class Sightings:
         if match.best and is_sure:
             reference, own = match.best.reference_index, match.confidence
         elif likely and likely[1] >= least and match.reason not in _DENIED:
-            reference, own = likely[0], confidence(likely[1])
+            reference, own = likely[0], confidence(likely[1], 0.0)
         else:
             return None
         if reference >= known:

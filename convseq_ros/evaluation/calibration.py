@@ -44,17 +44,22 @@ def fitted(said: Values, right: Flags) -> tuple[float, float]:
 
     """
     features = np.column_stack((np.ones(len(said)), _log_odds(said)))
-    weights = np.array([0.0, 1.0])
-    start = weights.copy()
+    offset, slope = logistic_weights(features, right, np.array([0.0, 1.0]))
+    return float(offset), float(slope)
+
+
+def logistic_weights(features: Values, right: Flags, start: Values) -> Values:
+    """Return the weights (n,) of features (N, n) in the log odds, by maximum likelihood."""
+    weights = start.copy()
     for _ in range(_STEPS):
         chance = _logistic(features @ weights)
         gradient = features.T @ (right - chance) - _SHRINKAGE * (weights - start)
         curvature = (features.T * (chance * (1 - chance))) @ features
-        step = np.linalg.solve(curvature + _SHRINKAGE * np.eye(2), gradient)
+        step = np.linalg.solve(curvature + _SHRINKAGE * np.eye(len(start)), gradient)
         weights = weights + np.clip(step, -1.0, 1.0)
         if np.abs(step).max() < _LIMIT:
             break
-    return float(weights[0]), float(weights[1])
+    return weights
 
 
 def adjusted(said: Values, offset: float, slope: float) -> Values:

@@ -119,6 +119,8 @@ class Drive:
         Where the robot's base was, if that is known.
     camera : Camera or None
         What took the first image, as it came, if that is known.
+    others : tuple of int
+        Frames at which other drives begin.
 
     """
 
@@ -131,6 +133,7 @@ class Drive:
     encode_ms: float
     poses: Sequence[Pose | None]
     camera: Camera | None
+    others: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -141,7 +144,7 @@ class Drive:
         return np.array([one.informative for one in self.descriptors], np.bool_)
 
     def followed_by(self, other: 'Drive') -> 'Drive':
-        """Return these frames and those of another drive, a second after them."""
+        """Return these frames and those of another drive, a second after them: two sessions."""
         later = self.stamps_ns[-1] - other.stamps_ns[0] + 1_000_000_000
         return replace(
             self,
@@ -150,6 +153,7 @@ class Drive:
             readable=[*self.readable, *other.readable],
             descriptors=[*self.descriptors, *other.descriptors],
             poses=[*self.poses, *(None for _ in other.poses)],  # of another frame
+            others=(*self.others, len(self)),
         )
 
     @property
@@ -180,7 +184,9 @@ class Drive:
     def _map(self, poses: Sequence[Pose | None], camera: Camera | None) -> ReferenceMap:
         made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
         columns = self.stamps_ns, self.names, poses, self.descriptors
-        for stamp_ns, name, pose, one in zip(*columns, strict=True):
+        for index, (stamp_ns, name, pose, one) in enumerate(zip(*columns, strict=True)):
+            if index in self.others:
+                made.begin_session(stamp_ns)
             made.add_frame(Frame(stamp_ns, None, name, pose, camera=camera), one)
         return made
 

@@ -34,7 +34,8 @@ class Geometry:
 
     def __init__(self, recognizer: PlaceRecognizer, posed_map: ReferenceMap | None) -> None:
         self._recognizer = recognizer
-        self._poses = posed_map and RelativePoses(posed_map, recognizer.matcher)
+        reading = recognizer.config.reading
+        self._poses = posed_map and RelativePoses(posed_map, recognizer.matcher, reading)
 
     def add(self, match: Match, frame: Frame) -> tuple[Match, Dots]:
         """Return the newest answer with its relative pose, if there is one, and the inliers."""

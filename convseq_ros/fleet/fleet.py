@@ -10,6 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 import time
 from typing import Any
+from uuid import uuid4
 
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -22,7 +23,8 @@ import numpy as np
 
 _TRIES = 3  # of a question, each with a new worker
 _LOOKED_AT_EVERY_S = 0.25  # whether a worker lives, while it is waited for
-_KEPT = 1024  # places whose pictures are remembered; 20 MB
+# Places whose pictures are remembered, without and with kept images: 20 MB, and 2 or more.
+_KEPT = {False: 1024, True: 64}
 
 
 @dataclass(eq=False, slots=True)
@@ -75,6 +77,7 @@ class Fleet:
     missing: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._key = str(uuid4())
         names, sizes = [], []
         for path in self.paths:
             names.append(str(path.resolve()))
@@ -122,9 +125,8 @@ class Fleet:
     def scores(self, reference_map: ReferenceMap) -> FleetScores:
         """Return what knows their coarse scores, given the map that they make."""
         sums = sum(about.sums for about in self._abouts.values())
-        return FleetScores(
-            self.ask, reference_map.pictures, usual_of(np.asarray(sums), self.count), self.count
-        )
+        usual = usual_of(np.asarray(sums), self.count), self._key
+        return FleetScores(self.ask, reference_map.pictures, *usual, self.count)
 
     def ask(self, question: Question) -> Answer:
         """Ask all shards."""
@@ -145,7 +147,9 @@ class Fleet:
             )
         )
 
-    def pictures(self, indices: Sequence[int]) -> Mapping[int, tuple[Place, Picture]]:
+    def pictures(
+        self, indices: Sequence[int], with_images: bool = False
+    ) -> Mapping[int, tuple[Place, Picture]]:
         """Return places and pictures, by their numbers; blank ones of a shard that is missing."""
         paths, asked = [*self._abouts], dict[str, list[int]]()
         for index in indices:
@@ -154,7 +158,7 @@ class Fleet:
         replies = self._ask_some(
             'pictures',
             [
-                (self._of[path], (path, [one - self.offsets[path] for one in some]))
+                (self._of[path], (path, [one - self.offsets[path] for one in some], with_images))
                 for path, some in asked.items()
             ],
         )
@@ -166,10 +170,10 @@ class Fleet:
                 blank = Place(0, session=sessions), Picture(np.zeros(shape, np.float16))
                 found |= dict.fromkeys(some, blank)
                 continue
-            packed, thumbnails = reply.packed, reply.thumbnails
-            for at, (index, place) in enumerate(zip(some, reply.places, strict=True)):
+            each = zip(reply.packed, reply.thumbnails, reply.images, reply.depths, strict=True)
+            for index, place, what in zip(some, reply.places, each, strict=True):
                 place = replace(place, session=place.session + sessions)
-                found[index] = place, Picture(packed[at], thumbnails[at])
+                found[index] = place, Picture(*what)
         return found
 
     def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
@@ -213,11 +217,11 @@ class Fleet:
 
 
 class _Places(Sequence[Place]):
-    """The places of a fleet; the last that were asked for are remembered."""
+    """The places of a fleet; the last that were asked for, and with images, are remembered."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet, self.bounds = fleet, fleet.bounds()
-        self._kept = OrderedDict[int, tuple[Place, Picture]]()
+        self._kept = {whole: OrderedDict[int, tuple[Place, Picture]]() for whole in _KEPT}
 
     def __len__(self) -> int:
         return self._fleet.count
@@ -227,20 +231,23 @@ class _Places(Sequence[Place]):
             return [self[each] for each in range(len(self))[index]]
         return self._found([range(len(self))[index]])[0][0]
 
-    def pictures(self, indices: Sequence[int], _with_images: bool = False) -> list[Picture]:
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places."""
-        return [picture for _, picture in self._found(indices)]
+        return [picture for _, picture in self._found(indices, with_images)]
 
-    def _found(self, indices: Sequence[int]) -> list[tuple[Place, Picture]]:
-        missing = [index for index in dict.fromkeys(indices) if index not in self._kept]
-        found = {index: self._kept[index] for index in indices if index in self._kept}
+    def _found(
+        self, indices: Sequence[int], with_images: bool = False
+    ) -> list[tuple[Place, Picture]]:
+        kept = self._kept[with_images]
+        missing = [index for index in dict.fromkeys(indices) if index not in kept]
+        found = {index: kept[index] for index in indices if index in kept}
         if missing:
-            found |= self._fleet.pictures(missing)
+            found |= self._fleet.pictures(missing, with_images)
         for index, one in found.items():
-            self._kept[index] = one
-            self._kept.move_to_end(index)
-        while len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
+            kept[index] = one
+            kept.move_to_end(index)
+        while len(kept) > _KEPT[with_images]:
+            kept.popitem(last=False)
         return [found[index] for index in indices]
 
 

@@ -44,6 +44,8 @@ class FleetLink:
         Gets the answer to each frame, in the link's thread.
     timeout_s : float
         After which a question counts as not answered.
+    sources : sequence of str, optional
+        Of frames of several cameras, one each.
 
     Attributes
     ----------
@@ -54,8 +56,16 @@ class FleetLink:
 
     """
 
-    def __init__(self, cluster: Cluster, config: Config, tell: Tell, timeout_s: float) -> None:
+    def __init__(
+        self,
+        cluster: Cluster,
+        config: Config,
+        tell: Tell,
+        timeout_s: float,
+        sources: Sequence[str] = (),
+    ) -> None:
         checked_address(cluster)
+        self._sources = sources
         self.problem, self.answered, self.skipped = 'looking for it', 0, 0
         self._cluster, self._tell, self._timeout_s = cluster, tell, timeout_s
         matching = replace(config.matching, search='shortlist')
@@ -111,13 +121,14 @@ class FleetLink:
             raise FleetError(
                 f'{self._cluster.scheduler}: serves no maps; convseq fleet serve MAPS'
             )
-        session = FleetSession(client, [Path(path) for path in paths], self._config)
+        opened = [Path(path) for path in paths]
+        session = FleetSession(client, opened, self._config, sources=self._sources)
         session.fleet.timeout_s = self._timeout_s
         return session
 
     def _answer(self, session: FleetSession) -> None:
         """Answer frames until the end, or an error."""
-        recognizer = session.recognizer
+        cameras = session.cameras
         self.problem = ''
         while True:
             with self._news:
@@ -127,10 +138,10 @@ class FleetLink:
                 frame = self._waiting.popleft()
                 is_reset, self._is_reset = self._is_reset, False
             if is_reset:
-                recognizer.reset()
+                cameras.reset()
             started = time.perf_counter()
-            match = recognizer.process(frame)
+            match = cameras.process(frame)
             if len(session.missing) == len(session.fleet.paths):
                 raise FleetError(f'no map answers: {session.missing[0]}')
             self.answered += 1
-            self._tell(match, 1e3 * (time.perf_counter() - started), recognizer)
+            self._tell(match, 1e3 * (time.perf_counter() - started), cameras.of(frame.source))

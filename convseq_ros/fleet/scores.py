@@ -26,10 +26,12 @@ class FleetScores:
         ask: Callable[[Question], Answer],
         read: Callable[[Sequence[int]], Any],
         usual: Usual,
+        usual_key: str,
         count: int,
     ) -> None:
         self._ask, self._read, self._usual, self._count = ask, read, usual, count
         self._drive, self._key = DriveMean(len(usual.mean)), str(uuid4())
+        self._usual_key = usual_key  # of all cameras that ask a fleet
         self._frames, self._means = 0, dict[str, np.float32]()
 
     def reset(self) -> None:
@@ -57,7 +59,7 @@ class FleetScores:
             for row in one.rows:
                 if row is not None and row.key not in self._means:
                     self._asked([row], None)
-        question = Question(self._key, self._usual, asked=asked, means=dict(self._means))
+        question = Question(self._usual_key, self._usual, asked=asked, means=dict(self._means))
         return [*self._ask(question).sums]
 
     def expect(self, places: Callable[[], Indices]) -> None:
@@ -66,7 +68,7 @@ class FleetScores:
 
     def _asked(self, rows: Rows, steps: Values | None) -> Answer:
         """Ask for peaks, and get the mean of the newest row with it."""
-        answer = self._ask(Question(self._key, self._usual, rows, steps))
+        answer = self._ask(Question(self._usual_key, self._usual, rows, steps))
         for key, (total, count) in answer.totals.items():
             self._means[key] = np.float32(total / count if count else 0.0)
         self._means = dict([*self._means.items()][-_KEPT_MEANS:])

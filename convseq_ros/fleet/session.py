@@ -3,12 +3,13 @@
 """A recogniser of the places of a fleet; what `Session` is to one map."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import Config
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.fleet import Fleet
 
@@ -17,11 +18,17 @@ class FleetSession:
     """
     Recognises places in all maps of a fleet, exactly as in one map merged from them.
 
+    `sources` name the cameras, if there are several, as of `Session`.
     FleetError if the configuration asks for what a fleet cannot do, or no map can be opened.
     """
 
     def __init__(
-        self, client: Any, paths: Sequence[Path], config: Config, timeout_s: float = 60.0
+        self,
+        client: Any,
+        paths: Sequence[Path],
+        config: Config,
+        timeout_s: float = 60.0,
+        sources: Sequence[str] = (),
     ) -> None:
         if config.matching.search != 'shortlist':
             raise FleetError('search exhaustive: a fleet answers by shortlist; leave it out')
@@ -30,9 +37,10 @@ class FleetSession:
             raise FleetError(f'mode {mode}: maps of a fleet do not grow; leave it out')
         self.fleet = Fleet(client, paths, timeout_s)
         reference_map = self.fleet.reference_map()
-        self.recognizer = PlaceRecognizer(
-            reference_map, config, coarse=self.fleet.scores(reference_map)
+        self.cameras = Cameras(
+            reference_map, config, sources, partial(self.fleet.scores, reference_map)
         )
+        self.recognizer = self.cameras.first
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 

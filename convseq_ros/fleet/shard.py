@@ -18,7 +18,7 @@ from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Packed, Place
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.sequence.coarse_scores import sums_of, Usual
+from convseq_ros.core.sequence.coarse_scores import Centred, sums_of, Usual
 from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, best_sums, Spread, Sums
 from convseq_ros.core.sequence.diagonals import Values
 from convseq_ros.core.types import Indices, Row
@@ -26,6 +26,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
+_LARGE = 'thumbnail', 'image', 'depths'  # of a picture, beside its cells
 KEPT_ROWS = 32  # of coarse scores, at least; a sequence has 25 at most, by default
 
 
@@ -82,6 +83,9 @@ class Pictures:
     places: Sequence[Place]  # session counts from the map's own first
     packed: Packed  # (n, S, S, 8)
     thumbnails: Sequence[bytes]
+    # Kept images and depths, None where there are none, or they were not asked for.
+    images: Sequence[bytes | None]
+    depths: Sequence[bytes | None]
 
 
 class Shard:
@@ -90,7 +94,8 @@ class Shard:
     def __init__(self, path: Path) -> None:
         self._map = open_map(path)
         self._rows = OrderedDict[str, Row]()
-        self._usual, self._nearness = '', np.zeros(0, np.float32)
+        self._usual = ''
+        self._centred: Centred | None = None
 
     def about(self) -> About:
         """Return what the fleet must know."""
@@ -103,8 +108,9 @@ class Shard:
         """Answer of a map whose first place has a number in the fleet."""
         if question.key != self._usual:
             self._usual, self._rows = question.key, OrderedDict()
-            self._nearness = question.usual.nearness(self._map.global_descriptors)
-        usual, rows = question.usual, [self._row(one, question.usual) for one in question.rows]
+            own = self._map.global_descriptors, self._map.bounds.starts
+            self._centred = Centred(question.usual, *own)
+        rows = [*map(self._row, question.rows)]
         totals = {
             one.key: (float(np.nansum(row, dtype=np.float64)), int(np.isfinite(row).sum()))
             for one, row in zip(question.rows[:1], rows, strict=False)
@@ -115,23 +121,25 @@ class Shard:
             package = 'convseq_ros.core.sequence'
             peaks = kernels_of(package).peaks(rows, question.steps, self._map.bounds.starts)
             peaks[:, 1] *= peaks[:, 2]
-        sums = [self._sums(one, usual, question.means, offset) for one in question.asked]
+        sums = [self._sums(one, question.means, offset) for one in question.asked]
         self._forget(question)
         return Answer(totals, peaks, sums)
 
-    def pictures(self, indices: Sequence[int]) -> Pictures:
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> Pictures:
         """Return what is known of some places."""
-        found = self._map.pictures(indices)
+        found = self._map.pictures(indices, with_images)
         packed = np.stack([one.packed for one in found])
         places = [self._map.places[index] for index in indices]
-        return Pictures(places, packed, [one.thumbnail for one in found])
+        each = ([getattr(one, name) for one in found] for name in _LARGE)
+        return Pictures(places, packed, *each)
 
-    def _row(self, direction: Direction | None, usual: Usual) -> Row | None:
-        if direction is None:
+    def _row(self, direction: Direction | None) -> Row | None:
+        if direction is None or self._centred is None:
             return None
         row = self._rows.get(direction.key)
         if row is None:
-            row = usual.row(self._map.global_descriptors, self._nearness, direction.numbers)
+            own = self._map.global_descriptors, self._map.bounds.starts
+            row = self._centred.row(*own, direction.numbers)
             self._rows[direction.key] = row
         self._rows.move_to_end(direction.key)
         return row
@@ -142,15 +150,11 @@ class Shard:
         while len(self._rows) > most:
             self._rows.popitem(last=False)
 
-    def _sums(
-        self, asked: Asked, usual: Usual, means: Mapping[str, Any] | None, offset: int
-    ) -> Sums:
+    def _sums(self, asked: Asked, means: Mapping[str, Any] | None, offset: int) -> Sums:
         count, known = len(self._map), asked.known - offset
         means_of = [0.0 if one is None or means is None else means[one.key] for one in asked.rows]
         own = replace(
-            asked,
-            rows=[self._row(one, usual) for one in asked.rows],
-            known=known[(known >= 0) & (known < count)],
+            asked, rows=[*map(self._row, asked.rows)], known=known[(known >= 0) & (known < count)]
         )
         found = best_sums(own, all_sums(own, self._map.bounds, means_of))
         return replace(found, ends=found.ends + offset)
@@ -191,10 +195,10 @@ class Holder:
             question,
         )
 
-    def pictures(self, path: str, indices: Sequence[int]) -> Pictures | str:
+    def pictures(self, path: str, indices: Sequence[int], with_images: bool) -> Pictures | str:
         """Return what is known of some places of a map, or why it cannot be read."""
         try:
-            return self._shards[path].pictures(indices)
+            return self._shards[path].pictures(indices, with_images)
         except MapError as error:
             return str(error)
 

@@ -22,17 +22,7 @@ def answer_message(
     """
     Return the row of the result table, as names and values, with the ids of map and session.
 
-    Parameters
-    ----------
-    match : Match
-        The answer to one frame.
-    duration_ms : float
-        What it took.
-    reference_map : ReferenceMap
-        Of its candidates.
-    frame_id : str
-        Frame of the map's poses.
-
+    `reference_map` is that of the candidates, `frame_id` the frame of its poses.
     """
     values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
     best = match.best
@@ -42,15 +32,7 @@ def answer_message(
 
 
 class MapInfo:
-    """
-    Tells on `~/map_info` which map is in use, also whoever comes late; again while it grows.
-
-    Parameters
-    ----------
-    node : Node
-        Whose private topic it is.
-
-    """
+    """Tells on `~/map_info` which map is in use, also whoever comes late; again while it grows."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(DiagnosticArray, '~/map_info', LATCHED)

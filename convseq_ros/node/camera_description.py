@@ -18,17 +18,9 @@ _DEPTH = 10
 
 class CameraDescription:
     """
-    Listens to `camera_info`; what it said last holds.
+    Listens to `camera_info`, or another topic; what it said last holds.
 
-    Parameters
-    ----------
-    node : Node
-        Whose relative topic `camera_info` it is.
-    mount : Mount
-        Tells where its frame is on the robot.
-    topic : str, optional
-        Instead of `camera_info`.
-
+    `mount` tells where its frame is on the robot.
     """
 
     def __init__(self, node: Node, mount: Mount, topic: str = 'camera_info') -> None:

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The image topics of all cameras."""
 
+from collections import Counter
 from collections.abc import Callable
 
+from convseq_ros.errors import ConfigError
 from convseq_ros.node.image_subscription import ImageMessage, ImageSubscription
 from convseq_ros.node_config import NodeConfig
 from rclpy.node import Node
@@ -13,15 +15,8 @@ class CameraSubscriptions:
     """
     Subscribes to each of `image_topics`, or else to `image`, as `ImageSubscription` does.
 
-    Parameters
-    ----------
-    node : Node
-        Whose topics they are.
-    config : NodeConfig
-        Topics, transport, reliability and queue size.
-    on_image : callable
-        Receives each message, and its topic, in the executor's thread.
-
+    `on_image` receives each message, and its topic, in the executor's thread. ConfigError if a
+    topic is there twice.
     """
 
     def __init__(
@@ -29,6 +24,9 @@ class CameraSubscriptions:
     ) -> None:
         names = config.image_topics.split() or ['image']
         self._all = [ImageSubscription(node, config, on_image, name) for name in names]
+        for topic, count in Counter(self.topics).items():
+            if count > 1:  # the map would get nothing
+                raise ConfigError(f'image_topics: {topic} is there twice; name each once')
 
     @property
     def topics(self) -> list[str]:

@@ -63,15 +63,8 @@ def candidates_message(
     """
     Return the candidates of a match, best first, one point each.
 
-    Parameters
-    ----------
-    match : Match
-        The answer to one frame.
-    poses : mapping from int to Pose or None
-        Pose of each reference that is a candidate; None gives NaN, and a cloud that is not dense.
-    frame_id : str
-        Frame in which the poses are given.
-
+    `poses` has that of each reference that is a candidate, in a frame; None gives NaN, and a cloud
+    that is not dense.
     """
     rows = np.zeros(len(match.candidates), CANDIDATE)
     for number, candidate in enumerate(match.candidates):
@@ -87,18 +80,9 @@ def candidates_message(
 
 def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
     """
-    Return the rows of a `~/candidates` message.
+    Return the rows of a `~/candidates` message, shape (candidates,), best first.
 
-    Returns
-    -------
-    ndarray of CANDIDATE, shape (candidates,)
-        Best first.
-
-    Raises
-    ------
-    ValueError
-        If the message has other fields.
-
+    ValueError if it has other fields.
     """
     if message.is_bigendian or message.fields != cloud_fields(CANDIDATE):
         names = ', '.join(item.name for item in message.fields)
@@ -132,19 +116,7 @@ def pose_only_message(pose: Pose) -> PoseMessage:
 
 
 def pose_message(match: Match, estimate: PoseEstimate, frame_id: str) -> PoseWithCovarianceStamped:
-    """
-    Return where the camera is at the time of the query.
-
-    Parameters
-    ----------
-    match : Match
-        The answer to one frame.
-    estimate : PoseEstimate
-        What follows from the accepted reference.
-    frame_id : str
-        Frame in which the pose is given.
-
-    """
+    """Return where the camera is at the time of the query, in a frame."""
     message = PoseWithCovarianceStamped(header=match_header(match, frame_id))
     message.pose.pose = pose_only_message(estimate.pose)
     message.pose.covariance = estimate.covariance.ravel()
@@ -152,17 +124,7 @@ def pose_message(match: Match, estimate: PoseEstimate, frame_id: str) -> PoseWit
 
 
 def image_message(bgr: npt.NDArray[np.uint8], header: Header) -> Image:
-    """
-    Return a picture as a message.
-
-    Parameters
-    ----------
-    bgr : ndarray of uint8, shape (H, W, 3) or (H, W)
-        Published as bgr8 or mono8.
-    header : Header
-        Stamp and frame.
-
-    """
+    """Return a picture, uint8 of shape (H, W, 3) as bgr8 or (H, W) as mono8, as a message."""
     height, width = bgr.shape[:2]
     return Image(
         header=header,
@@ -193,17 +155,9 @@ def match_header(match: Match, frame_id: str) -> Header:
 
 def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) -> PointCloud2:
     """
-    Return rows as a message, one point each.
+    Return rows (points,), little-endian, as a message, one point each.
 
-    Parameters
-    ----------
-    rows : structured ndarray, shape (points,)
-        Little-endian.
-    header : Header
-        Stamp and frame.
-    is_dense : bool
-        Whether no number is NaN.
-
+    It is dense if no number is NaN.
     """
     return PointCloud2(
         header=header,

@@ -20,26 +20,11 @@ _LOG_PERIOD_S = 10.0
 
 class DepthImages:
     """
-    Listens to a topic of depth images that are registered to the camera.
+    Listens to a topic of depth images that are registered to the camera; to none if it is empty.
 
-    An image waits for its depth for a moment, in the worker's thread, and only while depth comes.
-
-    Parameters
-    ----------
-    node : Node
-        Who listens.
-    topic : str
-        Of sensor_msgs/Image; empty for none.
-    wait_s : float
-        How long an image may wait, seconds.
-    reading : ReadingConfig
-        Which images are too large.
-
-    Attributes
-    ----------
-    unreadable, missing : int
-        Depth images that could not be decoded, and images without one since the first came.
-
+    An image waits for its depth for `wait_s`, in the worker's thread, and only while depth comes.
+    `unreadable` counts depth images that could not be decoded, `missing` images without one since
+    the first came.
     """
 
     def __init__(self, node: Node, topic: str, wait_s: float, reading: ReadingConfig) -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the node is, on /diagnostics."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import time
 
@@ -21,46 +21,16 @@ _LOG_PERIOD_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """
-    What the node knows about itself besides its counts.
+    """What the node knows about itself besides its counts."""
 
-    Parameters
-    ----------
-    ready : bool
-        False while it warms up.
-    enabled : bool
-        False if frames are ignored on purpose.
-    session : Session
-        The map in use and its file.
-    topic : str
-        The camera's topic.
-    waiting, dropped, lost, rows_lost, clock_jumps, without_pose : int
-        Frames in the queue, pushed out of it, lost by the middleware; rows missing in the result
-        file; backward jumps of the clock; frames whose pose odometry did not tell.
-    without_depth, depth_unreadable : int
-        Frames without a depth image of their moment, and depth images that could not be decoded.
-    camera_known, odometry_heard : bool
-        Whether there is a calibrated camera_info, and odom.
-    fleet : FleetLink or None
-        What asks other maps as well.
-
-    """
-
-    ready: bool
-    enabled: bool
-    session: Session
-    topic: str
-    waiting: int
-    dropped: int
-    lost: int
-    rows_lost: int
-    clock_jumps: int
-    without_pose: int
-    without_depth: int
-    depth_unreadable: int
-    camera_known: bool
+    ready: bool  # False while it warms up
+    enabled: bool  # False if frames are ignored on purpose
+    session: Session  # the map in use and its file
+    topic: str  # of the camera
+    dropped: int  # frames pushed out of the queue
     odometry_heard: bool
-    fleet: FleetLink | None = None
+    further: Mapping[str, int | bool]  # what else /diagnostics says, by its names there
+    fleet: FleetLink | None = None  # what asks other maps as well
 
     @property
     def map_size(self) -> int:
@@ -72,19 +42,7 @@ class Diagnostics:
     """
     Publishes a status at a steady pace, whatever the node's clock does.
 
-    Parameters
-    ----------
-    node : Node
-        Who is described.
-    statistics : Statistics
-        Its counts.
-    situation : callable
-        Returns its Situation.
-    advice : callable
-        Says why no images may come.
-    period_s : float
-        Time between two messages.
-
+    `situation` returns how the node is, `advice` says why no images may come.
     """
 
     def __init__(
@@ -200,9 +158,7 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'topic': situation.topic,
         'received': statistics.received,
         'processed': statistics.processed,
-        'queue': situation.waiting,
         'dropped': situation.dropped,
-        'lost_by_middleware': situation.lost,
         'unreadable': statistics.unreadable,
         'failed': statistics.failed,
         'latency_ms': statistics.latency_ms,
@@ -216,13 +172,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'map_path': session.path or '',
         'map_size': situation.map_size,
         'kept_images_unreadable': session.recognizer.reference_map.images.unreadable,
-        'clock_jumps': situation.clock_jumps,
-        'result_rows_lost': situation.rows_lost,
-        'camera_info': situation.camera_known,
         'odom': situation.odometry_heard,
-        'frames_without_pose': situation.without_pose,
-        'frames_without_depth': situation.without_depth,
-        'depth_unreadable': situation.depth_unreadable,
+        **situation.further,
     }
     if fleet := situation.fleet:
         values |= {

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fleet says of each frame, beside the node's own map."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from convseq_ros.config import Config
@@ -17,7 +18,9 @@ from rclpy.node import Node
 _DEPTH = 10
 
 
-def open_fleet(node: Node, settings: NodeConfig, config: Config) -> FleetLink | None:
+def open_fleet(
+    node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
+) -> FleetLink | None:
     """
     Have each frame's answer of a fleet published on `~/fleet_answer`, if one is asked for.
 
@@ -37,4 +40,4 @@ def open_fleet(node: Node, settings: NodeConfig, config: Config) -> FleetLink | 
     files = [folder / f'{name}.pem' for name in ('ca', 'cert', 'key')]
     tls = files if settings.fleet_tls else [None] * 3
     cluster = Cluster(settings.fleet, 1, *tls)
-    return FleetLink(cluster, config, publish, settings.fleet_timeout_s)
+    return FleetLink(cluster, config, publish, settings.fleet_timeout_s, sources)

@@ -19,23 +19,12 @@ _TYPES = {'raw': Image, 'compressed': CompressedImage}
 
 class ImageSubscription:
     """
-    Subscribes to the camera and keeps up the subscription.
+    Subscribes to `image`, after remapping, or another topic, and keeps up the subscription.
 
     Best effort loses most raw images over 0.5 MB with default settings of the middleware, which is
     fatal for sequences: `auto` asks for reliable delivery, and gives way to best effort as soon as
-    a camera turns out to offer nothing better.
-
-    Parameters
-    ----------
-    node : Node
-        Whose `image` topic, after remapping, is subscribed to.
-    config : NodeConfig
-        Transport, reliability and queue size.
-    on_image : callable
-        Receives each message, and its topic, in the executor's thread.
-    topic : str, optional
-        Instead of `image`.
-
+    a camera turns out to offer nothing better. `on_image` receives each message, and its topic, in
+    the executor's thread.
     """
 
     def __init__(

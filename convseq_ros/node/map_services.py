@@ -36,22 +36,8 @@ class MapServices:
     """
     Offers `~/load_map` and `~/save_map`.
 
-    Parameters
-    ----------
-    node : Node
-        Whose private services they are.
-    worker : Worker
-        In whose thread maps are exchanged, between two frames.
-    recognition : Recognition
-        Who uses the map.
-    config : callable
-        Returns the present configuration.
-
-    Attributes
-    ----------
-    save_path : str
-        Where `~/save_map` writes; empty if there is no such place.
-
+    Maps are exchanged in the worker's thread, between two frames. `config` returns the present
+    configuration; `save_path` is where `~/save_map` writes, empty if there is no such place.
     """
 
     def __init__(

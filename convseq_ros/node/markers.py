@@ -33,12 +33,6 @@ class MatchMarkers:
 
     Closures are drawn as LIO-SAM draws them: namespaces loop_nodes and loop_edges. An edge needs
     to know where the query is in the map; where it does not, the reference alone is drawn.
-
-    Parameters
-    ----------
-    node : Node
-        Whose private topic it is.
-
     """
 
     def __init__(self, node: Node) -> None:
@@ -56,21 +50,10 @@ class MatchMarkers:
         frame_id: str,
     ) -> None:
         """
-        Draw what changed.
+        Draw what changed; the map may have grown, or be another one.
 
-        Parameters
-        ----------
-        match : Match
-            The answer to the newest frame.
-        reference_map : ReferenceMap
-            The map, which may have grown or be another one.
-        estimate : PoseEstimate, optional
-            Where the match says that the camera is.
-        query : Pose, optional
-            Where it is in the map's frame without the match.
-        frame_id : str
-            Frame in which the poses are given.
-
+        `estimate` is where the match says that the camera is, `query` where it is in the map's
+        frame, `frame_id`, without the match.
         """
         is_another = reference_map is not self._map
         if is_another:

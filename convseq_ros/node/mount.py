@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the camera is on the robot, by TF, where tf2_ros is installed."""
 
+from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
@@ -12,17 +13,7 @@ from rclpy.time import Time
 
 
 class Mount:
-    """
-    Asks TF until it tells, and then no more: a camera is fixed to its robot.
-
-    Parameters
-    ----------
-    node : Node
-        Whose executor listens to /tf and /tf_static.
-    base_frame : str
-        Of the robot.
-
-    """
+    """Asks TF until it tells, and then no more: a camera is fixed to its robot."""
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._node, self._base_frame = node, base_frame
@@ -41,18 +32,12 @@ class Mount:
             frames = self._base_frame, optical_frame, Time()
             if self._buffer.can_transform(*frames):
                 said = self._buffer.lookup_transform(*frames).transform
-                lens = pose_from_message(_Pose(said.translation, said.rotation))
+                where = {'position': said.translation, 'orientation': said.rotation}
+                lens = pose_from_message(SimpleNamespace(**where))
                 if lens is not None:
                     self._found[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
-                    where = self._found[optical_frame].position
+                    position = self._found[optical_frame].position
                     self._node.get_logger().info(
-                        f'{optical_frame} is at {where} m in {self._base_frame}, by TF'
+                        f'{optical_frame} is at {position} m in {self._base_frame}, by TF'
                     )
         return self._found.get(optical_frame)
-
-
-class _Pose:
-    """A transform, called as a pose is."""
-
-    def __init__(self, position: Any, orientation: Any) -> None:
-        self.position, self.orientation = position, orientation

@@ -25,26 +25,12 @@ class Odometry:
     Listens to `odom` and tells the pose at the stamp of an image.
 
     An image often comes before the odometry of its moment. It waits for it, in the worker's
-    thread, but for a moment only, and only while odometry comes at all: a pose between two of the
+    thread, but for `wait_s` only, and only while odometry comes at all: a pose between two of the
     odometry is what an offline run finds, one that is extrapolated is a guess. After three images
     that waited in vain, none waits before odometry comes again.
 
-    Parameters
-    ----------
-    node : Node
-        Whose relative topic `odom` it is.
-    wait_s : float
-        How long an image may wait, seconds.
-
-    Attributes
-    ----------
-    wait_s : float
-        As above.
-    frame_id : str
-        The frame in which the odometry is given; empty before it is heard.
-    missing : int
-        Images whose pose it could not tell since it was heard for the first time.
-
+    `frame_id` is the frame in which the odometry is given, empty before it is heard; `missing`
+    counts images whose pose it could not tell since then.
     """
 
     def __init__(self, node: Node, wait_s: float) -> None:

@@ -45,17 +45,7 @@ _SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
 
 
 class Player(Node):
-    """
-    Plays a source once, or again and again.
-
-    Parameters
-    ----------
-    source : Source
-        What to play.
-    options : Namespace
-        As `parser` makes them.
-
-    """
+    """Plays a source once, or again and again, as the options of `parser` say."""
 
     def __init__(self, source: Source, options: argparse.Namespace) -> None:
         super().__init__('convseq_player')
@@ -91,11 +81,8 @@ class Player(Node):
         """
         Wait for a subscriber, then publish until the end and until all of it has arrived.
 
-        Raises
-        ------
-        ConvseqError
-            If nobody subscribes, the source is damaged or too short, or images did not arrive.
-
+        ConvseqError if nobody subscribes, the source is damaged or too short, or images did not
+        arrive.
         """
         self._wait_for_subscriber()
         while self.context.ok():

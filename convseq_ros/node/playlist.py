@@ -34,26 +34,10 @@ class Cue(NamedTuple):
 
 class Playlist:
     """
-    The images of a source, with the messages of other topics between them.
+    The images of a source, from `start_s` on, with the messages of other topics between them.
 
-    Parameters
-    ----------
-    source : Source
-        The images.
-    path : Path
-        Where they come from.
-    sides : dict of str to str
-        Topics of the recording for `ODOM` and `CAMERA_INFO`, if they are played as well.
-    start_s : float
-        How many seconds to leave out from the first image on.
-    reading : ReadingConfig, optional
-        What is too large.
-
-    Raises
-    ------
-    SourceError
-        If a topic of `sides` is not there.
-
+    `sides` names the topics of the recording at `path` for `ODOM` and `CAMERA_INFO`, if they are
+    played as well. SourceError if one of them is not there.
     """
 
     def __init__(
@@ -82,11 +66,7 @@ class Playlist:
         """
         Yield the cues; the first image follows what the others said in the second before.
 
-        Raises
-        ------
-        SourceError
-            If there is no image, or it is damaged further on.
-
+        SourceError if there is no image, or it is damaged further on.
         """
         images = self._images()
         begin_ns: int | None = None
@@ -124,15 +104,9 @@ class Playlist:
 
 class Timeline:
     """
-    The time of the recording while it is played.
+    The time of the recording while it is played, from `begin_ns` on.
 
-    Parameters
-    ----------
-    begin_ns : int
-        Its time now, nanoseconds.
-    rate : float
-        Seconds of the recording in a second.
-
+    `rate` is how many seconds of the recording are in a second.
     """
 
     def __init__(self, begin_ns: int, rate: float) -> None:

@@ -25,15 +25,7 @@ class ProgressLog:
     """
     Logs every 10 s and at the end what was done, and every 5 s, if need be, what was dropped.
 
-    Parameters
-    ----------
-    node : Node
-        Whose log it is.
-    statistics : Statistics
-        Its counts.
-    drops : callable
-        Returns how many frames were dropped since the start, by cause; see `Worker.drops`.
-
+    `drops` returns how many frames were dropped since the start, by cause; see `Worker.drops`.
     """
 
     def __init__(

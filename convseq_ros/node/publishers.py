@@ -36,15 +36,8 @@ class MatchPublishers:
     """
     The topics of results.
 
-    Parameters
-    ----------
-    node : Node
-        Whose private topics they are.
-    config : NodeConfig
-        Frame and uncertainty of poses; may be replaced between two frames.
-    odometry_frame : callable
-        Tells the frame in which poses of frames are given.
-
+    `config` may be replaced between two frames; `odometry_frame` tells the frame in which poses of
+    frames are given.
     """
 
     def __init__(self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]) -> None:

@@ -26,29 +26,13 @@ Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """
-    A message as it came in.
+    """A message as it came in."""
 
-    Parameters
-    ----------
-    message : Image or CompressedImage
-        The image, not yet decoded.
-    stamp_ns : int
-        When it was taken, nanoseconds.
-    arrival_ns : int
-        Monotonic time at which it came.
-    topic : str
-        Where it came from.
-    number : int
-        How many came before it, those among them that were dropped, too.
-
-    """
-
-    message: Image | CompressedImage
-    stamp_ns: int
-    arrival_ns: int
+    message: Image | CompressedImage  # not yet decoded
+    stamp_ns: int  # when it was taken
+    arrival_ns: int  # monotonic time at which it came
     topic: str
-    number: int
+    number: int  # how many came before it, those among them that were dropped, too
 
 
 class Surroundings(Protocol):
@@ -68,28 +52,9 @@ class Recognition:
     """
     Answers frame after frame; no frame, however broken, stops it, and no full disk.
 
-    Parameters
-    ----------
-    session : Session
-        With the map of the start.
-    surroundings : Surroundings
-        Completes frames.
-    results : ResultLog
-        Gets a row for every answer.
-    publish : callable
-        Receives every answer, with its frame, who gave it and the milliseconds that it took.
-    statistics : Statistics
-        Where answers and failures are counted.
-    logger : rclpy logger
-        Told about failures.
-    ros_is_up : callable
-        False when the node is about to end.
-
-    Attributes
-    ----------
-    session : Session
-        In use now.
-
+    `results` gets a row for every answer, and `publish` the answer with its frame, who gave it and
+    the milliseconds that it took. `ros_is_up` returns False when the node is about to end. The
+    `session` is that in use now.
     """
 
     def __init__(
@@ -144,11 +109,6 @@ class Recognition:
     def reset(self) -> None:
         """Forget the frames seen so far."""
         self.session.cameras.reset()
-
-    @property
-    def clock_jumps(self) -> int:
-        """How often the clock jumped back since the map was loaded."""
-        return self.session.cameras.resets
 
     def _answer(self, arrival: Arrival) -> None:
         cameras = self.session.cameras

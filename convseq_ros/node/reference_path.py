@@ -20,15 +20,7 @@ _MOST_POSES = 5000
 
 
 class ReferencePath:
-    """
-    Publishes the poses of a map when it is opened, and again every 5 s while it grows.
-
-    Parameters
-    ----------
-    node : Node
-        Whose private topic it is.
-
-    """
+    """Publishes the poses of a map when it is opened, and again every 5 s while it grows."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(Path, '~/reference_path', LATCHED)

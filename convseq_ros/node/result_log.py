@@ -13,25 +13,9 @@ from convseq_ros.results import ResultWriter
 
 class ResultLog:
     """
-    Writes a row for every frame until that fails; says so once and counts what is missing.
+    Writes a row for every frame until that fails; says so once and counts what is `lost`.
 
-    Parameters
-    ----------
-    path : str
-        The file; empty for none.
-    logger : rclpy logger
-        Told when a row cannot be written.
-
-    Attributes
-    ----------
-    lost : int
-        Rows that could not be written.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be made.
-
+    To none if the path is empty; ConfigError if the file cannot be made.
     """
 
     def __init__(self, path: str, logger: Any) -> None:

@@ -22,13 +22,8 @@ class ResultRecording:
     Writes an mcap file of the node's topics about frames; use it as a context manager.
 
     Messages are the node's own, stamped and logged at the time of their frames. What a node says
-    of itself, as on /diagnostics, is not there.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it appears under its name when it is complete.
-
+    of itself, as on /diagnostics, is not there. The file appears under its name when it is
+    complete.
     """
 
     def __init__(self, path: Path) -> None:

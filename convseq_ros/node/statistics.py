@@ -11,40 +11,19 @@ from convseq_ros.core.types import Match
 
 @dataclass(slots=True)
 class Statistics:
-    """
-    Counts since the start; each is changed by one thread alone.
+    """Counts since the start; each is changed by one thread alone."""
 
-    Parameters
-    ----------
-    received : int
-        Messages on the image topic.
-    processed : int
-        Frames that got an answer.
-    unreadable : int
-        Frames that could not be decoded.
-    failed : int
-        Frames that got no answer because of an error.
-    unkept : int
-        Times that what a map gained could not be written to its file.
-    last_arrival_ns : int
-        Monotonic time of the last message, or of the start.
-    latency_ms, duration_ms : float
-        Of the last frame: from its arrival to its answer, and the work alone.
-    busy_ms : float
-        The work on all frames together.
-
-    """
-
-    received: int = 0
-    processed: int = 0
-    unreadable: int = 0
-    failed: int = 0
-    unkept: int = 0
+    received: int = 0  # messages on the image topic
+    processed: int = 0  # frames that got an answer
+    unreadable: int = 0  # frames that could not be decoded
+    failed: int = 0  # frames that got no answer because of an error
+    unkept: int = 0  # times that what a map gained could not be written to its file
+    # Monotonic time of the last message, or of the start.
     last_arrival_ns: int = field(default_factory=time.monotonic_ns)
     last_match: Match | None = None
-    latency_ms: float = 0.0
-    duration_ms: float = 0.0
-    busy_ms: float = 0.0
+    latency_ms: float = 0.0  # of the last frame, from its arrival to its answer
+    duration_ms: float = 0.0  # of the last frame, the work alone
+    busy_ms: float = 0.0  # the work on all frames together
     reasons: Counter[str] = field(default_factory=Counter)
 
     def arrived(self, arrival_ns: int) -> None:

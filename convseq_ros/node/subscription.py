@@ -19,29 +19,9 @@ class FollowingSubscription:
     """
     Asks for reliable delivery, and gives way to best effort when a publisher offers no better.
 
-    When the last publisher is gone it asks for reliable delivery again: the next may offer it.
-
-    Parameters
-    ----------
-    node : Node
-        Who subscribes.
-    kind : type
-        Of the messages.
-    topic : str
-        Relative or absolute.
-    on_message : callable
-        Receives each message in the executor's thread.
-    depth : int
-        Messages that may wait for the executor.
-    reliability : str
-        'auto' as above, 'reliable' or 'best_effort' to stay with that.
-
-    Attributes
-    ----------
-    lost : int
-        Messages that did not arrive since the first that did: what the middleware reports and,
-        of a single publisher, whose messages are numbered, what its history had no room for.
-
+    When the last publisher is gone it asks for reliable delivery again: the next may offer it. So
+    it is with `auto`; `reliable` and `best_effort` stay with that. `on_message` receives each
+    message in the executor's thread, for which `depth` messages may wait.
     """
 
     def __init__(
@@ -66,7 +46,12 @@ class FollowingSubscription:
 
     @property
     def lost(self) -> int:
-        """Messages that did not arrive."""
+        """
+        Messages that did not arrive since the first that did.
+
+        That is what the middleware reports and, of a single publisher, whose messages are
+        numbered, what its history had no room for.
+        """
         return max(self._reported, self._missing)
 
     def destroy(self) -> None:

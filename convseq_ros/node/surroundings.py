@@ -20,25 +20,8 @@ class Surroundings:
     """
     Listens to `odom`, `camera_info` and a topic of depth; all are optional.
 
-    Parameters
-    ----------
-    node : Node
-        Whose relative topics they are.
-    config : NodeConfig
-        How long an image may wait for odometry or depth, the topic of depth, the robot's frame.
-    reading : ReadingConfig
-        Which depth images are too large.
-    topics : sequence of str
-        Of images, resolved, if there are several cameras.
-
-    Attributes
-    ----------
-    odometry : Odometry
-    camera : CameraDescription
-        Of the only camera, or the first.
-    depth : DepthImages
-        Of the same camera.
-
+    `topics` are those of images, resolved, if there are several cameras: `camera` and `depth` are
+    then of the first.
     """
 
     def __init__(

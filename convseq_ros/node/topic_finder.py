@@ -21,19 +21,10 @@ class TopicFinder:
     """
     Looks for the topics of a camera as long as nothing is published on `image`.
 
-    Only if `image` was not remapped: who names a topic means it. The camera's description is the
-    CameraInfo beside it, or the only one that there is; odometry is the only one, too.
-
-    Parameters
-    ----------
-    node : Node
-        Whose graph it is; topics below its own name are left out.
-    follow : callable
-        Receives topics by what they are, 'image', 'camera_info' and 'odom'; 'image' may end in
-        /compressed.
-    is_wanted : bool
-        False if topics are named.
-
+    Only if `image` was not remapped, and topics are not named otherwise: who names a topic means
+    it. The camera's description is the CameraInfo beside it, or the only one that there is;
+    odometry is the only one, too. Topics below the node's own name are left out. `follow` receives
+    topics by what they are, 'image', 'camera_info' and 'odom'; 'image' may end in /compressed.
     """
 
     def __init__(

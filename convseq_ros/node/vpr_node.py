@@ -49,18 +49,9 @@ class VprNode(ManagedNode):
     Recognises the places of a map in the images of a camera.
 
     The executor's thread only stamps and queues images, and answers services and parameters; all
-    work on images is done in one thread of its own.
-
-    Parameters
-    ----------
-    kwargs
-        As for Node: context, namespace, parameter_overrides, cli_args ...
-
-    Raises
-    ------
-    ConvseqError
-        If a parameter is not allowed, or the map or the result file cannot be opened.
-
+    work on images is done in one thread of its own. It takes what Node takes: context, namespace,
+    parameter_overrides, cli_args ... ConvseqError if a parameter is not allowed, or the map or the
+    result file cannot be opened.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -126,7 +117,7 @@ class VprNode(ManagedNode):
         self.create_service(
             SetBool, '~/set_enabled', self._on_set_enabled, qos_profile=SERVICE_QOS
         )
-        if fleet := open_fleet(self, config, self._config):
+        if fleet := open_fleet(self, config, self._config, topics):
             undone.callback(fleet.close)
         self._fleet = fleet
         self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
@@ -270,16 +261,18 @@ class VprNode(ManagedNode):
             enabled=self._enabled and (self._listening or not self._ready),
             session=session,
             topic=self._images.topic,
-            waiting=self._worker.waiting,
             dropped=self._worker.dropped,
-            lost=self._images.lost,
-            rows_lost=self._results.lost,
-            clock_jumps=self._recognition.clock_jumps,
-            camera_known=self._surroundings.camera.known,
             odometry_heard=odometry.heard,
-            without_pose=odometry.missing,
-            without_depth=self._surroundings.depth.missing,
-            depth_unreadable=self._surroundings.depth.unreadable,
+            further={
+                'queue': self._worker.waiting,
+                'lost_by_middleware': self._images.lost,
+                'clock_jumps': session.cameras.resets,
+                'result_rows_lost': self._results.lost,
+                'camera_info': self._surroundings.camera.known,
+                'frames_without_pose': odometry.missing,
+                'frames_without_depth': self._surroundings.depth.missing,
+                'depth_unreadable': self._surroundings.depth.unreadable,
+            },
             fleet=self._fleet,
         )
 

@@ -18,7 +18,8 @@ if __name__ == '__main__':
 from convseq_ros.config import make_group
 from convseq_ros.core.map.place import shown
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.running import turns
 from convseq_ros.node.subscription import FollowingSubscription
 from convseq_ros.node.topic_finder import COMPRESSED
@@ -48,15 +49,7 @@ _COLOURS = {'accepted': 'green', 'rejected': 'yellow', 'skipped': 'bright_black'
 
 
 class Watcher(Node):
-    """
-    Listens to `answer` of a node, and to its camera if that is asked for.
-
-    Parameters
-    ----------
-    options : Namespace
-        As `parser` makes them.
-
-    """
+    """Listens to `answer` of a node, and to its camera if the options of `parser` say so."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('convseq_watch')
@@ -66,6 +59,7 @@ class Watcher(Node):
         self._reasons: Counter[str] = Counter()
         self._times: deque[float] = deque(maxlen=_RATE_FRAMES)
         self._answer: dict[str, str] = {}
+        self._problem = ''  # why the place is not shown
         self._place: npt.NDArray[np.uint8] | None = None
         self._camera: npt.NDArray[np.uint8] | None = None
         topic = f'{options.node}/answer'
@@ -80,12 +74,16 @@ class Watcher(Node):
         self._answer = {pair.key: pair.value for pair in message.status[0].values}
         self._reasons[self._answer['reason']] += 1
         self._times.append(time.monotonic())
-        best = self._answer['best_index']
-        if self._map and best:
-            if int(best) >= len(self._map):
-                self._map = open_map(self._map_path)  # it grows
-            if int(best) < len(self._map):
-                self._place = shown(self._map.thumbnail(int(best)))
+        if self._map and (best := self._answer['best_index']):
+            try:
+                self._place, self._problem = self._picture(self._map, int(best)), ''
+            except MapError as error:
+                self._place, self._problem = None, str(error)
+
+    def _picture(self, known: ReferenceMap, index: int) -> npt.NDArray[np.uint8] | None:
+        if index >= len(known):
+            self._map = known = open_map(self._map_path)  # it grows
+        return shown(known.thumbnail(index)) if index < len(known) else self._place
 
     def _on_image(self, message: Any) -> None:
         decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
@@ -110,7 +108,8 @@ class Watcher(Node):
         told.add_row('rate', f'{self._rate():.1f} Hz', f'{float(known["duration_ms"]):.0f} ms')
         pictures = [drawn(one) for one in (self._camera, self._place) if one is not None]
         counts = ', '.join(f'{reason} {count}' for reason, count in self._reasons.most_common())
-        return Group(Columns(pictures, padding=(0, 2)), told, Text(counts, 'bright_black'))
+        below = Text(counts, 'bright_black'), Text(self._problem, 'yellow')
+        return Group(Columns(pictures, padding=(0, 2)), told, *below)
 
     def _rate(self) -> float:
         spent_s = self._times[-1] - self._times[0]

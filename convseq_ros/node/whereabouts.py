@@ -38,17 +38,8 @@ class Whereabouts:
     """
     Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`.
 
-    Parameters
-    ----------
-    node : Node
-        Whose topics and service they are.
-    config : NodeConfig
-        Frame of poses, and how long a call may wait; may be replaced.
-    situation : callable
-        Returns how the node is.
-    advice : callable
-        Says why no images may come.
-
+    `config` may be replaced; `situation` returns how the node is, `advice` says why no images may
+    come.
     """
 
     def __init__(

@@ -18,23 +18,10 @@ class Worker(Generic[Item]):
     """
     Handles items one after another, in a thread of its own; drops the oldest when they pile up.
 
-    Parameters
-    ----------
-    handle : callable
-        Called with each item, in the thread; it must not raise.
-    queue_size : int
-        Items that may wait.
-    max_wait_s : float, optional
-        How long an item may wait, seconds, if another waits behind it; 0 for as long as it takes.
-    queue_bytes : float, optional
-        What the items that wait may hold together; one alone may hold more.
-
-    Attributes
-    ----------
-    drops : Counter of str
-        Items that were pushed out of the queue or waited for too long, by the setting that says
-        so: queue_size, queue_mb, max_wait_s.
-
+    `handle` is called with each item, in the thread; it must not raise. At most `queue_size` items
+    wait, of `queue_bytes` together (one alone may have more), and each, if another waits behind
+    it, for `max_wait_s` seconds; 0 for as long as it takes. `drops` counts those that were pushed
+    out or waited for too long, by the setting that says so: queue_size, queue_mb, max_wait_s.
     """
 
     def __init__(
@@ -95,11 +82,7 @@ class Worker(Generic[Item]):
         """
         Leave what waits, finish the item at hand and end the thread.
 
-        Returns
-        -------
-        bool
-            False if the item at hand takes longer than the timeout.
-
+        Return False if the item at hand takes longer than the timeout.
         """
         with self._changed:
             self._stopping = True

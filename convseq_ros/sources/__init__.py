@@ -159,23 +159,39 @@ def open_cameras(
     reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
 ) -> Source:
-    """
-    Open what `open_annotated` does, of several cameras if `topics` names several.
+    """Open what `open_each_camera` does, as one source with all frames in order."""
+    each = open_each_camera(path, topics, odom, camera_info, poses, reading, depth)
+    return SeveralCameras(each, each[0].pose_frame) if len(each) > 1 else each[0]
 
-    `camera_info` then names as many, or none; SourceError if it does not. `depth` is of the first.
+
+def open_each_camera(
+    path: Path,
+    topics: str = '',
+    odom: str = '',
+    camera_info: str = '',
+    poses: Path | None = None,
+    reading: ReadingConfig = ReadingConfig(),
+    depth: str = '',
+) -> list[Source]:
+    """
+    Open what `open_annotated` does, once for each of the topics if there are several.
+
+    `camera_info` then names as many, or none; SourceError if it does not, or if a topic is there
+    twice. `depth` is of the first.
     """
     names, infos = topics.split(), camera_info.split()
     if len(names) < 2:
-        return open_annotated(path, topics, odom, camera_info, poses, reading, depth)
+        return [open_annotated(path, topics, odom, camera_info, poses, reading, depth)]
+    if len(set(names)) < len(names):
+        raise SourceError(f'--topic {topics!r}: names a camera twice; name each once')
     if infos and len(infos) != len(names):
         raise SourceError(
             f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
         )
-    several = [
+    return [
         open_annotated(path, name, odom, info, poses, reading, depth if name == names[0] else '')
         for name, info in zip(names, infos or [''] * len(names), strict=True)
     ]
-    return SeveralCameras(several, several[0].pose_frame)
 
 
 def _track_at(track: PoseTrack) -> PoseAt:

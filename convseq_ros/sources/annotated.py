@@ -28,21 +28,11 @@ class Frames(Protocol):
 
 class AnnotatedFrames:
     """
-    The frames of a source with their poses and the camera that took them.
+    The frames of a source with their poses, depth images and the camera that took them.
 
-    Parameters
-    ----------
-    source : Frames
-        A recording, or a folder of pictures.
-    pose_at : callable, optional
-        From a frame's number and its stamp in nanoseconds to a Pose or None.
-    camera_of : callable, optional
-        From the first readable image's height and width to the Camera.
-    pose_frame : str, optional
-        What the poses are in, if others may be in the same.
-    depth_at : callable, optional
-        From a frame's number and its stamp to a depth image or None.
-
+    `pose_at` and `depth_at` take a frame's number and its stamp in nanoseconds; they return None
+    where nothing is known. `camera_of` takes the first readable image's height and width.
+    `pose_frame` is what the poses are in, if others may be in the same.
     """
 
     def __init__(

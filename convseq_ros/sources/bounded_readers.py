@@ -30,20 +30,10 @@ _ALIAS = re.compile(rb'(?m)(?:^|[\s\[{,])\*\w')
 
 def open_bounded(path: Path, limits: RecordingLimits) -> Any:
     """
-    Return the reader of rosbags for a recording, not yet open.
+    Return the reader of rosbags for a .mcap, .db3 or .bag file, or a folder with metadata.yaml.
 
-    Parameters
-    ----------
-    path : Path
-        A .mcap, .db3 or .bag file, or a folder with metadata.yaml.
-    limits : RecordingLimits
-        For this reader, and for those that are open.
-
-    Raises
-    ------
-    SourceError
-        If it declares what no recording needs.
-
+    It is not yet open. The limits hold for it, and for those that are open. SourceError if it
+    declares what no recording needs.
     """
     _bound_chunks(limits)
     files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -70,20 +60,7 @@ def check_chunks(path: Path, reader: Any, limits: RecordingLimits) -> None:
     """
     Refuse an index of an mcap file that lists a chunk twice, or more than fits into memory.
 
-    Parameters
-    ----------
-    path : Path
-        The file or folder, for messages.
-    reader : rosbags.rosbag2.Reader
-        Open.
-    limits : RecordingLimits
-        What fits.
-
-    Raises
-    ------
-    SourceError
-        If it does.
-
+    The reader of rosbags is open. SourceError, which names the path.
     """
     storages = getattr(reader.storage, 'storages', [reader.storage])
     for storage in storages:

@@ -21,21 +21,10 @@ def read_camera_file(
     """
     Return the camera that a file describes.
 
-    Parameters
-    ----------
-    path : Path
-        YAML as `camera_calibration` writes it (image_width, camera_matrix, ...), or lines of
-        KITTI's calib.txt: the first projection in it counts.
-    height, width : int
-        Of the images, pixels, which KITTI's file does not say.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, is neither, or its camera is not calibrated.
-
+    It is YAML as `camera_calibration` writes it (image_width, camera_matrix, ...), or lines of
+    KITTI's calib.txt, of which the first projection counts; that does not say how many pixels,
+    height and width, the images have. SourceError if the file cannot be read, is neither, or its
+    camera is not calibrated.
     """
     text = read_text(path, 'a calibration', reading, AS_YAML)
     try:

@@ -79,17 +79,9 @@ def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:
     """
-    Return the camera as it would be described for images of another size.
+    Return the camera as it would be described for images of another size, in pixels.
 
     Images are often made smaller between a camera and its users, who get the same description.
-
-    Parameters
-    ----------
-    camera : Camera
-        As described.
-    height, width : int
-        Of the images, pixels.
-
     """
     if (camera.height_px, camera.width_px) == (height, width):
         return camera

@@ -45,24 +45,10 @@ class RecordingLimits:
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     """
-    Return what compressed data hold; of what is cut, as much as there is.
+    Return what a whole compressed stream holds; of what is cut, as much as there is.
 
-    Parameters
-    ----------
-    data : bytes
-        A whole stream.
-    compression : str
-        'zstd', 'lz4', 'bz2', or '' for none.
-    most_bytes : int
-        What they may hold.
-
-    Raises
-    ------
-    SourceError
-        If they hold more.
-    Exception
-        What the library of the compression raises, if they are damaged.
-
+    `compression` is 'zstd', 'lz4', 'bz2', or '' for none. SourceError if it holds more than
+    `most_bytes`; what the library of the compression raises, if it is damaged.
     """
     if compression not in _INFLATERS:
         raise SourceError(f'compression {compression!r} is unknown; expected zstd or lz4')
@@ -77,20 +63,10 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
 
 def end_of_records(content: bytes, packed_bytes: int) -> int:
     """
-    Return where the whole records of an mcap chunk end.
+    Return where the whole records of an mcap chunk, inflated and perhaps cut, end.
 
-    Parameters
-    ----------
-    content : bytes
-        Of the chunk, inflated; perhaps cut.
-    packed_bytes : int
-        What it takes in its file.
-
-    Raises
-    ------
-    SourceError
-        If there are more records than so few bytes can tell apart: to walk them would take hours.
-
+    SourceError if there are more records than the `packed_bytes` of its file can tell apart: to
+    walk them would take hours.
     """
     at, left = 0, _FEW_RECORDS + packed_bytes // _LEAST_BYTES
     while at + _HEAD_BYTES <= len(content):

@@ -28,23 +28,11 @@ def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConf
     """
     Return the poses of a file, one a line; empty lines and those that begin with # are left out.
 
-    Parameters
-    ----------
-    path : Path
-        A line of 8 numbers is TUM's: the stamp in seconds, position, quaternion x, y, z, w; poses
-        are taken as they are, and frames between two stamps lie between their poses. A line of 12
-        is KITTI's: the 3 x 4 matrix of the camera, rows first, in the order of the frames; its
-        axes, those of a lens, become those of a robot.
-    frames : int
-        That there are; KITTI's format has one line for each.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, is neither, a line is not a pose, or there are not as many.
-
+    A line of 8 numbers is TUM's: the stamp in seconds, position, quaternion x, y, z, w; poses are
+    taken as they are, and frames between two stamps lie between their poses. A line of 12 is
+    KITTI's, one for each of the `frames`: the 3 x 4 matrix of the camera, rows first, in the order
+    of the frames; its axes, those of a lens, become those of a robot. SourceError if the file
+    cannot be read, is neither, a line is not a pose, or there are not as many.
     """
     rows = _rows(path, reading)
     size = len(rows[0][1])

@@ -20,15 +20,8 @@ class PoseTrack:
     """
     Poses in order of time, interpolated between neighbours, and a little beyond the last.
 
-    Parameters
-    ----------
-    stamped : iterable of (int, Pose)
-        Stamps in nanoseconds, ascending.
-    kept : int, optional
-        Poses to remember, the newest; all by default.
-    longest_gap_ns : int, optional
-        Between two poses, in which there are poses; a second by default.
-
+    Stamps are nanoseconds, ascending. The newest `kept` are remembered, by default all. Between
+    two poses that are further apart than `longest_gap_ns`, by default a second, there are none.
     """
 
     def __init__(

@@ -14,23 +14,11 @@ STAMP_END = 12  # bytes: CDR header, seconds, nanoseconds
 
 
 class RawMessage(NamedTuple):
-    """
-    One serialized message.
+    """One serialized message."""
 
-    Parameters
-    ----------
-    log_time_ns : int
-        When it was recorded, nanoseconds.
-    type_name : str
-        Such as sensor_msgs/msg/Image.
-    cdr : bytes
-        The message in CDR, as rclpy publishes it; empty if it was too damaged to convert.
-
-    """
-
-    log_time_ns: int
-    type_name: str
-    cdr: bytes
+    log_time_ns: int  # when it was recorded
+    type_name: str  # such as sensor_msgs/msg/Image
+    cdr: bytes  # as rclpy publishes it; empty if it was too damaged to convert
 
     @property
     def header_stamp_ns(self) -> int:
@@ -46,15 +34,7 @@ class RawMessage(NamedTuple):
         return self.header_stamp_ns or min(self.log_time_ns, MAX_STAMP_NS)
 
     def decode(self) -> Any:
-        """
-        Return the message with its fields.
-
-        Raises
-        ------
-        ImageError
-            If it is damaged.
-
-        """
+        """Return the message with its fields; ImageError if it is damaged."""
         try:
             return typestore().deserialize_cdr(self.cdr, self.type_name)
         except Exception as error:

@@ -33,31 +33,13 @@ class Recording:
     """
     The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
 
-    Nothing is held in memory, and every iteration starts anew. A message that cannot be decoded
-    gives a frame without an image that says why.
+    The path is a folder that a recorder wrote, or a .mcap, .db3 or .bag file; the image topic may
+    be left out if there is only one. Nothing is held in memory, and every iteration starts anew. A
+    message that cannot be decoded gives a frame without an image that says why. `warnings` are
+    what a user should know, one line each; they grow while the recording is read.
 
-    Parameters
-    ----------
-    path : Path
-        A folder that a recorder wrote, or a .mcap, .db3 or .bag file.
-    topic : str, optional
-        An image topic; may be left out if there is only one.
-    reading : ReadingConfig, optional
-        Which images are too large.
-
-    Attributes
-    ----------
-    name, topic, type_name : str
-        Of the file or folder, of the chosen topic, and of its messages.
-    warnings : list of str
-        What a user should know, one line each; grows while the recording is read.
-
-    Raises
-    ------
-    SourceError
-        If there is no recording, or no image topic, or several to choose from; while iterating,
-        if the file is damaged further on.
-
+    SourceError if there is no recording, or no image topic, or several to choose from; while
+    iterating, if the file is damaged further on.
     """
 
     pose_frame = ''
@@ -160,27 +142,11 @@ def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingC
     """
     Return the poses of a topic of odometry, of poses or of satellite fixes.
 
-    Parameters
-    ----------
-    path : Path
-        A recording.
-    topic : str, optional
-        Of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped; may be
-        left out if there is only one. Or of sensor_msgs/NavSatFix, as `local_poses` takes it.
-    reading : ReadingConfig, optional
-        Which chunks are too large.
-
-    Returns
-    -------
-    Poses
-        With the stamp of recording, if the header has none; damaged messages and values that are
-        not finite are left out.
-
-    Raises
-    ------
-    SourceError
-        If there is no such topic, no usable pose, or the recording is damaged.
-
+    It is of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped, and
+    may be left out if there is only one; or of sensor_msgs/NavSatFix, as `local_poses` takes it. A
+    pose has the stamp of recording, if the header has none; damaged messages and values that are
+    not finite are left out. SourceError if there is no such topic, no usable pose, or the
+    recording is damaged.
     """
     chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
     found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
@@ -194,27 +160,10 @@ def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingC
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
     """
-    Return the camera that a recording describes.
+    Return the first camera that a recording describes which is calibrated.
 
-    Parameters
-    ----------
-    path : Path
-        A recording.
-    topic : str, optional
-        Of type sensor_msgs/CameraInfo; may be left out if there is only one.
-    reading : ReadingConfig, optional
-        Which chunks are too large.
-
-    Returns
-    -------
-    Camera
-        The first that is calibrated.
-
-    Raises
-    ------
-    SourceError
-        If there is no such topic, no calibrated camera on it, or the recording is damaged.
-
+    The topic, of type sensor_msgs/CameraInfo, may be left out if there is only one. SourceError if
+    there is no such topic, no calibrated camera on it, or the recording is damaged.
     """
     chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
@@ -237,29 +186,9 @@ def messages_of(
     reading: ReadingConfig = ReadingConfig(),
 ) -> tuple[str, Iterator[RawMessage]]:
     """
-    Return a topic of a recording and its messages.
+    Return the name of a topic of a recording, chosen by `choose_topic`, and its messages in order.
 
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    topic, types, option : str, tuple of str, str
-        As for `choose_topic`.
-    reading : ReadingConfig, optional
-        Which chunks are too large.
-
-    Returns
-    -------
-    name : str
-        The chosen topic.
-    messages : iterator of RawMessage
-        In order of recording.
-
-    Raises
-    ------
-    SourceError
-        If there is no such topic; while iterating, if the recording is damaged.
-
+    SourceError if there is no such topic; while iterating, if the recording is damaged.
     """
     storages, _ = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)

@@ -43,27 +43,10 @@ def open_storage(
     path: Path, reading: ReadingConfig = ReadingConfig()
 ) -> tuple[list[Storage], list[str]]:
     """
-    Open whatever can be read of a recording.
+    Open whatever can be read of a .mcap, .db3 or .bag file, or the folder that a recorder wrote.
 
-    Parameters
-    ----------
-    path : Path
-        A .mcap, .db3 or .bag file, or the folder that a recorder wrote.
-    reading : ReadingConfig, optional
-        Which of its chunks and files are too large.
-
-    Returns
-    -------
-    storages : list of Storage
-        In order of recording; at least one.
-    warnings : list of str
-        One line for every file that had to be left out, and for an unusable index.
-
-    Raises
-    ------
-    SourceError
-        If nothing can be read.
-
+    Return its storages, at least one, in order of recording, and a line for every file that had to
+    be left out, and for an unusable index. SourceError if nothing can be read.
     """
     refuse_irregular(path)
     limits = RecordingLimits(reading)

@@ -47,26 +47,10 @@ def choose_topic(
     path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
 ) -> Topic:
     """
-    Return the wanted topic, or the only one of the right types that has messages.
+    Return the wanted topic, or, if the name is empty, the only one of some types with messages.
 
-    Parameters
-    ----------
-    path : Path
-        The recording, for messages to the user.
-    topics : mapping of str to Topic
-        All topics of the recording.
-    wanted : str
-        Name asked for; empty for the only one there is.
-    types : tuple of str
-        Types that will do.
-    option : str
-        How a user asks for a topic, such as '--topic'.
-
-    Raises
-    ------
-    SourceError
-        If the choice is not clear; lists the right topics, one a line, ready to paste.
-
+    SourceError if the choice is not clear: it names the recording and lists the right topics, one
+    a line, ready to paste behind the `option` by which a user asks for one, such as '--topic'.
     """
     fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
     if not fitting:

@@ -19,18 +19,7 @@ class Video:
     """
     The frames of a video, stamped by its frame rate from 0.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    reading : ReadingConfig, optional
-        Which images are too large.
-
-    Raises
-    ------
-    SourceError
-        If it is missing, its images are too large, or OpenCV cannot read it.
-
+    SourceError if it is missing, its images are too large, or OpenCV cannot read it.
     """
 
     pose_frame = ''

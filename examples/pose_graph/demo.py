@@ -16,20 +16,23 @@ try:
     import rclpy  # noqa: F401
 except ModuleNotFoundError as error:
     sys.exit(f"demo: {error.name} is not installed; in a clone, pip install '.[slam,ros,plot]'")
-from comparison import compare, draw_false, Trial, true_path, Truth, twice
+from comparison import compare, draw_false, Trial, true_path, twice
 from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.sources.recording import read_poses
 from graph import Closure, Odometry, optimise, Solution
+from graph import Pose as PlanarPose
 from incremental import Incremental
 from live import play
 import numpy as np
+from perfect import between_visits_m, perfect_closures, with_right_length
 from picture import draw_picture
 from record import read_record
 from simulated import DRIFT, record, two_blocks
 from trajectory_error import absolute_error_m
 
+Errors = Mapping[str, tuple[float, float, float]]
 _MARKER = '.convseq-demo-slam'
 _COUNTS = (0, 1, 3, 6, 12)
 _SAME_PLACE_M, _SAME_PLACE_DEG = 5.0, 30.0
@@ -48,6 +51,7 @@ def main() -> int:
     parser.add_argument('--rate', type=float, default=3.0, help='speed of playing (3)')
     parser.add_argument('--false', type=int, default=6, help='false closures sent live (6)')
     parser.add_argument('--draws', type=int, default=10, help='of false closures, each count (10)')
+    parser.add_argument('--seed', type=int, default=0, help='another town, drive and drift (0)')
     parser.add_argument(
         '--block',
         type=float,
@@ -69,9 +73,9 @@ def _run(chosen: argparse.Namespace) -> None:
     folder: Path = chosen.output.absolute()
     make_empty(folder, _MARKER)
     _say('drawing a drive through a town')
-    route = two_blocks(*chosen.block)
+    route = two_blocks(*chosen.block, chosen.seed)
     recording = folder / 'drive'
-    record(recording, route)
+    record(recording, route, chosen.seed)
     poses = dict(read_poses(recording, '/ground_truth'))
     truth = {stamp_ns: pose.position[:2] for stamp_ns, pose in poses.items()}
     false = draw_false(np.random.default_rng(0), truth, chosen.false)
@@ -93,7 +97,7 @@ def _run(chosen: argparse.Namespace) -> None:
     trials = compare(odometry, right, truth, _COUNTS, chosen.draws)
 
     live = optimise(odometry, closures)
-    errors = _errors(odometry, ours, live, truth)
+    errors = _errors(odometry, ours, live, poses)
     print(f'\n{_told(route.length_m, len(truth))}\n')
     print(_summary(poses, ours, kept, is_false))
     print()
@@ -117,9 +121,12 @@ def _run(chosen: argparse.Namespace) -> None:
 
 
 def _errors(
-    odometry: Odometry, ours: Sequence[Closure], live: Solution, truth: Truth
-) -> dict[str, tuple[float, float]]:
-    """Return the trajectory error by each way, of all keyframes and of those passed twice."""
+    odometry: Odometry, ours: Sequence[Closure], live: Solution, poses: Mapping[int, Pose]
+) -> Errors:
+    """Return the errors by each way: of all keyframes, of those passed twice, between visits."""
+    where = {at: PlanarPose(*pose.position[:2], _yaw(pose)) for at, pose in poses.items()}
+    truth = {stamp_ns: pose[:2] for stamp_ns, pose in where.items()}
+    perfect = perfect_closures(odometry.stamps_ns, where)
     real, again = true_path(live, truth), twice(live, truth)
     batch = optimise(odometry, ours)
     believed = [closure for closure, kept in zip(ours, batch.kept, strict=True) if kept]
@@ -138,8 +145,15 @@ def _errors(
         paths["those that GNC kept, kiss-slam's"] = optimise_with_kiss(odometry, believed)
     except ModuleNotFoundError:
         _say("kiss-slam is not installed; its optimiser is left out (extra 'kiss')")
+    right = with_right_length(odometry, DRIFT.scale)
+    paths['perfect closures at every keyframe'] = optimise(odometry, perfect, robust=False).after
+    paths['the same, odometry not too long'] = optimise(right, perfect, robust=False).after
     return {
-        name: (absolute_error_m(path[:, :2], real), absolute_error_m(path[again, :2], real[again]))
+        name: (
+            absolute_error_m(path[:, :2], real),
+            absolute_error_m(path[again, :2], real[again]),
+            between_visits_m(path, odometry.stamps_ns, perfect),
+        )
         for name, path in paths.items()
     }
 
@@ -193,7 +207,7 @@ def _is_same_place(metres: float, degrees: float) -> bool:
     return metres <= _SAME_PLACE_M and degrees <= _SAME_PLACE_DEG
 
 
-def _table(errors: Mapping[str, tuple[float, float]], trials: Sequence[Trial], right: int) -> str:
+def _table(errors: Errors, trials: Sequence[Trial], right: int) -> str:
     by = {(trial.false, trial.robust): trial for trial in trials}
     plain, robust = ([by[count, way] for count in _COUNTS] for way in (False, True))
     rows = [
@@ -207,8 +221,13 @@ def _table(errors: Mapping[str, tuple[float, float]], trials: Sequence[Trial], r
     ]
     lines = [
         'Trajectory error (ATE RMSE after SE2 alignment, metres), median of the draws',
-        f'{"":38}{"all keyframes":>15}{"passed twice":>15}',
-        *(f'{name:38}{whole:>15.2f}{part:>15.2f}' for name, (whole, part) in errors.items()),
+        f'{"":38}{"all keyframes":>15}{"passed twice":>15}{"between visits":>16}',
+        *(
+            f'{name:38}{whole:>15.2f}{part:>15.2f}{between:>16.2f}'
+            for name, (whole, part, between) in errors.items()
+        ),
+        'passed twice: keyframes within 5 m of where the robot was 30 s before or later;',
+        'between visits: of where they lie in the nearest earlier one, looking alike (RMS)',
         '',
     ]
     lines += [f'{name:38}' + ''.join(f'{cell:>15}' for cell in cells) for name, cells in rows]
@@ -225,11 +244,7 @@ def _least_most(counts: Sequence[int]) -> str:
 
 
 def _write_results(
-    path: Path,
-    errors: Mapping[str, tuple[float, float]],
-    trials: Sequence[Trial],
-    sent: int,
-    right: int,
+    path: Path, errors: Errors, trials: Sequence[Trial], sent: int, right: int
 ) -> None:
     path.write_text(
         json.dumps(

@@ -36,7 +36,7 @@ def draw_picture(
         2,
         2,
         width_ratios=(1.25, 1),
-        left=0.04,
+        left=0.055,
         right=0.975,
         top=0.86,
         bottom=0.085,
@@ -58,6 +58,8 @@ def draw_picture(
         _draw_closures(axes, moved, drawn)
         axes.plot(*moved[0], 'o', color=_PALE, markersize=7)
         axes.set_aspect('equal', adjustable='datalim')
+        axes.set_ylabel('y, m', color=_DIM, fontsize=12)
+    axes.set_xlabel('x, m', color=_DIM, fontsize=12, loc='right', labelpad=-15)
     _legend(figure, solution.kept)
     _bars(_axes(figure, grid[:, 1], 'what false closures cost'), trials, before_m)
     figure.text(

@@ -3,6 +3,7 @@
 """A drive through a drawn town that comes back along known streets, with odometry that drifts."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -17,7 +18,7 @@ SPEED_MPS, RATE_HZ = 6.0, 4.0
 _LANE_M, _WANDER_M, _WANDER_EVERY_M = -1.5, 0.4, 30.0
 
 
-def two_blocks(width_m: float, depth_m: float) -> Route:
+def two_blocks(width_m: float, depth_m: float, seed: int = 0) -> Route:
     """
     Return a route once round a block, and then round that block and the next one together.
 
@@ -25,12 +26,14 @@ def two_blocks(width_m: float, depth_m: float) -> Route:
     ----------
     width_m, depth_m : float
         Of each block.
+    seed : int
+        Decides which houses stand there.
 
     """
     west, middle, east = 0.0, width_m, 2 * width_m
     block = ((10.0, 0.0), (middle, 0.0), (middle, depth_m), (west, depth_m), (west, 0.0))
     both = ((east, 0.0), (east, depth_m), (west, depth_m), (west, 0.0), (width_m / 2, 0.0))
-    return Route((*block, *both), seed=7)
+    return Route((*block, *both), seed=7 + seed)
 
 
 def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
@@ -64,6 +67,7 @@ def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
     return with_odometry(chain(draw(route, first), draw(route, second)), drift)
 
 
-def record(path: Path, route: Route) -> None:
-    """Write the drive as a recording: images, the camera, /odom, and the truth."""
-    write_recording(path, shots(route), info_topic='/camera/camera_info')
+def record(path: Path, route: Route, seed: int = 0) -> None:
+    """Write a drive as a recording: images, the camera, /odom, and the truth."""
+    drift = replace(DRIFT, seed=DRIFT.seed + seed)
+    write_recording(path, shots(route, drift, 2 * seed), info_topic='/camera/camera_info')

@@ -21,6 +21,7 @@ _GAP, _LINE = 8, 22  # between things, and of a line of text
 _MAP = 300, 2 * _VIEW[1] + _GAP
 _SCENE = _VIEW[0] + _MAP[0] + 3 * _GAP, _MAP[1] + 2 * _GAP + _LINE
 _STRIP = 60
+_BAR_M = 50  # of the scale
 # A few hundred kB, for a page.
 _SMALLER, _EVERY, _KEPT_COLOURS = 0.75, 2, 64
 _FRAME_MS, _LAST_MS = 300, 2500
@@ -117,6 +118,9 @@ def _draw_map(pen: ImageDraw.ImageDraw, reference_map: ReferenceMap, past: Seque
         return left, _GAP + _MAP[1] - 20 - (y - low[1]) * scale
 
     pen.line([at(*one) for one in way], _DIM, 2)
+    left, top = 2 * _GAP + _VIEW[0] + 50, _GAP + 50
+    pen.line((left, top, left + _BAR_M * scale, top), _DIM, 2)
+    pen.text((left, top + 4), f'{_BAR_M} m', _DIM, ImageFont.load_default(14))
     trail = [at(*one.shot.pose.position[:2]) for one in past if one.stay == now.stay]
     if len(trail) > 1:
         pen.line(trail, _TRUE, 4)

@@ -12,8 +12,8 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PARTS = {
-    'encoding', 'pairs', 'rows', 'frames', 'stages', 'avx2', 'sequence', 'memory', 'start', 'node',
-    'drive',
+    'encoding', 'pairs', 'rows', 'frames', 'stages', 'between', 'avx2', 'sequence', 'memory',
+    'start', 'node', 'drive',
 }  # fmt: skip
 
 

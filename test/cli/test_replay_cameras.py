@@ -3,49 +3,21 @@
 """`convseq replay` of a recording with several cameras."""
 
 from convseq_ros.cli import main
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
-import cv2
 import numpy as np
 import pytest
+from two_cameras import COUNT, record_two_cameras, TOPICS
 
 pytest.importorskip('rosbags')
 
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
-
-TOPICS = '/front/image', '/rear/image'
-COUNT, STEP_NS = 24, 100_000_000
 SETTINGS = '--keyframe-overlap', '1'
 TOGETHER = 'query_index', 'duration_ms', 'localization', 'localization_quality', 'camera'
 
 
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory):
-    """Return one whose rear camera meets what the front one does, backwards, 20 ms later."""
-    path, store = tmp_path_factory.mktemp('cameras') / 'drive', get_typestore(Stores.ROS2_JAZZY)
-    kinds = store.types
-    pictures = [
-        cv2.GaussianBlur(
-            np.random.default_rng(number).integers(0, 256, (60, 80), np.uint8), (5, 5), 1
-        )
-        for number in range(COUNT)
-    ]
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        to = [
-            writer.add_connection(one, 'sensor_msgs/msg/Image', typestore=store) for one in TOPICS
-        ]
-        for number in range(COUNT):
-            for rear, connection in enumerate(to):
-                shown = pictures[COUNT - 1 - number if rear else number]
-                stamp_ns = (number + 1) * STEP_NS + 20_000_000 * rear
-                stamp = kinds['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
-                header = kinds['std_msgs/msg/Header'](stamp, 'camera')
-                message = kinds['sensor_msgs/msg/Image'](
-                    header, 60, 80, 'mono8', 0, 80, shown.ravel()
-                )
-                data = store.serialize_cdr(message, message.__msgtype__)
-                writer.write(connection, stamp_ns, data)
-    return path
+    return record_two_cameras(tmp_path_factory.mktemp('cameras') / 'drive')
 
 
 @pytest.fixture(scope='module')
@@ -76,6 +48,27 @@ def test_cameras_together_say_what_each_says_alone(rows):
                 del row[name]
         assert own == alone
         assert sum(row['status'] == 'accepted' for row in own) > COUNT // 2
+
+
+def test_a_map_of_both_cameras_is_that_of_one_after_the_other(recording, tmp_path):
+    mounts = '0 0 0 0 0 0; 0 0 0 0 0 3.14'
+    made, one = (str(tmp_path / name) for name in ('made.db', 'one.db'))
+    topics = ['--topic', ' '.join(TOPICS), '--camera-to-base', mounts]
+    assert main(['build-map', str(recording), made, *topics, *SETTINGS]) == 0
+    for topic, mount, more in zip(TOPICS, mounts.split(';'), ([], ['--append']), strict=True):
+        own = ['--topic', topic, '--camera-to-base', mount, *more]
+        assert main(['build-map', str(recording), one, *own, *SETTINGS]) == 0
+    made, one = open_map(made), open_map(one)
+    assert [session.name for session in made.sessions] == [f'drive {one}' for one in TOPICS]
+    assert made.bounds.starts.tolist() == one.bounds.starts.tolist() == [0, COUNT]
+    assert [*made.places] == [*one.places]
+    assert all(np.array_equal(made.packed(at), one.packed(at)) for at in range(2 * COUNT))
+
+
+def test_a_camera_that_is_named_twice_is_refused(recording, tmp_path, capsys):
+    path = tmp_path / 'map.db'
+    assert main(['build-map', str(recording), str(path), '--topic', '/a /a']) == 1
+    assert 'names a camera twice' in capsys.readouterr().err and not path.exists()
 
 
 def test_as_many_cameras_are_described_as_there_are(recording, tmp_path, capsys):

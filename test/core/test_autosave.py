@@ -19,6 +19,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 PATIENCE_S = 60.0
 

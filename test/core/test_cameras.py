@@ -19,7 +19,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import base_between, matrix, of_roll_pitch_yaw
-from convseq_ros.core.types import Camera, Frame, LocalizationState
+from convseq_ros.core.types import Camera, Frame, LocalizationState, Reason
 from convseq_ros.errors import ConfigError
 from convseq_ros.robot_config import RobotConfig
 import numpy as np
@@ -110,6 +110,25 @@ def test_the_first_camera_alone_adds_to_a_map(shown):
     # Of its own drive, with the exclusion of what is recent, the other one recognises places.
     back = [cameras.process(shown(20 + n, 15 - n, REAR, seed=2)) for n in range(12)]
     assert back[-1].best.reference_index == 4
+
+
+def test_odometry_denies_a_camera_what_contradicts_the_other_one(shown):
+    def there(frame, x, yaw):
+        return replace(frame, pose=of_roll_pitch_yaw((float(x), 0.0, 0.0), 0.0, 0.0, yaw))
+
+    posed = [there(shown(number, number, seed=0), number, 0.0) for number in range(40)]
+    mapped = build_map(posed, config=OWN)
+    cameras, alone = Cameras(mapped, OWN, [FRONT, REAR]), Cameras(mapped, OWN, [FRONT])
+    said = {REAR: [], FRONT: []}
+    for number in range(24):
+        # What the front camera sees on the way back looks like the way ahead, from place 8 on.
+        x, front = 35 - number, shown(number, 8 + number, FRONT)
+        said[REAR].append(cameras.process(there(shown(number, x, REAR), x, math.pi)))
+        said[FRONT].append(cameras.process(there(front, x, math.pi)))
+        last = alone.process(there(front, x, math.pi))
+    assert last.accepted and sum(one.accepted is not None for one in said[REAR]) > 12
+    assert not any(one.accepted for one in said[FRONT])
+    assert said[FRONT][-1].reason is Reason.IMPLAUSIBLE
 
 
 def test_settings_reach_every_camera(reference_map):

@@ -87,8 +87,9 @@ def test_the_mean_follows_a_map_that_grows(described):
     for name in ('mean', 'variance'):
         assert getattr(coarse._usual, name) == pytest.approx(getattr(fresh._usual, name), abs=5e-3)
     references, _, _ = standardised(growing.global_descriptors.astype(float))
-    assert fresh._nearness.view == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
-    assert coarse._nearness.view == pytest.approx(fresh._nearness.view, rel=0.05)
+    made, fresh_made = coarse._centred._nearness.view, fresh._centred._nearness.view
+    assert fresh_made == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
+    assert made == pytest.approx(fresh_made, rel=0.05)
 
 
 def test_references_at_the_mean_tell_nothing(described):
@@ -96,3 +97,20 @@ def test_references_at_the_mean_tell_nothing(described):
     for index in range(3):
         lonely.add(Place(index), pack_cells(described(4).cells))
     assert (CoarseScores(lonely).update(described(4)) == 0).all()
+
+
+def test_a_session_is_seen_from_what_it_usually_shows(described):
+    rng, numbers = np.random.default_rng(0), ReferenceMap().global_descriptors.shape[1]
+    town, park = rng.normal(0.0, 0.1, (300, numbers)), rng.normal(0.5, 0.1, (40, numbers))
+    made, packed = ReferenceMap(), pack_cells(described(0).cells)
+    for place, one in enumerate([*town, *park]):
+        if place == len(town):
+            made.begin_session(place)
+        made.add(Place(place, session=place >= len(town)), packed, known_descriptor=one)
+    coarse = CoarseScores(made)
+    coarse.update(described(3))
+    direction = (park[7] - park.mean(axis=0)).astype(np.float32)
+    row = coarse._centred.row(made.global_descriptors, made.bounds.starts, direction)
+    assert row.argmax() == len(town) + 7
+    # Less what the session usually shows, which the map's mean, as 20 places, draws near.
+    assert abs(row[len(town) :].mean()) < 0.3 * row.max()

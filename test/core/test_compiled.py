@@ -13,6 +13,8 @@ from convseq_ros.core import compiled
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 INSTALLED = Path(compiled.__file__).parents[1]  # the package, which need not be the repository's
 # The first bytes of a library for 64-bit ARM, and for x86-64.
 ARM = b'\x7fELF\x02\x01\x01' + bytes(9) + b'\x03\x00\xb7\x00\x01\x00\x00\x00' + bytes(40)

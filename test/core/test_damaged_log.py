@@ -15,6 +15,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 FRAME = 24 + 16_384  # bytes of the log for a page; 32 stand before the first
 ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig(keyframe_overlap=1.0)
 

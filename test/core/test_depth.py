@@ -3,26 +3,21 @@
 """A registered depth image gives metres where odometry does not; a bad one takes nothing away."""
 
 from dataclasses import replace
-import math
 import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.depth import packed_depths, unpacked_depths
 from convseq_ros.core.map.editing import parts_of, write_parts
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.matcher import make_matcher
-from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.rigid import inverse, matrix
-from convseq_ros.core.types import Candidate
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import numpy as np
 import pytest
 
-SIZE = {'width_px': 320, 'height_px': 240}
+from test.core.measured_pose import measured, off, SIZE
+
 EVERY = Config(keyframes=EVERY_FRAME)
 
 
@@ -40,23 +35,11 @@ def blind(frames, change=lambda depth_m: depth_m):
     return [replace(one, pose=None, depth_m=change(one.depth_m)) for one in frames]
 
 
-def measured(reference_map, query, index):
-    matcher = make_matcher(reference_map, Config())
-    features = matcher.extract(describe(query.gray))
-    found = Candidate(index, 0, 1.0, matcher.shift(features, index))
-    return RelativePoses(reference_map, matcher).measure(features, query, found)
-
-
-def off_m(pose, query, place):
-    truth = inverse(matrix(place.pose)) @ matrix(query.pose)
-    return math.dist(pose.position_m, truth[:3, 3])
-
-
 @pytest.mark.parametrize('index', [9, 10, 11])
 def test_depth_tells_metres_without_odometry(street, index):
     query = street[1][8]
     pose = measured(build_map(blind(street[0]), None, EVERY), query, index)
-    assert off_m(pose, query, street[0][index]) < 0.4
+    assert off(pose, query, street[0][index])[0] < 0.4
     assert 0.02 < pose.position_sigma_m < 0.6
 
 
@@ -87,7 +70,7 @@ def test_holes_and_another_size_of_the_same_proportions_cost_little(street):
 
     query = street[1][8]
     pose = measured(build_map(blind(street[0], holed), None, EVERY), query, 10)
-    assert off_m(pose, query, street[0][10]) < 0.5
+    assert off(pose, query, street[0][10])[0] < 0.5
 
 
 def test_depths_are_those_of_the_middles_of_regions():

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What small copies of images tell, and that they change no decision."""
 
-from functools import partial
+from functools import cache, partial
 
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
@@ -44,6 +44,22 @@ def test_nothing_is_sure_before_some_were_far_and_one_was_near():
     assert not near.is_sure(far[-1])
 
 
+def test_where_near_and_far_mingle_nothing_is_sure_of_what_lies_apart():
+    rng = np.random.default_rng(0)
+    first = rng.normal(0, 9, (24, 32)).astype(np.float32)
+    told = []
+    for apart in (False, True):
+        near = NearnessByGlance(apart)
+        for scale in (1.0, 3.0, 9.0, 27.0):
+            near.update(first * np.float32(scale), False)
+        # Of its length further away than the last; the far ones were 2 of it.
+        for further in (0.1, 1.9):
+            near.update(first * np.float32(27 * (1 + further)), True)
+            told.append(near.is_sure(first * np.float32(27 * 1.01)))
+    assert told == [True, True, True, False]
+
+
+@cache
 def drive(light, speed_mps):
     shots = Drive(
         light=light,

@@ -104,6 +104,7 @@ def test_results_at_ten_frames_are_those_of_the_released_script(corridor, releas
         assert ours[2] == pytest.approx(theirs[2], abs=1e-5)
 
 
+@pytest.mark.once
 def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     folder = shared_data / 'gardens_point'
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:

@@ -24,6 +24,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 ENCODING = EncodingConfig(image_size_px=64)
 ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
 

@@ -3,51 +3,33 @@
 """What kept images add to the pose of a drawn street, and what damaged ones take away."""
 
 from dataclasses import replace
-import math
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.editing import parts_of, write_parts
 from convseq_ros.core.map.kept_image import kept_image, KeptImages
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.matcher import make_matcher
-from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.rigid import angle, inverse, matrix
-from convseq_ros.core.types import Candidate, Pose
 from convseq_ros.errors import MapError
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.simulation.drive import draw, Drive
-from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 import pytest
 
-SIZE = {'width_px': 320, 'height_px': 240}
+from test.core.measured_pose import drawn_street, measured, off
+
 KEEPS = Config(keyframes=replace(EVERY_FRAME, keep_images_px=320))
 
 
 @pytest.fixture(scope='module')
 def street():
-    """Return frames of a map, a metre apart, and of a drive in the evening, further left."""
-    way = Street(120.0, 5)
-    there = Drive(num_frames=30, **SIZE)
-    here = Drive(num_frames=24, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in draw(way, one)] for one in (there, here)]
+    return drawn_street()
 
 
 @pytest.fixture(scope='module')
 def whole(street):
     return build_map(street[0], None, KEEPS)
-
-
-def measured(reference_map, query, index, reading=ReadingConfig()):
-    matcher = make_matcher(reference_map, Config())
-    features = matcher.extract(describe(query.gray))
-    found = Candidate(index, 0, 1.0, matcher.shift(features, index))
-    return RelativePoses(reference_map, matcher, reading).measure(features, query, found)
 
 
 def changed(whole, change, poses=True):
@@ -59,12 +41,6 @@ def changed(whole, change, poses=True):
         place = place if poses else replace(place, pose=None)
         made.add(place, picture.packed, image=change(index, picture.image))
     return made
-
-
-def off(pose, query, place):
-    truth = inverse(matrix(place.pose)) @ matrix(query.pose)
-    said = matrix(Pose(pose.position_m, pose.orientation))
-    return math.dist(said[:3, 3], truth[:3, 3]), angle(said[:3, :3] @ truth[:3, :3].T)
 
 
 @pytest.mark.parametrize('index', [9, 11, 12])
@@ -118,13 +94,11 @@ def test_the_robots_own_body_has_no_keypoints(street, whole):
     config = replace(KEEPS, encoding=replace(KEEPS.encoding, image_mask=hidden))
     masked = build_map([with_bonnet(one) for one in street[0]], None, config)
     query = with_bonnet(street[1][9])
-    matcher = make_matcher(masked, config)
-    features = matcher.extract(describe(query.gray, masked.encoding))
-    found = Candidate(11, 0, 1.0, matcher.shift(features, 11))
-    pose = RelativePoses(masked, matcher).measure(features, query, found)
+    pose = measured(masked, query, 11)
     assert off(pose, query, masked.places[11])[0] < 0.05
 
 
+@pytest.mark.once
 def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path):
     path = tmp_path / 'map.sqlite'
     build_map(street[0], path, KEEPS)

@@ -363,11 +363,13 @@ def variant(request):
     return request.param
 
 
+@pytest.mark.once
 def test_every_kind_of_kernels_can_be_asked_for(variant):
     names = in_process(SCORE_ONE, CONVSEQ_KERNELS=variant)
     assert set(names) == {f'int8 {variant}', 'numpy'}
 
 
+@pytest.mark.once
 def test_all_kinds_of_kernels_find_the_same_to_the_last_bit(variant):
     best = next(each for each in VARIANTS if has(each))
     found, expected = (

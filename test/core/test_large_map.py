@@ -17,6 +17,8 @@ import cv2
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 COUNT = 20_000
 DRAWN = 50
 

@@ -11,6 +11,8 @@ from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import pytest
 
+pytestmark = pytest.mark.once
+
 SIZE = {'width_px': 160, 'height_px': 120}
 LOST, LOCALISED = LocalizationState.LOST, LocalizationState.LOCALISED
 

@@ -330,6 +330,7 @@ with MapWriter(Path({path!r}), ENCODING, APART) as writer:
 """
 
 
+@pytest.mark.once
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_build_keeps_what_was_committed(tmp_path, how):
     path = tmp_path / 'map.db'

@@ -31,6 +31,16 @@ def test_what_drift_allows_is_believed_and_what_it_does_not_is_off_by_so_much():
     assert driven(rule, [(30, 200)])[0] == pytest.approx(68.5 - 1 - 0.1 * (10 + 78.5))
 
 
+def test_what_one_camera_is_sure_of_holds_for_another_one_that_comes_later():
+    front, rear = Plausibility(RobotConfig()), Plausibility(RobotConfig())
+    rear.share(front)
+    assert driven(front, [(0, 100), (50, 150)]) == [None, None]
+    found = driven(rear, [(60, 160), (61, 300), (62, 301), (63, 302)])
+    assert found[0] is None and min(found[1:3]) > 50 and found[3] is None
+    # Which keyframes agree is of one camera; what they found holds for both.
+    assert driven(front, [(64, 303)]) == [None] and driven(front, [(65, 165)])[0] > 50
+
+
 def test_three_keyframes_running_that_agree_count_more_than_odometry():
     rule = Plausibility(RobotConfig())
     found = driven(rule, [(0, 100), (1, 200), (2, 201), (3, 202), (4, 203)])

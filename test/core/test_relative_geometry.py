@@ -9,7 +9,7 @@ from convseq_ros.core.geometry.alignment import align, Alignment, unshrunk
 from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
 from convseq_ros.core.geometry.two_view import two_view
-from convseq_ros.core.geometry.uncertainty import base_pose
+from convseq_ros.core.geometry.uncertainty import base_pose, ERROR
 from convseq_ros.core.rigid import (
     inverse,
     matrix,
@@ -179,11 +179,16 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     mount = matrix(of_roll_pitch_yaw((1.0, 0.2, 0.5), 0.1, -0.2, 0.7)) @ ROBOT_LENS
     rng = np.random.default_rng(3)
     root = rng.normal(0, 1, (6, 6)) * 0.002
-    first = base_pose(Alignment(MOVED, root @ root.T, 400, 1.0, 1.0), mount, mount)
+    known = root @ root.T
+    first = base_pose(Alignment(MOVED, known, 400, 1.0, 1.0), mount, mount)
     place = matrix(replace(pose_of(np.eye(4)), position=first.position_m))
     place[:3, :3] = matrix(replace(pose_of(np.eye(4)), orientation=first.orientation))[:3, :3]
     assert place == pytest.approx(mount @ inverse(MOVED) @ inverse(mount), abs=1e-6)
     drawn = []
+    cells = ERROR.cells
+    # Pitch, yaw and roll of the lens, and its way right, down and ahead.
+    down, across, ahead = cells.down, cells.across, cells.ahead
+    root = np.diag((down, across, down, across, down, ahead)) @ root
     for numbers in rng.normal(0, 1, (4000, 6)) @ root.T:
         other = MOVED.copy()
         other[:3, :3] = turned_by(numbers[:3]) @ MOVED[:3, :3]
@@ -191,12 +196,21 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
         base = mount @ inverse(other) @ inverse(mount)
         turn = cv2.Rodrigues(base[:3, :3] @ place[:3, :3].T)[0].ravel()
         drawn.append((*(base[:3, 3] - place[:3, 3]), *turn))
-    floor = np.diag([0.02**2] * 3 + [0.002**2] * 3)
-    expected = np.cov(np.array(drawn).T) * 1.7**2 + floor
-    assert first.covariance == pytest.approx(expected, rel=0.15, abs=1e-5)
-    # Where half of the regions agree, deviations are four times as large.
-    half = base_pose(Alignment(MOVED, root @ root.T, 200, 0.5, 1.0), mount, mount)
-    assert half.covariance - floor == pytest.approx(16 * (first.covariance - floor), rel=1e-9)
+    floor = np.diag([cells.position_m**2] * 3 + [cells.turn_rad**2] * 3)
+    expected = np.cov(np.array(drawn).T) + floor
+    assert first.covariance == pytest.approx(expected, rel=0.15, abs=2e-5)
+    # Where half of the regions agree, deviations are larger.
+    half = base_pose(Alignment(MOVED, known, 200, 0.5, 1.0), mount, mount)
+    wider = 0.5 ** (-2 * cells.share_power)
+    assert half.covariance - floor == pytest.approx(wider * (first.covariance - floor), rel=1e-9)
+    # Further off than the baseline, the way itself is less sure, along itself.
+    far = base_pose(Alignment(MOVED, known, 400, 1.0, 1.0, baseline_m=0.5), mount, mount)
+    more = far.covariance - first.covariance
+    unit = mount[:3, :3] @ inverse(MOVED)[:3, 3] / np.linalg.norm(MOVED[:3, 3])
+    assert more[:3, :3] == pytest.approx(np.outer(unit, unit) * np.trace(more), abs=1e-9)
+    lens_m = np.linalg.norm(MOVED[:3, 3])
+    length = cells.far * lens_m * (lens_m / 0.5) ** ERROR.far_power
+    assert np.trace(more) == pytest.approx(length**2)
 
 
 def test_a_position_that_is_not_sure_is_not_told():

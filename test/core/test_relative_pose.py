@@ -5,7 +5,8 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
+from convseq_ros.core.closures import Closures
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -14,8 +15,8 @@ from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.rigid import angle, inverse, matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Candidate, Pose, Reason
+from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
+from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.robot_config import RobotConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
@@ -23,39 +24,25 @@ import cv2
 import numpy as np
 import pytest
 
-SIZE = {'width_px': 320, 'height_px': 240}
+from test.core.measured_pose import drawn_street, measured, off, SIZE
 
 
 @pytest.fixture(scope='module')
 def street():
-    """Return frames of a map, a metre apart, and of a drive in the evening, further left."""
-    way = Street(120.0, 5)
-    there = Drive(num_frames=30, **SIZE)
-    here = Drive(num_frames=24, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in draw(way, one)] for one in (there, here)]
+    return drawn_street()
 
 
 @pytest.fixture(scope='module')
 def made(street):
     """Return a function from frames of a map, a query and a place to the pose that is measured."""
 
-    def measured(query, index, mapped=street[0]):
+    def made_of(query, index, mapped=street[0]):
         reference_map = ReferenceMap()
         for frame in mapped:
             reference_map.add_frame(frame, describe(frame.gray))
-        matcher = make_matcher(reference_map, Config())
-        features = matcher.extract(describe(query.gray))
-        found = Candidate(index, 0, 1.0, matcher.shift(features, index))
-        return RelativePoses(reference_map, matcher).measure(features, query, found)
+        return measured(reference_map, query, index)
 
-    return measured
-
-
-def off(pose, query, place):
-    """Return by how many metres and radians a pose is off, and its normalised squared error."""
-    truth = inverse(matrix(place.pose)) @ matrix(query.pose)
-    said = matrix(Pose(pose.position_m, pose.orientation))
-    return math.dist(said[:3, 3], truth[:3, 3]), angle(said[:3, :3] @ truth[:3, :3].T)
+    return made_of
 
 
 @pytest.mark.parametrize('index', [9, 11, 12])
@@ -179,3 +166,45 @@ def test_a_match_that_odometry_denies_is_implausible(street):
         reasons.append(match.reason)
         assert (match.implausible_m is not None) == (match.reason is Reason.IMPLAUSIBLE)
     assert Reason.IMPLAUSIBLE in reasons[14:] and Reason.IMPLAUSIBLE not in reasons[:14]
+
+
+def test_what_no_pose_explains_needs_more_evidence(street):
+    """The street seen the other way lies alike, but its regions do not move as its depths say."""
+    reference_map, config = build_map(street[0], config=Config(keyframes=EVERY_FRAME)), Config()
+    back = Drive(num_frames=1, start_m=40.0, speed_mps=0.0, heading_deg=180.0, **SIZE)
+    turned = next(iter(draw(Street(120.0, 5), back))).frame
+    matcher = make_matcher(reference_map, config)
+
+    def said(query, index, evidence):
+        features = matcher.extract(describe(query.gray))
+        found = (Candidate(index, 0, 1.0),)
+        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found)
+        alone, limits = replace(query, pose=None), config.acceptance
+        closures = Closures(reference_map, matcher, config)
+        return closures.update(match, alone, features, len(reference_map), limits, evidence)
+
+    least, enough = (times * config.acceptance.min_evidence for times in (1.0, 2.0))
+    right, wrong = said(street[1][9], 11, least), said(turned, 11, least)
+    assert right.accepted and right.relative_pose.share > 0.5
+    assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None
+    assert said(turned, 11, enough).relative_pose.share < 0.35
+    assert said(replace(turned, camera=None), 11, least).accepted
+
+
+def test_a_refused_match_delays_no_other(street):
+    acceptance = AcceptanceConfig(closure_interval_s=0.3)
+    config = Config(keyframes=EVERY_FRAME, acceptance=acceptance)
+    reference_map = build_map(street[0], None, config)
+
+    def driven(wrong=None):
+        recognizer = PlaceRecognizer(reference_map, config)
+        aside = {wrong: Pose((0.0, 500.0, 0.0), (0.0, 0.0, 0.0, 1.0))}
+        return [
+            recognizer.process(replace(frame, pose=aside.get(number, frame.pose))).reason
+            for number, frame in enumerate(street[1])
+        ]
+
+    accepted = [number for number, one in enumerate(driven()) if one is Reason.ACCEPTED]
+    assert len(accepted) > 2 and min(np.diff(accepted)) > 1
+    refused = accepted[1]
+    assert driven(refused)[refused : refused + 2] == [Reason.IMPLAUSIBLE, Reason.ACCEPTED]

@@ -24,7 +24,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.coarse_sums import all_sums
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.shortlist import Shortlist
-from convseq_ros.core.types import Candidate, Frame, LocalizationState, Pose, Reason
+from convseq_ros.core.types import Camera, Candidate, Frame, LocalizationState, Pose, Reason
 from convseq_ros.errors import MapError
 from hypothesis import given
 from hypothesis import strategies as st
@@ -189,6 +189,17 @@ def test_poses_of_one_frame_tell_looks_without_geometry(frames, orientation, is_
     rule = replace(Config().acceptance, min_margin=0.1)
     reason = decide_by_margin(found, rule, known)
     assert reason is (Reason.ACCEPTED if is_look else Reason.AMBIGUOUS)
+
+
+@pytest.mark.parametrize('orientation', [AHEAD, BACK])
+def test_a_rear_camera_sees_what_the_front_one_does_where_the_robot_is_turned(orientation):
+    whole = a_map(50, 50, frames=('town', 'town'), orientation=orientation)
+    behind = Camera(80, 60, 50.0, 50.0, 40.0, 30.0, mount=Pose((0.0, 0.0, 0.0), BACK))
+    whole.sessions[1] = replace(whole.sessions[1], camera=behind)
+    known, scores = Neighbourhood(whole), np.zeros(100)
+    scores[[20, 71]] = 0.9, 0.8
+    known.follow(20, np.arange(100), scores, 10, 5)
+    assert known.looks(20) == ([71] if orientation == BACK else [])
 
 
 def test_a_track_goes_on_where_another_look_scores_better():

@@ -129,6 +129,7 @@ def accuracy(queries, references, search):
     return np.mean(np.abs(np.array(found) - np.arange(9, len(queries))) <= 2)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ('query', 'reference', 'first', 'last'),
     [
@@ -159,6 +160,7 @@ def darkened(frames):
         yield describe((255 * bright).astype(np.uint8))
 
 
+@pytest.mark.once
 def test_the_shortlist_finds_places_in_the_dark(shared_data):
     folder = shared_data / 'gardens_point'
     queries = list(darkened(list(open_source(folder / 'day_left'))[:100]))

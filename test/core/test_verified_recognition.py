@@ -163,7 +163,7 @@ def test_a_place_of_this_drive_must_look_as_this_drive_does(step, session_start,
     row[30] = 0.3
     given = Given({30: 200.0}, step)
     acceptance.update(0, [row], np.arange(100), 10, geometry=given, session_start=session_start)
-    found = acceptance.judge(0, [Candidate(30, 30, 0.3)], config)
+    found = acceptance.judge([Candidate(30, 30, 0.3)], config)
     assert found[0] is reason
     assert acceptance.inliers(30) == 0 and acceptance.inliers(50) is None
 

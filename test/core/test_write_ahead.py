@@ -17,6 +17,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 MODES = slice(18, 20)  # of the file: how it is written and read
 JOURNAL, AHEAD = b'\1\1', b'\2\2'

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 from convseq_ros.core.decision.candidates import best_candidates
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
@@ -30,7 +31,9 @@ def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_le
     assert [match.sequence_length for match in given] == lengths
     scores = rank_references(rows, query, lengths, partial_windows=matching == 'coherent')
     places = reference.reference_map.places
-    ranked = [best_candidates(np.arange(24), row, places, config.acceptance) for row in scores]
+    of_single = fixed_length == 1 and matching == 'coherent'
+    asked = places, config.acceptance, SessionBounds(), of_single
+    ranked = [best_candidates(np.arange(24), row, *asked) for row in scores]
     assert sum(length > 0 for length in lengths) > 15
     for match, other, candidates in zip(said.matches, given, ranked, strict=True):
         expected = [(item.reference_index, item.score) for item in match.candidates]

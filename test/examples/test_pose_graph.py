@@ -224,15 +224,23 @@ def test_the_comparison_counts_what_each_way_keeps():
 
 def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
     pytest.importorskip('rclpy', reason='the demo needs ROS')
+    from convseq_ros.core.types import Pose as TruePose
     from demo import _errors, _table
 
     odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
     closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
-    errors = _errors(odometry, closures, optimise(odometry, closures), truth)
+    halves = {at: at // (20 * SECOND) * math.pi / 4 for at in truth}
+    poses = {
+        at: TruePose((*place, 0.0), (0.0, 0.0, math.sin(halves[at]), math.cos(halves[at])))
+        for at, place in truth.items()
+    }
+    errors = _errors(odometry, closures, optimise(odometry, closures), poses)
     before = errors['odometry alone']
     after = errors['those that GNC kept, iSAM2']
     assert before[0] > 2.0 and after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
     assert after == pytest.approx(errors['closures of vpr_node, GNC'], abs=0.01)
+    perfect = errors['perfect closures at every keyframe']
+    assert before[2] > 2.0 and perfect[2] < 0.1 and perfect[0] < 0.4 * before[0]
     assert 'passed twice' in _table(errors, compare(odometry, closures, truth, COUNTS, 1), 16)
 
 

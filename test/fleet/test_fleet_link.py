@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot's link to a fleet that may go away."""
 
+from dataclasses import replace
 import os
 import signal
 import time
@@ -14,6 +15,8 @@ from convseq_ros.fleet.link import FleetLink, serve
 from convseq_ros.sources import open_source
 import pytest
 
+CAMERAS = '/front', '/rear'
+
 
 def wait_for(condition, timeout_s=60):
     until = time.monotonic() + timeout_s
@@ -24,26 +27,32 @@ def wait_for(condition, timeout_s=60):
 
 @pytest.fixture
 def linked(client, scheduler, drives, monkeypatch):
-    """Return a link to a fleet of three maps, and what it told."""
+    """Return a link of two cameras to a fleet of three maps, and what it told."""
     monkeypatch.setattr(module, '_AGAIN_S', 0.1)
     serve(client, sorted(drives[0].glob('*.db')))
     told = []
-    link = FleetLink(Cluster(scheduler), Config(), lambda match, *_: told.append(match), 5.0)
+    link = FleetLink(
+        Cluster(scheduler), Config(), lambda match, *_: told.append(match), 5.0, CAMERAS
+    )
     wait_for(lambda: not link.problem)
     yield link, told
     link.close()
     client.unpublish_dataset('convseq_ros')
 
 
-def test_it_answers_as_a_replay_does(linked, drives, expected):
+def test_it_answers_each_camera_as_a_replay_does(linked, drives, expected):
     link, told = linked
-    for number, frame in enumerate(open_source(drives[2])):
-        link.put(frame)
-        wait_for(lambda count=number: len(told) > count)
-    assert [(match.status, match.reason, match.candidates) for match in told] == [
-        said[:3] for said in expected
-    ]
-    assert (link.answered, link.skipped) == (len(expected), 0)
+    for frame in open_source(drives[2]):
+        for camera in CAMERAS:
+            before = len(told)
+            link.put(replace(frame, source=camera))
+            wait_for(lambda count=before: len(told) > count)
+    for camera in CAMERAS:
+        own = [match for match in told if match.camera == camera]
+        assert [(match.status, match.reason, match.candidates) for match in own] == [
+            said[:3] for said in expected
+        ]
+    assert (link.answered, link.skipped) == (2 * len(expected), 0)
 
 
 def test_nobody_waits_for_a_fleet_that_is_gone_and_it_comes_back(linked, client, drives):

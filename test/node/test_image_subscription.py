@@ -9,7 +9,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.errors import ConfigError
+from convseq_ros.node.camera_subscriptions import CameraSubscriptions
 from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.node_config import NodeConfig
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -39,6 +42,12 @@ def wait_for_reliability(client, wanted):
 def test_the_parameter_chooses_what_is_asked_for(client, vpr, chosen, asked):
     vpr(image_reliability=chosen)
     wait_for_reliability(client, asked)
+
+
+def test_a_camera_that_is_named_twice_is_refused():
+    node = Mock(resolve_topic_name=lambda name: f'/{name.lstrip("/")}')
+    with pytest.raises(ConfigError, match='image_topics: /front is there twice; name each once'):
+        CameraSubscriptions(node, NodeConfig(image_topics='/front /rear front'), Mock())
 
 
 def test_auto_gives_way_to_a_best_effort_camera(client, vpr, capfd):

@@ -73,7 +73,7 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     assert seen[0].pose.position == (0.25, 0.0, 0.0)
     assert seen[0].camera == Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
     assert seen[1].pose is None
-    client.wait_for(lambda: node._situation().without_pose == 1)
+    client.wait_for(lambda: node._situation().further['frames_without_pose'] == 1)
     assert surroundings.odometry.frame_id == 'odom'
 
 
@@ -84,7 +84,7 @@ def test_without_odometry_and_camera_info_frames_are_as_ever(client, frames, str
         camera.publish(image(street[index], (index + 1) * SECOND))
     client.wait_for(lambda: len(seen) == 5)
     assert all(frame.pose is frame.camera is None for frame in seen)
-    assert node._situation().without_pose == 0
+    assert node._situation().further['frames_without_pose'] == 0
 
 
 def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, image, capfd):

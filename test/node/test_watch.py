@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq watch` shows the last answer, the place and the counts."""
 
+from contextlib import closing
+import shutil
 import signal
+import sqlite3
 
 import pytest
 
@@ -16,9 +19,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 
 
-def test_the_last_answer_is_shown_with_its_place_and_a_count_of_reasons(client, start, map_path):
+def test_the_last_answer_is_shown_with_its_place_and_a_count_of_reasons(
+    client, start, map_path, tmp_path
+):
     publisher = client.node.create_publisher(DiagnosticArray, '/vpr_node/answer', 10)
-    watcher = start('watch', map_path)
+    damaged = shutil.copy(map_path, tmp_path / 'damaged.db')
+    with closing(sqlite3.connect(damaged)) as database, database:
+        database.execute("UPDATE pictures SET thumbnail = x'00' WHERE reference_index = 7")
+    watcher = start('watch', damaged)
     client.wait_for(publisher.get_subscription_count)
     client.wait_until_known_to('/convseq_watch')
     reference_map = open_map(map_path)

@@ -19,7 +19,7 @@ Judgement = tuple[Reason, float | None]  # and the probability that the best is 
 
 
 class Acceptance:
-    """Decides frame after frame, by the track or by the margin; keeps matches apart in time."""
+    """Decides frame after frame, by the track or by the margin."""
 
     def __init__(
         self,
@@ -29,14 +29,13 @@ class Acceptance:
     ) -> None:
         self.places = Neighbourhood(reference_map, compare)
         rule, matching = config.acceptance.acceptance_rule, config.matching.matching
-        self._by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
-        self.window = TRACK.window if self._by_track else 1  # newest frames that must have scores
-        self.verifies = self._by_track and config.acceptance.verification
+        self.by_track = rule == 'track' or (rule == 'auto' and matching == 'coherent')
+        self.window = TRACK.window if self.by_track else 1  # newest frames that must have scores
+        self.verifies = self.by_track and config.acceptance.verification
         self.reset()
 
     def reset(self) -> None:
         """Forget the drive."""
-        self._accepted_ns: int | None = None
         self.places.reset()
         self._track, self._verified = TrackEvidence(self.places), VerifiedEvidence(self.places)
         self._frame, self._velocity, self._usable = 0, 1.0, 0
@@ -44,6 +43,8 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
+        # Of the best candidate: its evidence, and the share of the last frames on its track.
+        self.known: tuple[float, float] | None = None
         self.entered: tuple[int, float] | None = None  # place, evidence; by few frames alone
 
     def update(
@@ -62,8 +63,8 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
-        self.entered = None
-        if not self._by_track:
+        self.entered = self.known = None
+        if not self.by_track:
             return
         self._row = row = rows[0]
         self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
@@ -176,28 +177,26 @@ class Acceptance:
         """Return whether the newest frame shows no place further along the way better."""
         return self._geometry is None or self._verified.is_settled(reference, self._geometry)
 
-    def judge(self, stamp_ns: int, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
+    def judge(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         """Return whether the best of at least one candidate of the newest frame is a match."""
         reason, sure = self._decide(candidates, config)
         best = candidates[0].reference_index
         if reason is Reason.ACCEPTED and self._is_unlike_own_drive(best):
             return Reason.UNVERIFIED, sure
-        if reason is Reason.ACCEPTED:
-            interval_ns = round(config.closure_interval_s * 1e9)
-            if self._accepted_ns is not None and stamp_ns - self._accepted_ns < interval_ns:
-                return Reason.COOL_DOWN, sure
-            self._accepted_ns = stamp_ns
         return reason, sure
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
-        if not self._by_track:
+        if not self.by_track:
             return decide_by_margin(candidates, config, self.places), None
         best = candidates[0].reference_index
         reason, evidence = self._doubt(best), self._evidence(best)
         if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
         known = [one for one in (self._along(best), evidence) if one is not None]
-        return reason, confidence(max(known)) if known else None
+        if not known:
+            return reason, None
+        self.known = max(known), self._track.share(self._frame, best, self._velocity)
+        return reason, confidence(*self.known)
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""

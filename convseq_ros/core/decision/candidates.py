@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import islice
 
 from convseq_ros.config import AcceptanceConfig
+from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
@@ -17,22 +18,46 @@ from convseq_ros.core.types import Candidate, Candidates, Indices, Reason
 import numpy as np
 
 
+@constants
+class PEAK:
+    """Of single frames; by Gardens Point and corridor, where 2 to 4 and .6 to .8 are alike."""
+
+    reach: int = 4  # places on either side of the best score that may belong to its peak
+    share: float = 0.7  # of the best score, above which they do
+
+
 def best_candidates(
     ends: Indices,
     scores: Values,
     places: Sequence[Place],
     config: AcceptanceConfig,
     bounds: SessionBounds = ONE_SESSION,
+    of_single: bool = False,
 ) -> Candidates:
-    """Return the best places, best first, no neighbours; of scores (n,) at `ends`, or -inf."""
+    """
+    Return the best places, best first, no neighbours; of scores (n,) at `ends`, or -inf.
+
+    Scores `of_single` frames have wide peaks, of which the middle is told.
+    """
     remaining = scores.copy()
     found: list[Candidate] = []
     while len(found) < config.num_candidates and np.isfinite(remaining).any():
         top = int(remaining.argmax())
         index = int(ends[top])
-        found.append(_candidate(index, float(scores[top]), places))
+        told = _middle(ends, remaining, top, bounds) if of_single else top
+        found.append(_candidate(int(ends[told]), float(scores[told]), places))
         remaining[bounds.near(ends, index, config.rival_distance)] = -np.inf
     return tuple(found)
+
+
+def _middle(ends: Indices, scores: Values, top: int, bounds: SessionBounds) -> int:
+    """Return where the middle of a peak is, given where its top is."""
+    above = scores - PEAK.share * scores[top]
+    peak = np.flatnonzero(bounds.near(ends, int(ends[top]), PEAK.reach) & (above > 0))
+    if not len(peak):
+        return top
+    middle = above[peak] @ ends[peak] / above[peak].sum()
+    return int(peak[abs(ends[peak] - middle).argmin()])
 
 
 def _candidate(index: int, score: float, places: Sequence[Place]) -> Candidate:
@@ -48,11 +73,11 @@ def why_none(usable: int, length: int, velocity: float, bounds: SessionBounds) -
 
 def decided(
     acceptance: Acceptance,
-    stamp_ns: int,
     ends: Indices,
     scores: Values,
     places: Sequence[Place],
     config: AcceptanceConfig,
+    length: int,
 ) -> tuple[Candidates, Reason | None, float | None]:
     """
     Return the best places, what is said of the best, and how sure that is; of none, None.
@@ -66,14 +91,15 @@ def decided(
             index, float(own[0]) if len(own) else acceptance.newest_score(index), places
         )
 
-    found = best_candidates(ends, scores, places, config, acceptance.places.bounds)
+    of_single = length == 1 and acceptance.by_track
+    found = best_candidates(ends, scores, places, config, acceptance.places.bounds, of_single)
     surest = acceptance.surest() if acceptance.verifies else None
     if surest and surest[1] >= config.min_evidence:
         found = with_first(candidate(surest[0]), found, config, acceptance.places)
     if not found:
         return found, None, None
-    reason, sure = acceptance.judge(stamp_ns, found, config)
-    if reason in (Reason.ACCEPTED, Reason.COOL_DOWN):
+    reason, sure = acceptance.judge(found, config)
+    if reason is Reason.ACCEPTED:
         best = acceptance.placed(found[0].reference_index, config.min_evidence)
         found = candidate(best), *found[1:]
     known = (replace(one, inliers=acceptance.inliers(one.reference_index)) for one in found)

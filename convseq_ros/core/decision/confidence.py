@@ -9,14 +9,22 @@ from convseq_ros.core.constants import constants
 
 @constants
 class CONFIDENCE:
-    """Between what fits drawn streets that repeat, and dark images (scripts/fit_acceptance.py)."""
+    """Of a logistic function; fitted by scripts/fit_acceptance.py, on dark images, too."""
 
-    offset: float = -0.2  # of a logistic function: log odds at an evidence of 1
-    slope: float = 2.1  # log odds per e-fold
+    offset: float = -0.4  # log odds at an evidence of 1, off any track
+    slope: float = 1.4  # log odds per e-fold
     least_evidence: float = 0.1  # added, so that none has a logarithm
+    # Log odds of a track that all of the last frames lie on, times the square of their share:
+    # chance leads here and there, and what is dark says little, but the same again and again.
+    track: float = 5.9
 
 
-def confidence(evidence: float) -> float:
-    """Return the probability that a candidate is right, in [0, 1], given its track evidence."""
+def confidence(evidence: float, share: float) -> float:
+    """
+    Return the probability that a candidate is right, in [0, 1].
+
+    Given its evidence, and the share of the last frames that lie on its track, in [0, 1].
+    """
     strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
-    return 1.0 / (1.0 + math.exp(-CONFIDENCE.offset - CONFIDENCE.slope * strength))
+    odds = CONFIDENCE.offset + CONFIDENCE.slope * strength + CONFIDENCE.track * share**2
+    return 1.0 / (1.0 + math.exp(-odds))

@@ -16,9 +16,9 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.rigid import matrix
+from convseq_ros.core.rigid import Matrix, matrix
 from convseq_ros.core.sequence.diagonals import Values
-from convseq_ros.core.types import Indices
+from convseq_ros.core.types import Indices, Pose
 import numpy as np
 import numpy.typing as npt
 
@@ -152,5 +152,11 @@ class Neighbourhood:
         around = [at for at in self.bounds.around(best, distance) if at < len(places)]
         ends = [pose for at in (around[0], around[-1]) if (pose := places[at].pose)]
         ways_m = (math.dist(end.position, here.position) for end in ends)
-        is_alike = float(matrix(here)[:3, 0] @ matrix(there)[:3, 0]) > 0
+        is_alike = float(self._ahead(best, here) @ self._ahead(rival, there)) > 0
         return is_alike and math.dist(here.position, there.position) <= max(LOOKS.least_m, *ways_m)
+
+    def _ahead(self, index: int, pose: Pose) -> Matrix:
+        """Return which way the lens looked, (3,), that took a place from a pose of its base."""
+        session = self._map.sessions[self._map.places[index].session] if self._map else None
+        mount = session.camera.mount if session and session.camera else None
+        return (matrix(pose) @ matrix(mount) if mount else matrix(pose))[:3, 0]

@@ -9,7 +9,7 @@ drift is counted anew from there.
 
 from array import array
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 from convseq_ros.core.constants import constants
@@ -37,6 +37,29 @@ class Fix:
     keyframe: int
 
 
+@dataclass(eq=False, slots=True)
+class Past:
+    """How far odometry has come, and what was sure on the way; of all cameras of a robot."""
+
+    last: Matrix | None = None  # (4, 4), where it was
+    way_m: float = 0.0
+    turn_rad: float = 0.0
+    sure: dict[str, Fix] = field(default_factory=dict)  # the last, by frame
+    count: int = 0  # of all that were sure
+
+    def move(self, here: Matrix) -> None:
+        """Take in where odometry is."""
+        last = here if self.last is None else self.last
+        self.way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
+        self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
+        self.last = here
+
+    def clear(self) -> None:
+        """Forget the drive."""
+        self.last, self.way_m, self.turn_rad = None, 0.0, 0.0
+        self.sure.clear()
+
+
 class Plausibility:
     """
     Compares matches with odometry; each frame of a map's poses is a map of its own.
@@ -46,16 +69,19 @@ class Plausibility:
 
     def __init__(self, config: RobotConfig, grows: bool = True) -> None:
         self._config, self._grows = config, grows
+        self._past = Past()
         self.reset()
+
+    def share(self, other: 'Plausibility') -> None:
+        """Have what either is sure of hold for both: two cameras of one base."""
+        self._past = other._past
 
     def reset(self) -> None:
         """Forget the drive."""
         self._here: Matrix | None = None
-        self._last: Matrix | None = None
-        self._way_m = self._turn_rad = 0.0
-        self._keyframe = 0
+        self._past.clear()
+        self._keyframe = self._count = 0
         self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
-        self._sure: dict[str, Fix] = {}
         self._refused: list[Fix] = []
 
     def move(self, stamp_ns: int, pose: Pose | None) -> None:
@@ -64,15 +90,12 @@ class Plausibility:
         if pose is None:
             self._here = None
             return
-        here = matrix(pose)
-        last = here if self._last is None else self._last
-        self._way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
-        self._turn_rad += angle(last[:3, :3].T @ here[:3, :3])
-        self._here = self._last = here
+        self._here = matrix(pose)
+        self._past.move(self._here)
         if self._grows:
             self._stamps.append(stamp_ns)
-            self._ways.append(self._way_m)
-            self._turns.append(self._turn_rad)
+            self._ways.append(self._past.way_m)
+            self._turns.append(self._past.turn_rad)
 
     def excess_m(
         self,
@@ -103,12 +126,13 @@ class Plausibility:
             return None
         there = matrix(place)
         link = there @ place_base @ inverse(self._here)
-        fix = Fix(link, there, self._way_m, self._turn_rad, self._keyframe)
-        sure = self._sure.get(frame) or self._first(own_stamp_ns, there)
+        fix = Fix(link, there, self._past.way_m, self._past.turn_rad, self._keyframe)
+        sure = self._past.sure.get(frame) or self._first(own_stamp_ns, there)
         excess_m = 0.0 if sure is None else self._excess_m(fix, sure, slack_m)
         if excess_m > 0 and not self._is_agreed(fix, slack_m):
             return excess_m
-        self._sure[frame], self._refused = fix, []
+        self._past.sure[frame], self._refused = fix, []
+        self._past.count += 1
         return None
 
     def _first(self, stamp_ns: int | None, there: Matrix) -> Fix | None:
@@ -132,9 +156,10 @@ class Plausibility:
         return off_m - slack_m - share * way_m
 
     def _is_agreed(self, fix: Fix, slack_m: float) -> bool:
-        """Return whether the last keyframes were all refused for one other place."""
+        """Return whether all last keyframes were refused for one other place, none was sure."""
         last = self._refused[-1].keyframe if self._refused else 0
-        if last != fix.keyframe - 1 or self._excess_m(fix, self._refused[-1], slack_m) > 0:
+        is_running = last == fix.keyframe - 1 and self._count == self._past.count
+        if not is_running or self._excess_m(fix, self._refused[-1], slack_m) > 0:
             self._refused = []
-        self._refused = [*self._refused, fix]
+        self._refused, self._count = [*self._refused, fix], self._past.count
         return len(self._refused) >= PLAUSIBLE.agreeing

@@ -23,7 +23,6 @@ import numpy as np
 class TRACK:
     """Chosen on the drawn drives of scripts/fit_acceptance.py and on real images made dark."""
 
-    # The first three say what a place is.
     own_peak: int = 5  # references from the best that its own peak covers
     same_track: int = 2  # references by which two frames of one diagonal may differ
     border: int = 2  # references of a session where a drive leaves it: a peak may lie beyond
@@ -128,7 +127,7 @@ class TrackEvidence:
         is this one, others 0; early in a drive over 20 frames at least. No more than the standard
         deviations by which the newest alone speaks for it; a third less at another velocity than
         1. On a slower drive than the map's the two references where it leaves their session say
-        nothing: so looks one that has left and sees its end. None while the scatter is unknown.
+        nothing, as one that has left sees its end. None while the scatter is unknown.
         """
         if self._start is None and self._frames and self._frames[-1].enough_rivals:
             self._start = frame
@@ -138,14 +137,17 @@ class TrackEvidence:
             return 0.0
         started = frame if self._start is None else self._start
         frames = min(max(frame - started + 1, TRACK.shortest_drive), TRACK.memory)
-        along = (
-            one
-            for one in self._along(frame, reference, velocity)
-            if not (is_slower and self._is_last(one.reference, velocity))
-        )
+        along = self._along(frame, reference, velocity)
+        if is_slower:
+            along = [one for one in along if not self._is_last(one.reference, velocity)]
         sums = sum(one.margin / scatter + one.verified for one in along)
         evidence = min(sums / frames, self._newest_alone(reference))
         return evidence if velocity == 1.0 else evidence / TRACK.doubt_of_other_velocities
+
+    def share(self, frame: int, reference: int, velocity: float = 1.0) -> float:
+        """Return the share of the last frames, of 20 at least, whose best diagonal is this one."""
+        frames = max(len(self._frames), TRACK.shortest_drive)
+        return len(self._along(frame, reference, velocity)) / frames
 
     def likely(self) -> list[int]:
         """
@@ -155,11 +157,9 @@ class TrackEvidence:
         best seen by the newest; and the best elsewhere than the last of these, of 8 and of 1.
         """
         few = self._window[: TRACK.few]
-        scored = np.isfinite(few).sum(axis=0)
         sums = np.where(np.isfinite(few), few, 0.0).sum(axis=0)
-        of_few = np.where(
-            np.isfinite(self._now) & (2 * scored > len(few)), sums / len(few), np.nan
-        )
+        known = np.isfinite(self._now) & (2 * np.isfinite(few).sum(axis=0) > len(few))
+        of_few = np.where(known, sums / len(few), np.nan)
         kinds = self._now, of_few, self._scores
         best = [int(self._ends[np.nanargmax(one)]) for one in kinds if np.isfinite(one).any()]
         elsewhere = ~self._places.near(self._ends, best[-1], self._rival_distance)

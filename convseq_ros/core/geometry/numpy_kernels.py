@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
 
-from collections.abc import Iterator
-
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
 import cv2
@@ -25,12 +23,19 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     counts if it is not on the border of the search, and the best of where it leads to, seen from
     the reference, differs by at most 0.7 cells. Query and reference are of one size.
     """
-    side, volume = query.side, np.full((_SPAN, _SPAN, query.side, query.side), -np.inf, np.float32)
-    back = volume.copy()  # by the place in the reference
-    similarity = (query.regions @ reference.regions.T).reshape((side,) * 4)
-    for i, j, here, there in _parts(side, start):
-        (y, x), (row, column) = (np.ix_(*map(np.arange, *part)) for part in (here, there))
-        volume[i, j, y, x] = back[i, j, row, column] = _smoothed(similarity[y, x, row, column])
+    side, away = query.side, np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
+    y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
+    row, column = y + start[0] + away[i], x + start[1] + away[j]
+    shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)  # by both images
+    sums = _blended(_tried(query, reference, start, shared))
+    norms = _blended(shared.astype(np.float32))
+    means = np.divide(sums, norms, out=np.full_like(sums, -np.inf), where=shared)
+    volume = np.ascontiguousarray(means.transpose(2, 3, 0, 1))
+    back = np.full_like(volume, -np.inf)  # by the place in the reference
+    for down, right in np.ndindex(_SPAN, _SPAN):
+        rows, moved_rows = _overlap(side, start[0] + int(away[down]))
+        columns, moved_columns = _overlap(side, start[1] + int(away[right]))
+        back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
     ahead, known = _refined(volume, start)
     behind, found_back = _refined(back, start)
     y, x = np.nonzero(known)
@@ -66,30 +71,37 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
     return motion, np.hypot(*(moved - places @ motion.T).T)
 
 
-Part = tuple[
-    tuple[int, int], tuple[int, int]
-]  # first row and column, and the ones behind the last
+def _overlap(side: int, moved: int) -> tuple[slice, slice]:
+    """Return which rows of two images lie upon each other if one is moved: of both, its own."""
+    count = max(0, side - abs(moved))
+    first = max(0, -moved)
+    return slice(first, first + count), slice(first + moved, first + moved + count)
 
 
-def _parts(side: int, start: tuple[int, int]) -> Iterator[tuple[int, int, Part, Part]]:
-    """Yield displacements, and what then lies in both images: of the query, of the reference."""
-    for i in range(_SPAN):
-        for j in range(_SPAN):
-            down, right = start[0] + i - FIELD.reach_cells, start[1] + j - FIELD.reach_cells
-            first = max(0, -down), max(0, -right)
-            last = min(side, side - down), min(side, side - right)
-            if first[0] < last[0] and first[1] < last[1]:
-                moved = (first[0] + down, first[1] + right), (last[0] + down, last[1] + right)
-                yield i, j, (first, last), moved
+def _tried(
+    query: Arranged, reference: Arranged, start: tuple[int, int], shared: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
+    # From one place to the next, and from one displacement to the next, is as far everywhere in
+    # memory: no table of indices is needed. What is not shared lies in another row, or in the room
+    # around all of them.
+    side = query.side
+    steps = side**3 + side, side**2 + 1, side, 1
+    first = (start[0] - FIELD.reach_cells) * side + start[1] - FIELD.reach_cells
+    margin = abs(first) + _SPAN * (side + 1)
+    room = np.empty(margin + side**4 + margin, np.float32)
+    whole = room[margin : margin + side**4].reshape(side**2, side**2)
+    np.matmul(query.regions, reference.regions.T, out=whole)
+    strides = [step * room.itemsize for step in steps]
+    tried = np.lib.stride_tricks.as_strided(room[margin + first :], shared.shape, strides)
+    return np.where(shared, tried, np.float32(0))
 
 
-def _smoothed(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the weighted mean of each number and its neighbours, as far as there are any."""
-    sums, norms = (
-        cv2.sepFilter2D(one, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)
-        for one in (image, np.ones_like(image))
-    )
-    return np.asarray(sums / norms, np.float32)
+def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return weighted sums of neighbours in images (side, side, span, span), side by side."""
+    flat = images.reshape(*images.shape[:2], -1)
+    blended = cv2.sepFilter2D(flat, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blended, np.float32).reshape(images.shape)
 
 
 def _refined(

@@ -17,26 +17,41 @@ class Spread:
     """How far off an alignment is."""
 
     # Times least squares' deviations, over a power of the share that agrees: neighbours err
-    # alike, and where few agree all is bad.
-    scatter: float
-    share_power: int
-    # Of the way, along every axis, at a way as long as the baseline, with a power of their ratio:
-    # so far apart, least squares is surer than it is right (4 frames of road_1 and road_2).
-    far: float
-    far_power: int
+    # alike, and where few agree all is bad. Parallax lies across the image, and so do the errors
+    # of a field that misses some of it: yaw and the way across are off by more than pitch, roll
+    # and the way down.
+    across: float
+    down: float
+    ahead: float
+    share_power: float
+    far: float  # of the way, along it, at a way as long as the baseline
     position_m: float  # what no number of regions or keypoints mends
     turn_rad: float
 
 
 @constants
 class ERROR:
-    """Fitted on drawn streets by day, in the evening and at night (scripts/relative_pose.py)."""
+    """Fitted on drawn streets 41 to 44, evening, clouds and night (docs/GEOMETRY.md)."""
 
-    cells: Spread = Spread(1.7, 2, far=0.05, far_power=3, position_m=0.02, turn_rad=0.002)
-    keypoints: Spread = Spread(0.35, 8, far=0.01, far_power=0, position_m=0.002, turn_rad=0.0002)
-    # A position that is less sure than this, or than half of the way, is not told.
+    cells: Spread = Spread(
+        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.06, position_m=0.01, turn_rad=0.001
+    )
+    keypoints: Spread = Spread(
+        across=0.5,
+        down=0.5,
+        ahead=0.5,
+        share_power=3.0,
+        far=0.004,
+        position_m=0.001,
+        turn_rad=0.0001,
+    )
+    # Of the ratio of way to baseline: further off, least squares is surer than it is right.
+    far_power: int = 3
+    # A position that is less sure than this, or than half of the way, or with which fewer agree,
+    # is not told.
     unsure_m: float = 1.0
     unsure_share: float = 0.5
+    least_share: float = 0.35  # most that are off by more than a metre have less
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
 
 
@@ -59,14 +74,19 @@ def base_pose(
     slopes[:3, :3] = turn @ arm
     slopes[:3, 3:] = slopes[3:, :3] = -turn
     way_m = float(np.linalg.norm(lens[:3, 3]))
-    scatter = spread.scatter / found.share**spread.share_power
-    far_m = spread.far * way_m * (way_m / found.baseline_m) ** spread.far_power
-    floor = np.diag([spread.position_m**2 + far_m**2] * 3 + [spread.turn_rad**2] * 3)
-    covariance = scatter**2 * slopes @ found.covariance @ slopes.T + floor
+    across, down, ahead = spread.across, spread.down, spread.ahead
+    scatter = np.array((down, across, down, across, down, ahead)) / found.share**spread.share_power
+    slopes *= scatter
+    floor = np.diag([spread.position_m**2] * 3 + [spread.turn_rad**2] * 3)
+    far = spread.far * base_reference[:3, :3] @ lens[:3, 3]
+    far *= (way_m / found.baseline_m) ** ERROR.far_power
+    floor[:3, :3] += np.outer(far, far)
+    covariance = slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
-    pose = RelativePose(*known, found.inliers)
-    if (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m):
+    pose = RelativePose(*known, found.inliers, found.share)
+    is_unsure = (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m)
+    if is_unsure or found.share < ERROR.least_share:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
 

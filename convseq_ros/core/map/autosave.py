@@ -45,27 +45,9 @@ class Autosave(NoAutosave):
     whose file was moved or replaced, or added to by another in spite of the lock, says so once
     and goes on in memory; it writes again once its file is back as it was.
 
-    Parameters
-    ----------
-    path : Path
-        The file; there is one owner at a time.
-    encoding, keyframes : EncodingConfig, KeyframeConfig
-        What makes its places.
-    append : bool, optional
-        Whether there must be a map; None takes one, or makes it.
-    keeps_empty : bool
-        Whether a file that was made stays if it got no place.
-
-    Attributes
-    ----------
-    reference_map : ReferenceMap
-        What the file holds, and what is added.
-
-    Raises
-    ------
-    MapError
-        If the map has another owner, cannot be written, or is refused by `MapWriter`.
-
+    `append` as of `MapWriter`; a file that was made and got no place goes at the end unless it
+    `keeps_empty`. MapError if the map has another owner, cannot be written, or is refused by
+    `MapWriter`.
     """
 
     def __init__(

@@ -27,21 +27,10 @@ def packed_depths(
     """
     Return the median depth of each region's middle cell, as a map stores it.
 
-    Parameters
-    ----------
-    depth_m : ndarray of float32, shape (h, w), or None
-        Metres; what is not finite, or no depth, is unknown.
-    shape : tuple of int
-        Of the image, (H, W).
-    cells : int
-        In a row of the image.
-
-    Returns
-    -------
-    bytes or None
-        Half floats, little-endian, 0 where unknown; None if nothing is known, or if the depth
-        image has other proportions than the image, and so is not registered to it.
-
+    That is half floats, little-endian, 0 where unknown. `depth_m`, (h, w) in metres, may hold
+    what is not finite or no depth; the image has a shape of (H, W), and so many cells in a row.
+    None if nothing is known, or if the depth image has other proportions than the image, and so
+    is not registered to it.
     """
     if depth_m is None or depth_m.ndim != 2 or not depth_m.size:
         return None

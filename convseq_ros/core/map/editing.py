@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the sessions of other maps; places are copied as they are stored."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from uuid import uuid4
 
@@ -14,17 +14,17 @@ from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.opening import open_to_write
+from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
-from convseq_ros.core.map.uses import Use
-from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.map.uses import Use, Uses
+from convseq_ros.core.map.writer import AT_ONCE, MapWriter
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 
 Watch = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
 
-_AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
 _MOST_SAID = 40  # characters of a setting; a mask has thousands
 
 
@@ -116,20 +116,17 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
     of this name already, unless it `replaces` that one, of which the parts are and which nobody
     changed since, or if another program adds to it or the disk is full.
     """
-    refuse_unlike(parts)
+    whole = _whole(parts)
     with replaced(path) as part_file:
-        own = parts[0].reference_map
         if replaces:
-            _refuse_changed(path, own)
+            _refuse_changed(path, parts[0].reference_map)
         elif path.exists():
             raise MapError(f'{path}: exists already; name another file')
-        every = [(number, at) for number, part in enumerate(parts) for at in part.places]
-        with MapWriter(part_file, own.encoding, own.keyframes) as writer:
-            for part in parts:
-                writer.add_session(part.session)
-            for start in watch(range(0, len(every), _AT_ONCE)):
-                _copy(writer, parts, every[start : start + _AT_ONCE])
-            if uses := _uses(parts, every):
+        with MapWriter(part_file, whole.encoding, whole.keyframes) as writer:
+            writer.append(whole, 0)
+            for start in watch(range(0, len(whole), AT_ONCE)):
+                writer.append(whole, min(start + AT_ONCE, len(whole)))
+            if uses := whole.uses.rows(len(whole)):
                 writer.keep_uses(uses)
         return writer.committed
 
@@ -144,27 +141,56 @@ def _refuse_changed(path: Path, read: ReferenceMap) -> None:
         raise MapError(f'{path}: was changed meanwhile; run it again')
 
 
-def _copy(writer: MapWriter, parts: Sequence[Part], some: Sequence[tuple[int, int]]) -> None:
-    for number in dict.fromkeys(number for number, _ in some):
-        own = parts[number].reference_map
-        indices = [at for of, at in some if of == number]
-        pictures = own.pictures(indices, with_images=True)
-        for index, picture in zip(indices, pictures, strict=True):
-            place, poses = own.places[index], parts[number].poses
-            place = replace(place, pose=poses.get(index, place.pose), session=number)
-            writer.add(place, picture, own.global_descriptors[index])
+def joined(parts: Sequence[Part]) -> list[Part]:
+    """
+    Return sessions as those of one map, in their order, which is in memory and reads their files.
+
+    It is what `write_parts` would write. MapError if they were made with different settings or one
+    is there twice.
+    """
+    whole, ends = _whole(parts), [*accumulate(len(part.places) for part in parts)]
+    return [
+        replace(part, reference_map=whole, number=number, places=range(start, end), poses={})
+        for number, (part, (start, end)) in enumerate(
+            zip(parts, pairwise([0, *ends]), strict=True)
+        )
+    ]
 
 
-def _uses(parts: Sequence[Part], every: Sequence[tuple[int, int]]) -> list[tuple[int, Use]]:
-    """Return what places are good for; the first that is left of its looks is their first."""
-    firsts, found = dict[tuple[int, int], int](), list[tuple[int, Use]]()
-    for new, (number, at) in enumerate(every):
-        own = parts[number].reference_map
+def _whole(parts: Sequence[Part]) -> ReferenceMap:
+    refuse_unlike(parts)
+    own = parts[0].reference_map
+    every = [(part.reference_map, at) for part in parts for at in part.places]
+    places = Places(own.cell_shape, len(every))
+    for number, part in enumerate(parts):
+        for at in part.places:
+            place = part.reference_map.places[at]
+            place = replace(place, pose=part.poses.get(at, place.pose), session=number)
+            places.append(place, part.reference_map.global_descriptors[at])
+
+    def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
+        found, of_map = dict[int, Picture](), dict[int, list[int]]()
+        for one in wanted:
+            of_map.setdefault(id(every[one][0]), []).append(one)
+        for some in of_map.values():
+            from_file = every[some[0]][0]
+            pictures = from_file.pictures([every[one][1] for one in some], with_images)
+            found.update(zip(some, pictures, strict=True))
+        return [found[one] for one in wanted]
+
+    sessions, uses = [part.session for part in parts], Uses(_uses(every))
+    return ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions, uses=uses)
+
+
+def _uses(every: Sequence[tuple[ReferenceMap, int]]) -> Iterator[tuple[int, Use]]:
+    """Yield what places are good for; the first that is left of its looks is their first."""
+    firsts = dict[tuple[int, int], int]()
+    for new, (own, at) in enumerate(every):
         if len(own.uses):
             first = firsts.setdefault((id(own), own.uses.first(at)), new)
             use = replace(own.uses[at], look_of=None if first == new else first)
-            found += [(new, use)] if use != Use() else []
-    return found
+            if use != Use():
+                yield new, use
 
 
 def runs_of(part: Part, runs: Sequence[range]) -> list[Part]:

@@ -45,22 +45,9 @@ def kept_image(gray: Gray, width_px: int) -> bytes | None:
 
 class KeptImages:
     """
-    The images of a map, decoded when they are asked for; what is damaged is counted.
+    The images and depths of a map, by its `pictures`; read only if any `are_kept`.
 
-    Parameters
-    ----------
-    pictures : method
-        Of the map that has these: `ReferenceMap.pictures`, which may raise MapError.
-    are_kept : bool
-        Whether a place may have an image or depths; if not, nothing is read.
-
-    Attributes
-    ----------
-    unreadable : int
-        Times that an image, or depths, were asked for and could not be decoded.
-    problem : str
-        Why the last of these could not, in one line; empty if all could.
-
+    Of what could not be decoded, `unreadable` is how often, and `problem` why the last could not.
     """
 
     def __init__(

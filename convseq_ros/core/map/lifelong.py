@@ -82,13 +82,15 @@ class Sieve(Generic[Item]):
             yield from self._next()
 
     def end(self) -> Iterator[Kept[Item]]:
-        """Yield what is left of a drive that ended; to be asked once."""
+        """
+        Yield what is left of a drive that ended; to be asked once.
+
+        Of the last 32 places all are kept up to one that cannot be done without, and 16 after it.
+        """
         while self._judged < self._count:
             if self._count - len(self._near) < self._judged - KNOWN.window:
                 self._near.popleft()
             self._judge()
-            if self._judged - self._out > KNOWN.window:
-                yield from self._next()
         while self._waiting:
             yield from self._next()
 
@@ -115,7 +117,8 @@ class LifelongMap(OnlineMap):
     """
     Adds what is new of this session, 32 places later, and counts what answers.
 
-    What waits is lost in a crash. `is_full` tells whether the map may not grow any more.
+    What waits is lost in a crash, however long it waited; not at a reset or the end.
+    `is_full` tells whether the map may not grow any more.
     """
 
     def __init__(

@@ -83,7 +83,7 @@ class GrowingArray:
         if end > len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)
             larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
-            larger[: self._count] = self._rows
+            larger[: self._count] = self.view
             self._rows = larger
         self._rows[self._count : end] = rows
         self._count = end

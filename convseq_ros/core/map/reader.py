@@ -21,7 +21,6 @@ from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.uses import Use, Uses
 from convseq_ros.errors import MapError
-import numpy as np
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
@@ -114,18 +113,15 @@ class MapReader:
                 raise ValueError('a session is missing')
             places = Places(self._cell_shape, end := self._end())
             are_kept = self._database.has('depths')
-            condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-            while (start := len(places)) < end:
-                rows = self._sound('places', condition, (start, _ROWS_AT_ONCE))
+            for rows in self._in_order('places', 0):
+                start, of = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
                     raise ValueError(f'reference {min(missing)} is missing')
-                foreign = [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]
-                if foreign:
+                if foreign := [row[0] for row in rows if not 0 <= row[-3] < len(sessions)]:
                     raise ValueError(f'reference {foreign[0]} is of no session')
-                before = [places[start - 1].session] if start else []
-                of = np.array([*before, *(row[-3] for row in rows)])
-                if (np.diff(of) < 0).any():
+                of = [places[start - 1].session, *of] if start else of
+                if of != sorted(of):
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
                 are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
@@ -143,11 +139,8 @@ class MapReader:
     def _uses(self, end: int) -> Uses:
         if not self._database.has('uses'):
             return Uses()
-        rows, start = list[tuple[int, Use]](), _LOWEST
-        condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-        while some := self._sound('uses', condition, (start, _ROWS_AT_ONCE)):
-            rows += [(index, Use(*said)) for index, *said, _ in some]
-            start = some[-1][0] + 1
+        some = (row for rows in self._in_order('uses', _LOWEST) for row in rows)
+        rows = [(index, Use(*said)) for index, *said, _ in some]
         uses = Uses(rows)
         for index, use in rows:
             is_there = 0 <= index < end and not use.is_off(end)
@@ -164,33 +157,36 @@ class MapReader:
                 some = wanted[start : start + _PICTURES_AT_ONCE]
                 stored = self._of_places('pictures', some)
                 images = self._of_places('images', some) if with_images else {}
-                depths = self._depths_of(some) if with_images else {}
+                has_depths = with_images and self._database.has('depths')
+                depths = self._of_places('depths', some, are_all=False) if has_depths else {}
                 for index in some:
                     cells, thumbnail = stored[index]
-                    (jpeg,) = images.get(index, (None,))
                     packed = decode_cells(cells, self._cell_shape)
-                    found[index] = Picture(packed, thumbnail, jpeg, depths.get(index))
+                    beside = *images.get(index, (None,)), *depths.get(index, (None,))
+                    found[index] = Picture(packed, thumbnail, *beside)
         return [found[index] for index in indices]
 
-    def _depths_of(self, indices: list[int]) -> dict[int, bytes]:
-        if not self._database.has('depths'):
-            return {}
-        rows = self._sound('depths', _among(indices), tuple(indices))
-        return {index: metres for index, metres, _ in rows}
-
-    def _of_places(self, table: str, indices: list[int]) -> dict[int, tuple[Any, ...]]:
-        rows = self._sound(table, _among(indices), tuple(indices))
-        found = {row[0]: row[1:-1] for row in rows}
-        if missing := [index for index in indices if index not in found]:
+    def _of_places(
+        self, table: str, indices: list[int], are_all: bool = True
+    ) -> dict[int, tuple[Any, ...]]:
+        some = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
+        found = {row[0]: row[1:-1] for row in self._sound(table, some, tuple(indices))}
+        if are_all and (missing := [index for index in indices if index not in found]):
             raise ValueError(f'reference {missing[0]} is missing')
         return found
+
+    def _in_order(self, table: str, start: int) -> Iterator[Rows]:
+        """Yield all rows from an index on, some at once."""
+        condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+        while rows := self._sound(table, condition, (start, _ROWS_AT_ONCE)):
+            yield rows
+            start = rows[-1][0] + 1
 
     def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""
         rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
         if row := first_damaged(rows):
-            of_place = 'reference_index' in TABLES[table]
-            one = f'reference {row[0]}' if of_place else table
+            one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
             raise ValueError(f'{one} fails its checksum')
         return rows
 
@@ -201,9 +197,8 @@ class MapReader:
         ((end, *others),) = self._database.rows(f'SELECT {all_ends}')
         if others != [end, end]:
             raise ValueError(f'reference {min(end, *others)} is missing')
-        size = self._database.number('PRAGMA page_count') * self._database.number(
-            'PRAGMA page_size'
-        )
+        pages, page_bytes = map(self._database.number, ('PRAGMA page_count', 'PRAGMA page_size'))
+        size = pages * page_bytes
         if end * math.prod(self._cell_shape) * _BYTES_A_NUMBER > size:
             raise ValueError(f'{end} places in {size} bytes')
         return int(end)
@@ -212,7 +207,3 @@ class MapReader:
     def _at_one_moment(self) -> Iterator[None]:
         with explained(self._path), self._lock, self._database.transaction():
             yield
-
-
-def _among(indices: list[int]) -> str:
-    return f'WHERE reference_index IN ({", ".join("?" * len(indices))})'

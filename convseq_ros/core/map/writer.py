@@ -32,6 +32,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
+AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
 _OF_A_PLACE = 'places', 'pictures', 'images'
 
 
@@ -42,32 +43,11 @@ class MapWriter:
     They are safe on disk after `commit`, which counts them in `committed`, and at the end, also
     when the work was interrupted. A file is made in one transaction, so that none is half made; an
     empty one is no map yet, and a map without places may be made anew. One program at a time may
-    write, who holds the `MapLock`.
+    write, who holds the `MapLock`. `append` says whether there must be a map; None takes one, or
+    makes it, as `is_new` tells. A new one has a `map_id`, a UUID, by default its own.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    encoding, keyframes : EncodingConfig, KeyframeConfig
-        What made its places, and will make more.
-    append : bool, optional
-        Whether there must be a map; None takes one, or makes it.
-    map_id : str
-        A UUID for a new map; by default its own.
-
-    Attributes
-    ----------
-    reader : MapReader
-        Reads the file.
-    is_new : bool
-        Whether the file was made.
-
-    Raises
-    ------
-    MapError
-        If a new map exists already, or an existing one is missing, foreign, damaged or made with
-        other settings; later, if the disk is full.
-
+    MapError if a new map exists already, or an existing one is missing, foreign, damaged or made
+    with other settings; later, if the disk is full.
     """
 
     def __init__(
@@ -146,16 +126,22 @@ class MapWriter:
             self._insert('sessions', (self._sessions, *session.row))
         self._sessions += 1
 
+    def append(self, reference_map: ReferenceMap, end: int) -> None:
+        """Append the sessions and places of a map that are not here yet, up to before `end`."""
+        for session in reference_map.sessions[self._sessions :]:
+            self.add_session(session)
+        while (start := self._count) < end:
+            some = range(start, min(start + AT_ONCE, end))
+            pictures = reference_map.pictures(some, with_images=True)
+            for index, picture in zip(some, pictures, strict=True):
+                place, descriptors = reference_map.places[index], reference_map.global_descriptors
+                self.add(place, picture, descriptors[index])
+
     def copy(self, reference_map: ReferenceMap, end: int) -> None:
-        """Append and commit the places of a map that are not here yet, up to before `end`."""
+        """Append and commit; of all that, nothing is done if it fails."""
         before = self._sessions
         try:
-            for session in reference_map.sessions[before:]:
-                self.add_session(session)
-            for index in range(self._count, end):
-                place = reference_map.places[index]
-                (picture,) = reference_map.pictures([index], with_images=True)
-                self.add(place, picture, reference_map.global_descriptors[index])
+            self.append(reference_map, end)
             self.commit()
         except MapError:
             self._database.roll_back()

@@ -17,7 +17,10 @@
 typedef float Floats __attribute__((vector_size(4 * LANES)));
 typedef int32_t Words __attribute__((vector_size(4 * LANES)));
 typedef int16_t Shorts __attribute__((vector_size(2 * LANES)));
+typedef double Doubles __attribute__((vector_size(4 * LANES)));
+typedef int64_t Longs __attribute__((vector_size(4 * LANES)));
 typedef Floats FloatsAnywhere __attribute__((aligned(4), may_alias));
+typedef Doubles DoublesAnywhere __attribute__((aligned(8), may_alias));
 typedef Words WordsAnywhere __attribute__((aligned(4), may_alias));
 typedef Shorts ShortsAnywhere __attribute__((aligned(2), may_alias));
 
@@ -33,6 +36,7 @@ enum {
 static inline Words splat(int32_t value) { return value - (Words){}; }
 static inline Floats spread(float value) { return value - (Floats){}; }
 static inline Floats floats(const float *from) { return *(const FloatsAnywhere *)from; }
+static inline Doubles doubles(const double *from) { return *(const DoublesAnywhere *)from; }
 static inline void store(float *to, Floats values) { *(FloatsAnywhere *)to = values; }
 static inline Words chosen(Words mask, Words yes, Words no) { return (mask & yes) | (~mask & no); }
 

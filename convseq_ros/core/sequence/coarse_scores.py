@@ -26,6 +26,7 @@ class COARSE:
 
     prior_frames: int = 2  # that the map's mean counts for in the drive's
     prior_of_variance: int = 20  # samples: places for the map's, frames for the drive's
+    prior_places: int = 20  # that the map's mean counts for in a session's
     least_variance: float = 1e-6  # of a number; none is constant
     power: float = 1 / 8  # of a variance; 1/2 takes off all spread, and costs single frames by day
     averaged_anew: float = 1.02  # growth of the map after which its mean is taken anew
@@ -44,21 +45,43 @@ class Usual:
         own = unit(away / variance**COARSE.power)
         return np.asarray(own / self.variance**COARSE.power, np.float32)
 
-    def row(self, references: Halves, nearness: Floats, direction: Floats) -> Row:
-        """Return the cosines (R,) of references in a direction."""
+
+class Centred:
+    """References of one map, each seen from what its own session usually shows."""
+
+    def __init__(self, usual: Usual, references: Halves, starts: Indices) -> None:
+        self._weights = usual.variance ** (-2 * COARSE.power)
+        self._means = np.tile(usual.mean, (len(starts), 1))
+        for own, session in zip(self._means, np.split(references, starts[1:]), strict=True):
+            more = sums_of(session)[0] - len(session) * usual.mean.astype(np.float64)
+            own += more / (len(session) + COARSE.prior_places)
+        self._map_mean, self._nearness = usual.mean, GrowingArray(np.zeros(0, np.float32))
+        self.follow(references, starts)
+
+    def follow(self, references: Halves, starts: Indices) -> None:
+        """Take in what is new of references (R, n); a new session is usual as the map is."""
+        new, first = len(starts) - len(self._means), len(self._nearness)
+        self._means = np.append(self._means, np.tile(self._map_mean, (new, 1)), axis=0)
+        ends = np.append(starts[1:], len(references))
+        for session in np.flatnonzero(ends > first):
+            for some in widened(references[max(starts[session], first) : ends[session]]):
+                away = (some - self._means[session]).astype(np.float64)
+                distances = away**2 @ self._weights
+                apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
+                self._nearness.extend(np.divide(1, np.sqrt(distances), out=here, where=apart))
+
+    def row(self, references: Halves, starts: Indices, direction: Floats) -> Row:
+        """Return the cosines (R,) of the first references in a direction."""
         row = products(references, direction)
-        row -= np.float32(self.mean.astype(np.float64) @ direction)
-        row *= nearness
+        usual = (self._means.astype(np.float64) @ direction).astype(np.float32)
+        row -= np.repeat(usual, _lengths(starts, len(row)))
+        row *= self._nearness.view[: len(row)]
         return row
 
-    def nearness(self, references: Halves) -> Floats:
-        """Return the inverse distances (R,) of references from the mean; 0 of those at it."""
-        inverse, weights = [np.zeros(0, np.float32)], self.variance ** (-2 * COARSE.power)
-        for some in widened(references):
-            distances = (some - self.mean).astype(np.float64) ** 2 @ weights
-            apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
-            inverse.append(np.divide(1, np.sqrt(distances), out=here, where=apart))
-        return np.concatenate(inverse)
+
+def _lengths(starts: Indices, count: int) -> Indices:
+    """Return how many of the first references are of each session."""
+    return np.diff(np.minimum(starts, count), append=count)
 
 
 def sums_of(references: Halves) -> npt.NDArray[np.float64]:
@@ -110,10 +133,10 @@ class CoarseScores:
     """
     Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
 
-    The means of the map and of the drive are taken off: what night or season does to every image
-    counts for nothing. Numbers are divided by the fourth root of their standard deviation in both,
-    as those that lamps change most would speak for all. Indices were measured: up to a
-    million references they lose more than they save (docs/FLEET.md).
+    The means of the session and of the drive are taken off: what night, season or the kind of
+    surroundings does to every image counts for nothing. Numbers are divided by the fourth root of
+    their standard deviation in both, as those that lamps change most would speak for all. Indices
+    were measured: up to a million references they lose more than they save (docs/FLEET.md).
     """
 
     def __init__(self, reference_map: ReferenceMap) -> None:
@@ -121,7 +144,8 @@ class CoarseScores:
         numbers = reference_map.global_descriptors.shape[1]
         self._sums, self._counted = np.zeros((2, numbers)), 0
         self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
-        self._nearness = GrowingArray(np.zeros(0, np.float32))
+        nothing = reference_map.global_descriptors[:0], np.zeros(1, np.int64)
+        self._centred = Centred(self._usual, *nothing)
         self._means: dict[int, np.float32] = {}  # of rows that are there, by their identities
 
     def reset(self) -> None:
@@ -129,10 +153,10 @@ class CoarseScores:
 
     def update(self, descriptor: Descriptor, usable: int | None = None) -> Row:
         """Take in a query, each once; return its cosines, (usable,), with the first references."""
-        references = self._map.global_descriptors[:usable]
-        self._follow_map(references)
+        references, starts = self._map.global_descriptors[:usable], self._map.bounds.starts
+        self._follow_map(references, starts)
         direction = self._drive.update(descriptor, self._usual)
-        row = self._usual.row(references, self._nearness.view[: len(references)], direction)
+        row = self._centred.row(references, starts, direction)
         self._means[id(row)] = mean_score(row)
         weakref.finalize(row, self._means.pop, id(row)).atexit = False
         return row
@@ -154,11 +178,10 @@ class CoarseScores:
     def expect(self, places: Callable[[], Indices]) -> None:
         """Do nothing: they are at hand."""
 
-    def _follow_map(self, references: Halves) -> None:
+    def _follow_map(self, references: Halves, starts: Indices) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:
             self._sums += sums_of(references[self._counted :])
             self._counted = len(references)
             self._usual = usual_of(self._sums, self._counted)
-            self._nearness = GrowingArray(self._usual.nearness(references))
-        more = references[len(self._nearness) :]
-        self._nearness.extend(self._usual.nearness(more))
+            self._centred = Centred(self._usual, references, starts)
+        self._centred.follow(references, starts)

@@ -111,6 +111,8 @@ class ShortlistSearch(ExhaustiveSearch):
         scouting, entering = SHORTLIST.scouts, SHORTLIST.entered
         if self._frames <= SHORTLIST.first_frames:
             scouting, entering = SHORTLIST.first_scouts, SHORTLIST.first_entered
+        elif length == 1:
+            scouting, entering = SHORTLIST.single_scouts, SHORTLIST.first_entered
         newest = Asked(rows[:1], 1.0, enough(scouting, rivals), _NONE)
         sums, alone = self._coarse.sums([wanted, newest])
         ends = shortlist.update(wanted, sums, rivals)

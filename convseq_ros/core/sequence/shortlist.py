@@ -31,6 +31,7 @@ class SHORTLIST:
     first_frames: int = 15
     first_scouts: int = 400
     first_entered: int = 10
+    single_scouts: int = 300  # of single frames, which no sequence finds: 100 pairs take some 7 ms
     closer: int = 20  # likeliest sequences that are scored for a second velocity; a few ms
 
 

@@ -2,7 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Coherent pair scores: counterparts of regions both ways by tiles, then votes for a shift.
 
-enum { REACH = 6, REACHES = 2 * REACH }; // of the window of votes, as CoherentConstants has it
+enum {
+    REACH = 6, // of the window of votes, as CoherentConstants has it
+    MARGIN = 8, // of a grid of votes: room for the window, in whole vectors
+};
 
 // What comparing one query with references needs; regions are numbered row by row.
 typedef struct {
@@ -19,7 +22,7 @@ typedef struct {
 
 static intptr_t grid_width(const Pair *pair)
 {
-    return 2 * pair->side - 1 + REACHES;
+    return rounded_up(2 * pair->side - 1, MARGIN) + 2 * MARGIN;
 }
 
 // Allocate a pair's memory, which starts with its columns; return whether there is any. index:
@@ -31,9 +34,11 @@ static int begin(Pair *pair, const int64_t *index)
     intptr_t width = grid_width(pair), vectors = pair->vectors = columns / LANES;
     size_t numbers = (size_t)(4 * columns + 2 * tiles + vectors * ROWS);
     pair->columns = aligned_alloc(64, (numbers * sizeof(int32_t) + 63) / 64 * 64);
-    pair->votes = calloc((size_t)(2 * width * width), sizeof(double));
+    size_t grid = (size_t)(width * width) * sizeof(double);
+    pair->votes = aligned_alloc(64, 2 * grid);
     if (!pair->columns || !pair->votes)
         return 0;
+    memset(pair->votes, 0, 2 * grid);
     pair->places = pair->columns + vectors;
     pair->end = (int32_t *)(pair->places + vectors);
     pair->back = pair->end + columns;
@@ -56,54 +61,49 @@ static inline int32_t least(int32_t one, intptr_t other)
     return one < other ? one : (int32_t)other;
 }
 
-// Blend numbers with those up to REACH steps to either side.
-static inline void blend(const double *restrict from, const double *window, intptr_t step,
-                         intptr_t count, double *restrict to)
+// Return numbers blended with those up to REACH steps to either side.
+INLINE Doubles blended(const double *from, const double *window, intptr_t step)
 {
-    for (intptr_t place = 0; place < count; place++) {
-        double total = from[place];
+    Doubles total = doubles(from);
 #pragma GCC unroll 6
-        for (int away = 1; away <= REACH; away++)
-            total += window[away] * (from[place - away * step] + from[place + away * step]);
-        to[place] = total;
-    }
+    for (int away = 1; away <= REACH; away++)
+        total += window[away] * (doubles(from - away * step) + doubles(from + away * step));
+    return total;
 }
 
 // Write the share of votes for the best shift, and that shift, the first of equals; see
 // `coherent_score`.
 static void vote(Pair *pair, double found[3])
 {
-    intptr_t width = grid_width(pair), span = width - REACHES, side = pair->side;
-    double share = (double)pair->count / (double)pair->all;
-    double *middle = pair->votes + (side - 1 + REACH) * (width + 1);
+    intptr_t width = grid_width(pair), side = pair->side, span = 2 * side - 1;
+    intptr_t first = MARGIN * (width + 1);
+    double share = (double)pair->count / (double)pair->all, peak = 0, peak_row = 0, peak_column = 0;
+    double *middle = pair->votes + first + (side - 1) * (width + 1);
     memset(pair->votes, 0, (size_t)(width * width) * sizeof(double));
     for (intptr_t row = 0; row < pair->count; row++)
         middle[pair->end[pair->there[row]] - pair->start[row]] += 1;
     for (intptr_t place = 0; place < pair->all; place++)
         middle[pair->end[place] - pair->start[pair->back[place]]] += share;
-    for (intptr_t row = REACH; row < REACH + span; row++)
-        blend(pair->votes + row * width + REACH, pair->window, 1, span,
-              pair->smooth + row * width + REACH);
+    for (intptr_t place = first; place < first + span * width; place += LANES / 2)
+        *(Doubles *)(pair->smooth + place) = blended(pair->votes + place, pair->window, 1);
     // Of every column the best row, then of these the best.
-    double *row_votes = pair->votes, *best = row_votes + span, *best_row = best + span;
-    memset(best, 0, (size_t)(2 * span) * sizeof(double));
-    for (intptr_t row = 0; row < span; row++) {
-        blend(pair->smooth + (row + REACH) * width + REACH, pair->window, width, span, row_votes);
-        for (intptr_t column = 0; column < span; column++) {
-            int better = row_votes[column] > best[column];
-            best[column] = better ? row_votes[column] : best[column];
-            best_row[column] = better ? (double)row : best_row[column];
+    for (intptr_t column = 0; column < span; column += LANES / 2) {
+        Doubles best = {0}, best_row = {0};
+        for (intptr_t row = 0; row < span; row++) {
+            Doubles total = blended(pair->smooth + first + row * width + column, pair->window, width);
+            Longs better = total > best;
+            best = (Doubles)((better & (Longs)total) | (~better & (Longs)best));
+            best_row = (Doubles)((better & (Longs)((double)row - (Doubles){})) |
+                                 (~better & (Longs)best_row));
         }
+        for (intptr_t lane = 0; lane < LANES / 2 && column + lane < span; lane++)
+            if (best[lane] > peak || (best[lane] == peak && best_row[lane] < peak_row))
+                peak = best[lane], peak_row = best_row[lane], peak_column = (double)(column + lane);
     }
-    intptr_t peak = 0;
-    for (intptr_t column = 1; column < span; column++)
-        if (best[column] > best[peak] ||
-            (best[column] == best[peak] && best_row[column] < best_row[peak]))
-            peak = column;
-    double score = best[peak] / (2 * (double)pair->count);
+    double score = peak / (2 * (double)pair->count);
     found[0] = score < 1 ? score : 1;
-    found[1] = best_row[peak] - (double)(side - 1);
-    found[2] = (double)(peak - (side - 1));
+    found[1] = peak_row - (double)(side - 1);
+    found[2] = peak_column - (double)(side - 1);
 }
 
 // Raise the best counterparts of a tile's rows and of two vectors of columns, by bytes. Words are
