@@ -18,6 +18,6 @@ class LocalizationConfig(Checked):
         'accepted ones, or nearly.', unit='keyframes', low=1, high=100,
     )
     lost_keyframes: int = parameter(
-        4, 'The robot is lost when so many keyframes, one after another, show another place than '
-        'where it was localised.', unit='keyframes', low=1, high=100,
+        4, 'The robot is lost when so many keyframes show another place than where it was '
+        'localised, and no good match of that comes between them.', unit='keyframes', low=1, high=100,
     )

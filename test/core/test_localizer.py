@@ -4,8 +4,9 @@
 
 from convseq_ros.config import Config
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.localizer import LOCALIZER, Localizer
+from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.place import Place
+from convseq_ros.core.sighting import SIGHTING
 from convseq_ros.core.types import Candidate, LocalizationState, Match, Pose, Reason, Status
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,10 +19,14 @@ WITHOUT_POSES = [Place(index) for index in range(300)]
 
 
 class Few:
-    """Stands in for an acceptance, and says what the newest few frames alone show."""
+    """Stands in for an acceptance: what the newest frames show alone, and what looks alike."""
 
     def __init__(self):
-        self.places, self.entered = Neighbourhood(), None
+        self.places, self.entered, self.strengths = Neighbourhood(), None, {}
+        self.settled = True
+
+    def is_settled(self, _):
+        return self.settled
 
 
 class Robot:
@@ -32,11 +37,9 @@ class Robot:
         self.localizer = Localizer(places, Config(), self.few)
         self.known, self.frame = known, 0
 
-    def sees(
-        self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9, inliers=None
-    ):
+    def sees(self, best=None, reason=Reason.ACCEPTED, at_m=None, others=(), confidence=0.9):
         indices = () if best is None else (best, *others)
-        candidates = tuple(Candidate(index, index, 0.5, inliers=inliers) for index in indices)
+        candidates = tuple(Candidate(index, index, 0.5) for index in indices)
         status = Status.ACCEPTED if reason is Reason.ACCEPTED else Status.REJECTED
         self.frame += 1
         match = Match(self.frame, self.frame, status, reason, candidates, 3, 9, confidence)
@@ -77,7 +80,7 @@ def test_one_match_is_a_candidate_and_two_that_agree_are_enough():
     assert second.problem == ''
 
 
-NEARLY = LOCALIZER.likely * Config().acceptance.min_evidence + 0.001
+NEARLY = SIGHTING.likely * Config().acceptance.min_evidence + 0.001
 
 
 def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
@@ -91,6 +94,20 @@ def test_two_frames_that_are_nearly_sure_and_agree_are_enough():
     second = robot.sees(120, Reason.WEAK, at_m=1.0)
     assert (second.state, second.reference_index) == (LOCALISED, 41)
     assert second.quality == pytest.approx(1 - (1 - first.quality) ** 2)
+
+
+@pytest.mark.parametrize('settles', [True, False])
+def test_where_a_place_beside_is_verified_better_one_more_match_is_needed(settles):
+    robot = Robot()
+    robot.sees(40)
+    robot.few.settled = False
+    told = robot.sees(42)
+    assert told.state is CANDIDATE and told.problem == (
+        'too few frames: 2 of 2 matches agree on place 42, but places beside it look as likely'
+    )
+    robot.few.settled = settles
+    told = robot.sees(41)
+    assert (told.state, told.reference_index) == (LOCALISED, 41)
 
 
 def test_whoever_was_lost_needs_a_sure_match():
@@ -150,14 +167,14 @@ def test_a_candidate_that_nothing_repeats_is_forgotten():
 def test_a_match_of_long_ago_agrees_with_nothing():
     robot = Robot(WITHOUT_POSES)
     robot.sees(40)
-    for _ in range(LOCALIZER.silent_keyframes):
+    for _ in range(SIGHTING.silent_keyframes):
         robot.sees(40, Reason.WEAK)
     assert robot.sees(41).state is CANDIDATE
     assert robot.sees(42).state is LOCALISED
 
 
 def test_it_stays_localised_while_nothing_speaks_against_it(found):
-    for metres in range(2, 2 + LOCALIZER.silent_keyframes - 1):
+    for metres in range(2, 2 + SIGHTING.silent_keyframes - 1):
         told = found.sees(99 + metres, Reason.WEAK, at_m=float(metres))
         assert (told.state, told.reference_index) == (LOCALISED, 100)
         assert told.quality == pytest.approx(0.99)
@@ -191,32 +208,69 @@ def test_one_slip_does_not_make_it_lost(found):
         assert found.sees(101, at_m=2.0).state is LOCALISED
 
 
-@pytest.mark.parametrize('reason', [Reason.ACCEPTED, Reason.AMBIGUOUS])
-def test_few_inliers_speak_against_the_place_that_sequences_still_see(reason):
+@pytest.mark.parametrize(
+    ('reason', 'strength', 'state'),
+    [
+        (Reason.ACCEPTED, 90.0, LOST),
+        (Reason.AMBIGUOUS, 90.0, LOST),
+        (Reason.ACCEPTED, 150.0, LOCALISED),  # as usual, though the corridor repeats
+        (Reason.AMBIGUOUS, 150.0, LOST),
+    ],
+)
+def test_a_place_like_another_speaks_against_what_sequences_still_see(reason, strength, state):
     robot = Robot()
-    for place in range(98, 104):
-        robot.sees(place, inliers=400 - place)
-    states = [robot.sees(place, reason, inliers=100).state for place in range(104, 108)]
-    assert states == [LOCALISED] * 3 + [LOST]
+    for step in range(8):
+        robot.few.strengths = {98 + step: 200.0, 250: 100.0}
+        robot.sees(98 + step, at_m=float(step))
+    robot.few.strengths = {106: strength, 250: strength}
+    states = [robot.sees(106, reason, at_m=8.0).state for _ in range(4)]
+    assert states == [LOCALISED] * 3 + [state]
 
 
-def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one():
-    robot = Robot()
-    for place in range(98, 104):
-        robot.sees(place, inliers=400)
-    for place in range(104, 108):
-        told = robot.sees(place, inliers=100)
+def test_a_frame_that_says_nothing_makes_what_spoke_against_the_place_no_less(found):
+    for step, (rival, state) in enumerate(
+        [(40.0, LOCALISED), (40.0, LOCALISED), (39.0, LOCALISED), (90.0, LOCALISED), (40.0, LOST)]
+    ):
+        found.few.strengths = {100: 50.0, 250: rival}
+        assert found.sees(102 + step, Reason.WEAK, at_m=2.0 + step).state is state
+
+
+def test_a_place_of_this_very_drive_does_not_speak_against_the_map():
+    robot = Robot(known=200)
+    for place in range(100, 110):
+        robot.few.strengths = {place: 50.0, 250: 90.0}
+        told = robot.sees(place, at_m=float(place))
+    assert told.state is LOCALISED and told.quality == pytest.approx(0.99)
+
+
+def test_a_place_that_looks_like_itself_at_another_visit_is_no_other():
+    robot = Robot([*STREET[:150], *STREET[:150]])
+    for place in range(20, 30):
+        robot.few.strengths = {place: 50.0, place + 150: 60.0}
+        told = robot.sees(place, at_m=float(place))
+    assert told.state is LOCALISED
+
+
+def test_once_lost_the_old_place_needs_as_many_matches_as_a_new_one(found):
+    found.few.strengths = {100: 200.0}
+    found.sees(101)
+    found.few.strengths = {250: 40.0}
+    for place in range(101, 105):
+        told = found.sees(place)
     assert told.state is LOST
-    assert robot.sees(108, inliers=100).state is CANDIDATE
-    assert robot.sees(250, inliers=400).state is CANDIDATE
-    assert robot.sees(251, inliers=400).reference_index == 251
+    assert found.sees(105).state is CANDIDATE
+    assert found.sees(250).state is CANDIDATE
+    assert found.sees(251).reference_index == 251
 
 
-def test_inliers_that_fade_slowly_speak_against_nothing():
-    robot = Robot()
-    robot.sees(49, inliers=500)
-    for step in range(30):
-        assert robot.sees(50 + step, inliers=round(500 * 0.9**step)).state is LOCALISED
+def test_once_lost_what_odometry_said_before_denies_nothing(found):
+    assert found.sees(250, Reason.IMPLAUSIBLE, at_m=2.0).state is LOCALISED
+    for step in range(3, 6):
+        told = found.sees(250, Reason.INCONSISTENT, at_m=float(step))
+    assert told.state is LOST
+    assert found.sees(252, Reason.IMPLAUSIBLE, at_m=6.0).state is CANDIDATE
+    told = found.sees(253, Reason.IMPLAUSIBLE, at_m=7.0)
+    assert (told.state, told.reference_index) == (LOCALISED, 253)
 
 
 def test_the_same_place_under_another_number_is_no_contradiction():

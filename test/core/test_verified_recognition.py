@@ -189,6 +189,23 @@ def test_a_match_belongs_to_the_neighbour_that_the_newest_frame_shows(scores, st
     assert given.asked == [(1, [*range(27, 34)])]
 
 
+@pytest.mark.parametrize(
+    ('strengths', 'is_settled'),
+    [
+        ({30: 113.0, 31: 102.0, 27: 110.0}, True),
+        ({30: 113.0, 31: 102.0, 27: 120.0}, False),
+        ({30: 113.0, 31: 130.0, 27: 120.0}, True),  # one place, as far as frames tell
+        ({30: 113.0, 24: 200.0}, True),  # beyond the peak: a rival, not a slip along the way
+        ({30: 113.0, 34: 200.0}, True),  # beyond the map
+    ],
+)
+def test_a_place_is_settled_if_none_further_along_its_peak_is_verified_better(
+    strengths, is_settled
+):
+    given = Given(strengths, 0.0, np.full(34, np.nan, np.float32))
+    assert VerifiedEvidence().is_settled(30, given) is is_settled
+
+
 def test_the_first_frames_of_a_slower_drive_are_where_they_are():
     # Places 6 m apart, frames half a metre: sequences are taken for some of the map's velocity.
     def frames(spacing_m, count, **how):

@@ -6,10 +6,11 @@ import math
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.confidence import confidence
+from convseq_ros.core.decision.geometry import Geometry
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
-from convseq_ros.core.decision.verified_evidence import Geometry, VERIFIED, VerifiedEvidence
+from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEvidence
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
@@ -44,8 +45,7 @@ class Acceptance:
         self._row: Row | None = None
         # Of the best candidate: its evidence, and the share of the last frames on its track.
         self.known: tuple[float, float] | None = None
-        # A place, and its evidence, by the newest few frames alone; None on a session's border.
-        self.entered: tuple[int, float] | None = None
+        self.entered: tuple[int, float] | None = None  # place, evidence; by few frames alone
 
     def update(
         self,
@@ -66,18 +66,17 @@ class Acceptance:
         self.entered = self.known = None
         if not self.by_track:
             return
-        self._row = rows[0]
+        self._row = row = rows[0]
         self._newest = self._track.update(frame, rows, ends, rival_distance, velocity)
         self._verified.update({}, rival_distance)
-        if self._newest is None or geometry is None or rows[0] is None:
+        if self._newest is None or geometry is None or row is None:
             return
-        self._geometry, self._usable = geometry, len(rows[0])
+        self._geometry, self._usable = geometry, len(row)
         found = geometry.verified(self._track.likely())
         if not found:
             return
         self._verified.update(found, rival_distance)
         self._track.verify(self._verified.beside_scores(self._newest.reference))
-        row = rows[0]
         likeliest = max(found, key=lambda index: float(row[index]) * found[index].strength)
         self._verified.see(frame, likeliest, self._track.lead(likeliest))
         self.entered = self._entered()
@@ -90,10 +89,9 @@ class Acceptance:
         """
         places = [self.entered[0]] if self.entered else []
         places += [self._newest.reference] if self._newest else []
-        found = [
-            (one, evidence) for one in places if (evidence := self._evidence(one)) is not None
-        ]
-        return max(found, key=lambda one: one[1], default=None)
+        told = ((one, self._evidence(one)) for one in places)
+        known = ((one, evidence) for one, evidence in told if evidence is not None)
+        return max(known, key=lambda one: one[1], default=None)
 
     def _evidence(self, reference: int) -> float | None:
         """
@@ -103,10 +101,8 @@ class Acceptance:
         they follow. For a place of this very drive the larger counts: camera and light are the
         same, and another locker misleads both alike.
         """
-        entered = self.entered
-        is_entered = entered is not None and self._is_near(reference, entered[0])
-        alone = entered[1] if entered and is_entered else None
-        newest = self._newest
+        entered, newest = self.entered, self._newest
+        alone = entered[1] if entered and self._is_near(reference, entered[0]) else None
         # A track that its own newest frame does not follow is none.
         if newest is None or not self._is_near(reference, newest.reference):
             return alone
@@ -171,6 +167,15 @@ class Acceptance:
         near, known = self.places.bounds.around(reference, 1), self._verified.found
         found = [known[one] for one in (reference, *near) if one in known]
         return found[0].inliers if found else None
+
+    @property
+    def strengths(self) -> dict[int, float]:
+        """How strongly likely places of the newest frame are verified."""
+        return {one: shown.strength for one, shown in self._verified.found.items()}
+
+    def is_settled(self, reference: int) -> bool:
+        """Return whether the newest frame shows no place further along the way better."""
+        return self._geometry is None or self._verified.is_settled(reference, self._geometry)
 
     def judge(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         """Return whether the best of at least one candidate of the newest frame is a match."""

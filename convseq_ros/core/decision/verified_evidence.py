@@ -8,16 +8,15 @@ place is verified better than its rivals; and a few newest frames, or one, that 
 their own scores and by geometry are evidence alone, as soon as they come.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Protocol
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.geometry import Geometry
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.geometry.verification import NOTHING, Verification
-from convseq_ros.core.types import Indices, Row
 import numpy as np
 
 
@@ -57,24 +56,6 @@ class Sighting:
     reference: int
     evidence: float  # how much it stands out; at least 0
     strength: float  # of its verification
-
-
-class Geometry(Protocol):
-    """What can be scored and verified of the newest frame."""
-
-    @property
-    def row(self) -> Row | None:
-        """Pair scores (R,), NaN where there is none; None if it shows nothing."""
-
-    def score(self, count: int, ends: Indices) -> None:
-        """Score what is missing of so many newest frames on diagonals, by their ends (n,)."""
-
-    def verified(self, indices: Sequence[int]) -> Mapping[int, Verification]:
-        """Return what geometry says of it and some references, if it is asked."""
-
-    @property
-    def verified_step(self) -> Verification | None:
-        """What geometry says of it and the frame before, if it is asked."""
 
 
 class VerifiedEvidence:
@@ -147,6 +128,14 @@ class VerifiedEvidence:
         self.found = {**self.found, **geometry.verified(unknown)}
         own, other = (_support(self.found.get(one, NOTHING)) for one in (best, beside))
         return beside if other > VERIFIED.better * own else best
+
+    def is_settled(self, reference: int, geometry: Geometry) -> bool:
+        """Return whether no place is verified better that is further along its peak."""
+        around = self._places.bounds.around(reference, TRACK.own_peak)
+        asked = [one for one in around if geometry.row is not None and one < len(geometry.row)]
+        found = {one: shown.strength for one, shown in geometry.verified(asked).items()}
+        near = [found.pop(one) for one in list(found) if abs(one - reference) <= TRACK.same_track]
+        return max(found.values(), default=0.0) <= max(near, default=0.0)
 
     def beside_scores(self, reference: int) -> float:
         """Return what geometry adds to a frame's margin, in scatters of the track."""
