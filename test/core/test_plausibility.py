@@ -41,6 +41,21 @@ def test_what_one_camera_is_sure_of_holds_for_another_one_that_comes_later():
     assert driven(front, [(64, 303)]) == [None] and driven(front, [(65, 165)])[0] > 50
 
 
+def test_a_match_that_was_not_measured_is_no_measure_for_one_that_was():
+    rule = Plausibility(RobotConfig(odometry_way_error=0.1))
+    excesses = []
+    # The second may be off by 5 m, and is by 2 m.
+    for x, place, slack_m in ((0, 100, 0.5), (5, 107, 5.0), (6, 106, 0.5)):
+        rule.move(x, at(x))
+        excesses.append(rule.excess_m(at(place), HERE, slack_m, None))
+    assert excesses == [None, None, None]
+    # Where nothing better is known, its error counts with the other's.
+    rule = Plausibility(RobotConfig(odometry_way_error=0.1))
+    for x, place, slack_m in ((0, 102, 5.0), (1, 101, 0.5)):
+        rule.move(x, at(x))
+        assert rule.excess_m(at(place), HERE, slack_m, None) is None
+
+
 def test_three_keyframes_running_that_agree_count_more_than_odometry():
     rule = Plausibility(RobotConfig())
     found = driven(rule, [(0, 100), (1, 200), (2, 201), (3, 202), (4, 203)])

@@ -35,6 +35,7 @@ class Fix:
     way_m: float  # that odometry had come then
     turn_rad: float
     keyframe: int
+    slack_m: float = 0.0  # by how much the match itself may be off
 
 
 @dataclass(eq=False, slots=True)
@@ -126,13 +127,17 @@ class Plausibility:
             return None
         there = matrix(place)
         link = there @ place_base @ inverse(self._here)
-        fix = Fix(link, there, self._past.way_m, self._past.turn_rad, self._keyframe)
-        sure = self._past.sure.get(frame) or self._first(own_stamp_ns, there)
-        excess_m = 0.0 if sure is None else self._excess_m(fix, sure, slack_m)
-        if excess_m > 0 and not self._is_agreed(fix, slack_m):
+        past = self._past
+        fix = Fix(link, there, past.way_m, past.turn_rad, self._keyframe, slack_m)
+        sure = past.sure.get(frame) or self._first(own_stamp_ns, there)
+        excess_m = 0.0 if sure is None else self._excess_m(fix, sure)
+        if excess_m > 0 and not self._is_agreed(fix):
             return excess_m
-        self._past.sure[frame], self._refused = fix, []
-        self._past.count += 1
+        # A match that was not measured says less than odometry since one that was.
+        if sure is None or excess_m > 0 or slack_m <= sure.slack_m + self._drift_m(fix, sure):
+            past.sure[frame] = fix
+        self._refused = []
+        past.count += 1
         return None
 
     def _first(self, stamp_ns: int | None, there: Matrix) -> Fix | None:
@@ -142,24 +147,28 @@ class Plausibility:
         at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
         return Fix(np.eye(4), there, self._ways[at], self._turns[at], 0)
 
-    def _excess_m(self, fix: Fix, sure: Fix, slack_m: float) -> float:
+    def _excess_m(self, fix: Fix, sure: Fix) -> float:
         """Return by how much two links differ more than drift allows, where the robot is now."""
         here = np.zeros(3) if self._here is None else self._here[:3, 3]
         off_m = math.dist(
             fix.map_odometry[:3, :3] @ here + fix.map_odometry[:3, 3],
             sure.map_odometry[:3, :3] @ here + sure.map_odometry[:3, 3],
         )
+        return off_m - max(fix.slack_m, sure.slack_m) - self._drift_m(fix, sure)
+
+    def _drift_m(self, fix: Fix, sure: Fix) -> float:
+        """Return how far odometry may have drifted from one match to another."""
         # The map's own odometry drifted between both places, too.
         way_m = fix.way_m - sure.way_m + math.dist(fix.place[:3, 3], sure.place[:3, 3])
         turn_rad = min(fix.turn_rad - sure.turn_rad, math.tau)
         share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
-        return off_m - slack_m - share * way_m
+        return share * way_m
 
-    def _is_agreed(self, fix: Fix, slack_m: float) -> bool:
+    def _is_agreed(self, fix: Fix) -> bool:
         """Return whether all last keyframes were refused for one other place, none was sure."""
         last = self._refused[-1].keyframe if self._refused else 0
         is_running = last == fix.keyframe - 1 and self._count == self._past.count
-        if not is_running or self._excess_m(fix, self._refused[-1], slack_m) > 0:
+        if not is_running or self._excess_m(fix, self._refused[-1]) > 0:
             self._refused = []
         self._refused, self._count = [*self._refused, fix], self._past.count
         return len(self._refused) >= PLAUSIBLE.agreeing
