@@ -19,5 +19,6 @@ class LocalizationConfig(Checked):
     )
     lost_keyframes: int = parameter(
         4, 'The robot is lost when so many keyframes show another place than where it was '
-        'localised, and no good match of that comes between them.', unit='keyframes', low=1, high=100,
+        'localised, and no good match of that comes between them.',
+        unit='keyframes', low=1, high=100,
     )

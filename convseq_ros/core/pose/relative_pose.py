@@ -76,7 +76,8 @@ class RelativePoses:
             both = two_view(reference.rays[:, :2], sight.seen, sight.scale)
             if both is None:
                 return None
-            return base_pose_of_two_views(both, reference.base_lens, query.base_lens)
+            pose = base_pose_of_two_views(both, reference.base_lens, query.base_lens)
+            return replace(pose, share=0.0) if self._knows_depth(index, reference) else pose
         pose = base_pose(aligned, reference.base_lens, query.base_lens)
         if (nearest := self.ways.nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose
@@ -130,6 +131,11 @@ class RelativePoses:
         way = inverse(sights[0].moved)[:3, 3]
         baseline_m = float(np.linalg.norm(way))
         return found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
+
+    def _knows_depth(self, index: int, reference: CellView) -> bool:
+        depths_m = self._depths(index)
+        is_measured = depths_m is not None and bool(np.isfinite(depths_m).any())
+        return is_measured or bool(self._neighbours(index, reference))
 
     def _neighbours(self, index: int, reference: CellView) -> list[tuple[CellView, Matrix]]:
         """Return views of a place's neighbours, and the motions of the lens to them."""
