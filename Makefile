@@ -27,7 +27,7 @@ AGAIN := $(INSTALL) --no-deps --no-build-isolation .
 CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
 PYTEST := bin/pytest --quiet --timeout=240
 # Two processes share the tests; one that is done takes over tests from the other.
-SHARED := --numprocesses=2 --dist=worksteal
+SHARED := --numprocesses=3 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV and scikit-image may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once;
 # among these files are tests of the same kind, which have the mark `once`.
