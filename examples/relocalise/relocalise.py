@@ -95,12 +95,15 @@ def _steps(
 ) -> list[Step]:
     """Return what the node said of every frame beside the truth."""
     by_stamp = {row['query_stamp_ns']: row for row in rows}
-    steps, place = [], None
+    steps, place, before = [], None, 'lost'
     for stay, shot in shots:
         row = by_stamp[str(shot.stamp_ns)]
-        if row['reference_index']:
-            place = int(row['reference_index'])
         state = row['localization']
+        # Two that are not accepted may localise; what they agree on is the newest one's best.
+        is_found = state != 'lost' and before != 'localised'
+        if seen := row['reference_index'] or (row['best_index'] if is_found else ''):
+            place = int(seen)
+        before = state
         quality = float(row['localization_quality'] or 0.0)
         known = None if state == 'lost' else place
         pose = None if known is None else reference_map.places[known].pose
