@@ -251,6 +251,7 @@ def corridor(shared_data):
     return drives
 
 
+@pytest.mark.once
 @pytest.mark.parametrize('way', ['coherent', 'regional'])
 def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way):
     needs_library()
