@@ -222,10 +222,11 @@ def client() -> Iterator[Client]:
 def vpr() -> Iterator[Callable[..., Any]]:
     """Return a maker of a VprNode in a thread of this process."""
     from convseq_ros.node.vpr_node import VprNode
+    from rclpy._rclpy_pybind11 import RCLError
     from rclpy.context import Context
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-    contexts, ends = [], []
+    ended, threads = threading.Event(), []
 
     def make(*ros_args: str, **parameters: Any) -> VprNode:
         cli_args = [*ros_args]
@@ -235,28 +236,32 @@ def vpr() -> Iterator[Callable[..., Any]]:
         # Not the client's context: DDS allows only one type for a topic in each.
         context = Context()
         context.init()
-        contexts.append(context)
         node = VprNode(context=context, cli_args=cli_args)
 
         def spin() -> None:
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
-            with contextlib.suppress(ExternalShutdownException):
-                while context.ok():
+            try:
+                while context.ok() and not ended.is_set():
                     executor.spin_once(timeout_sec=0.2)
+            except (ExternalShutdownException, RCLError):
+                # A test may shut its node's context down while this is about to wait.
+                if context.ok():
+                    raise
             node.destroy_node()
             executor.shutdown()
+            # By the thread that spins: another one might do it while it is about to wait.
+            context.try_shutdown()
 
         thread = threading.Thread(target=spin)
         thread.start()
-        ends.append(thread.join)
+        threads.append(thread)
         return node
 
     yield make
-    for context in contexts:
-        context.try_shutdown()
-    for end in ends:
-        end()
+    ended.set()
+    for thread in threads:
+        thread.join()
 
 
 @pytest.fixture
