@@ -26,8 +26,8 @@ AGAIN := $(INSTALL) --no-deps --no-build-isolation .
 # setuptools would install what an earlier build left behind.
 CLEAN_BUILD := rm -rf build/lib* build/temp.* build/bdist.* *.egg-info
 PYTEST := bin/pytest --quiet --timeout=240
-# Three processes share the tests, as many of them wait; one that is done takes over from others.
-SHARED := --numprocesses=3 --dist=worksteal
+# Two processes share the tests; one that is done takes over tests from the other.
+SHARED := --numprocesses=2 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV and scikit-image may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once;
 # among these files are tests of the same kind, which have the mark `once`.

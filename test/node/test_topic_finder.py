@@ -58,8 +58,16 @@ def test_several_cameras_are_named_and_none_is_taken(client, vpr, map_path, capf
     client.wait_for(lambda: node._finder._told)
     assert node._images.topic == '/image'
     assert '-r image:=/left/image or -r image:=/right/image' in node._images.advice()
-    text = ''.join(capfd.readouterr())
-    assert '2 camera topics; choose one:\n  -r image:=/left/image\n  -r image:=/right' in text
+    text = []
+
+    def is_said():
+        text.extend(capfd.readouterr())
+        return (
+            '2 camera topics; choose one:\n  -r image:=/left/image\n  -r image:=/right'
+            in ''.join(text)
+        )
+
+    client.wait_for(is_said)
 
 
 def test_a_camera_that_was_named_is_waited_for(client, vpr, map_path):
