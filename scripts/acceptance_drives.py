@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
 
-from convseq_ros.core.types import Frame
+from convseq_ros.config import AcceptanceConfig
+from convseq_ros.core.decision.confidence import Judgement
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Candidates, Frame
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.layout import Layout, STRETCH_M
 from convseq_ros.simulation.light import Light
@@ -224,3 +227,17 @@ def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
         frames.append(frame)
         distances.append(shot.distance_m)
     return frames, np.array(distances)
+
+
+def judgements(recognizer: PlaceRecognizer) -> list[Judgement]:
+    """Return a list that grows by what the recogniser says of each frame's best candidate."""
+    said: list[Judgement] = []
+    acceptance = recognizer._acceptance
+    judge = acceptance.judge
+
+    def keep(candidates: Candidates, config: AcceptanceConfig) -> Judgement:
+        said.append(judge(candidates, config))
+        return said[-1]
+
+    acceptance.judge = keep  # type: ignore[method-assign]
+    return said

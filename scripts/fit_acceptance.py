@@ -19,7 +19,7 @@ import math
 from multiprocessing import Pool
 import sys
 
-from acceptance_drives import drawn, FORK_M, Pair, PAIRS, ROUND_M
+from acceptance_drives import drawn, FORK_M, judgements, Pair, PAIRS, ROUND_M
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
@@ -46,15 +46,14 @@ def answers(
     """Yield of each keyframe: evidence, whether its track was consistent, right, slip, known."""
     recognizer = PlaceRecognizer(made, make_config(settings))
     number = {frame.stamp_ns: index for index, frame in enumerate(references)}
-    acceptance = recognizer._acceptance
+    judged = judgements(recognizer)
     for index, frame in enumerate(frames):
         match = recognizer.process(frame)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
             continue
-        best, known = match.best, acceptance.known
-        evidence, hit, slipped = math.nan, False, False
-        if best is not None and known is not None:
-            evidence, _ = known
+        best, evidence, hit, slipped = match.best, math.nan, False, False
+        if best is not None and judged[-1].evidence is not None:
+            evidence = judged[-1].evidence
             place = number[best.reference_stamp_ns]
             hit, slipped = right[index, place], slip[index, place]
         consistent = match.reason is not Reason.INCONSISTENT

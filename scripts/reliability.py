@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 import tempfile
 
-from acceptance_drives import CHECKS, drawn, Pair, PAIRS
+from acceptance_drives import CHECKS, drawn, judgements, Pair, PAIRS
 from convseq_ros.config import EVERY_FRAME, make_config
 from convseq_ros.core.decision.confidence import CONFIDENCE, confidence
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -41,13 +41,16 @@ Asked = list[tuple[Frame, Descriptor | None]]
 def answers(asked: Asked, made: ReferenceMap, right: np.ndarray, config) -> Answers:
     """Yield what is known of each keyframe's answer."""
     recognizer = PlaceRecognizer(made, config)
+    judged = judgements(recognizer)
     number = {place.stamp_ns: index for index, place in enumerate(made.places)}
     for index, (frame, descriptor) in enumerate(asked):
         match = recognizer.process(frame, descriptor)
-        known = recognizer._acceptance.known
-        is_key = match.reason not in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY)
-        if is_key and match.best and known:
-            yield *known, right[index, number[match.best.reference_stamp_ns]]
+        if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY) or not match.best:
+            continue
+        said = judged[-1]
+        if said.evidence is not None:
+            where = number[match.best.reference_stamp_ns]
+            yield said.evidence, said.share, right[index, where]
 
 
 def of_drawn(pair: Pair) -> Answers:

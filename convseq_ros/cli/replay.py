@@ -25,7 +25,7 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
 from convseq_ros.errors import MapError
 from convseq_ros.results import ResultWriter
-from convseq_ros.sources import open_cameras, Source
+from convseq_ros.sources import in_order, open_each_camera, Source
 
 Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
@@ -97,14 +97,16 @@ def replay_chosen(
 ) -> dict[str, Any]:
     """Replay a recording in the map of a name; do something after each frame; return a summary."""
     first = cameras.first
-    source = open_cameras(
-        chosen.recording,
-        chosen.topic,
-        chosen.odom,
-        chosen.camera_info,
-        chosen.poses,
-        first.config.reading,
-        chosen.depth,
+    source = in_order(
+        open_each_camera(
+            chosen.recording,
+            chosen.topic,
+            chosen.odom,
+            chosen.camera_info,
+            chosen.poses,
+            first.config.reading,
+            chosen.depth,
+        )
     )
     way_m = first.reference_map.keyframes.keyframe_distance_m
     if way_m and not (chosen.odom or chosen.poses):

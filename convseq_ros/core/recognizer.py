@@ -8,6 +8,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.closures import Closures
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import decided, why_none
+from convseq_ros.core.decision.confidence import Judgement
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
@@ -124,15 +125,15 @@ class PlaceRecognizer:
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
         asked = ends, scores, self.reference_map.places, config.acceptance
-        found, said, sure = decided(acceptance, *asked, count)
-        reason = said or why_none(usable, count, velocity, buffer.bounds)
-        if not found or not (length or reason is Reason.ACCEPTED):
-            told = (reason, (), length) if length else (Reason.WARMING_UP, (), 0)
-            return skipped(*told, buffer.pairs_scored)
+        found, said = decided(acceptance, *asked, count)
+        said = said or Judgement(why_none(usable, count, velocity, buffer.bounds))
+        if not found or not (length or said.reason is Reason.ACCEPTED):
+            why = (said.reason, (), length) if length else (Reason.WARMING_UP, (), 0)
+            return skipped(*why, buffer.pairs_scored)
         # Ours: where was the robot against the place? Odometry may deny that it was there.
-        match = answer(Status.REJECTED, reason, found, count, buffer.pairs_scored, sure)
-        evidence = acceptance.known and acceptance.known[0]
-        return self.closures.update(match, frame, features, own, config.acceptance, evidence)
+        told = said.reason, found, count, buffer.pairs_scored, said.confidence
+        match = answer(Status.REJECTED, *told)
+        return self.closures.update(match, frame, features, own, config.acceptance, said.evidence)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -150,20 +150,6 @@ def _depth_of(
     )
 
 
-def open_cameras(
-    path: Path,
-    topics: str = '',
-    odom: str = '',
-    camera_info: str = '',
-    poses: Path | None = None,
-    reading: ReadingConfig = ReadingConfig(),
-    depth: str = '',
-) -> Source:
-    """Open what `open_each_camera` does, as one source with all frames in order."""
-    each = open_each_camera(path, topics, odom, camera_info, poses, reading, depth)
-    return SeveralCameras(each, each[0].pose_frame) if len(each) > 1 else each[0]
-
-
 def open_each_camera(
     path: Path,
     topics: str = '',
@@ -192,6 +178,12 @@ def open_each_camera(
         open_annotated(path, name, odom, info, poses, reading, depth if name == names[0] else '')
         for name, info in zip(names, infos or [''] * len(names), strict=True)
     ]
+
+
+def in_order(cameras: Sequence[Source]) -> Source:
+    """Return sources of at least one camera as one, which yields the frames of all in order."""
+    first = cameras[0]
+    return SeveralCameras(list(cameras), first.pose_frame) if len(cameras) > 1 else first
 
 
 def _track_at(track: PoseTrack) -> PoseAt:

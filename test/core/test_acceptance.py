@@ -14,7 +14,7 @@ from convseq_ros.config import (
 )
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.candidates import best_candidates
-from convseq_ros.core.decision.confidence import confidence
+from convseq_ros.core.decision.confidence import confidence, Judgement
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.encoding.descriptor import describe
@@ -81,7 +81,7 @@ def test_the_margin_to_the_best_rival_decides(scores, reason):
     found = candidates(scores)
     assert decide_by_margin(found, RULE) is reason
     rows = [np.array(scores, np.float32)]
-    assert judged(accepting('regional'), 0, rows, found, RULE) == (reason, None)
+    assert judged(accepting('regional'), 0, rows, found, RULE) == Judgement(reason)
 
 
 def accepting(matching, rule='auto'):
@@ -129,21 +129,21 @@ def verdicts(scores, config=BY_TRACK, acceptance=None, said=None):
 
 def test_a_true_track_is_accepted_once_it_stands_out_long_enough():
     found = verdicts(drawn_scores(30))
-    assert {reason for reason, _ in found[: TRACK.window - 1]} == {Reason.WEAK}
-    assert {reason for reason, _ in found[TRACK.window - 1 :]} == {Reason.ACCEPTED}
-    assert [sure for _, sure in found[: TRACK.window - 1]] == [None] * (TRACK.window - 1)
-    assert all(sure > 0.7 for _, sure in found[TRACK.window - 1 :])
+    assert {one.reason for one in found[: TRACK.window - 1]} == {Reason.WEAK}
+    assert {one.reason for one in found[TRACK.window - 1 :]} == {Reason.ACCEPTED}
+    assert [one.confidence for one in found[: TRACK.window - 1]] == [None] * (TRACK.window - 1)
+    assert all(one.confidence > 0.7 for one in found[TRACK.window - 1 :])
 
 
 def test_a_candidate_off_the_track_is_inconsistent_and_unlikely():
     found = verdicts(drawn_scores(30), said=50)
-    assert {reason for reason, _ in found[10:]} == {Reason.INCONSISTENT}
-    assert all(sure < 0.05 for _, sure in found[10:])
+    assert {one.reason for one in found[10:]} == {Reason.INCONSISTENT}
+    assert all(one.confidence < 0.05 for one in found[10:])
 
 
 def test_a_candidate_next_to_the_track_is_on_it():
     found = verdicts(drawn_scores(25), said=25)
-    assert [reason is Reason.ACCEPTED for reason, _ in found[17:24]] == [
+    assert [one.reason is Reason.ACCEPTED for one in found[17:24]] == [
         False,
         True,
         True,
@@ -156,7 +156,7 @@ def test_a_candidate_next_to_the_track_is_on_it():
 
 def test_more_evidence_may_be_asked_for():
     strict = replace(BY_TRACK, min_evidence=1000.0)
-    assert {reason for reason, _ in verdicts(drawn_scores(30), strict)[9:]} == {Reason.WEAK}
+    assert {one.reason for one in verdicts(drawn_scores(30), strict)[9:]} == {Reason.WEAK}
 
 
 def test_a_frame_that_stands_out_less_than_other_places_scatter_is_ambiguous():
@@ -167,13 +167,13 @@ def test_a_frame_that_stands_out_less_than_other_places_scatter_is_ambiguous():
         rows = [scores[frame - back] for back in range(min(frame + 1, 12))]
         ahead = sequence_scores(rows[:10])
         best = Candidate(int(ahead.argmax()), 0, 0.2)
-        reasons.add(judged(acceptance, frame, rows, (best,), BY_TRACK)[0])
+        reasons.add(judged(acceptance, frame, rows, (best,), BY_TRACK).reason)
     assert Reason.AMBIGUOUS in reasons and Reason.ACCEPTED not in reasons
 
 
 def test_a_map_too_small_to_compare_in_says_so():
     found = verdicts(drawn_scores(10, places=15))
-    assert {reason for reason, _ in found[3:]} == {Reason.TOO_FEW_RIVALS}
+    assert {one.reason for one in found[3:]} == {Reason.TOO_FEW_RIVALS}
 
 
 def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
@@ -184,7 +184,7 @@ def test_frames_before_the_sequence_is_long_enough_count_as_evidence():
         acceptance.update(frame, rows, np.arange(PLACES), 10)
     rows = [scores[14 - back] for back in range(15)]
     best = Candidate(19, 0, 0.3)
-    assert judged(acceptance, 14, rows, (best,), BY_TRACK)[0] is Reason.ACCEPTED
+    assert judged(acceptance, 14, rows, (best,), BY_TRACK).reason is Reason.ACCEPTED
 
 
 def test_after_a_reset_evidence_is_gathered_anew():
@@ -288,7 +288,7 @@ def accepted_of(scores, lengths, truth):
         scores_of_ends = sequence_scores(rows[:length], partial=True)
         found = best_candidates(ends, scores_of_ends, places, BY_TRACK)
         answerable += any(length - 1 <= place < len(row) for place in truth[frame])
-        if found and acceptance.judge(found, BY_TRACK)[0] is Reason.ACCEPTED:
+        if found and acceptance.judge(found, BY_TRACK).reason is Reason.ACCEPTED:
             near = min(
                 (abs(found[0].reference_index - place) for place in truth[frame]), default=99
             )

@@ -164,7 +164,7 @@ def test_a_place_of_this_drive_must_look_as_this_drive_does(step, session_start,
     given = Given({30: 200.0}, step)
     acceptance.update(0, [row], np.arange(100), 10, geometry=given, session_start=session_start)
     found = acceptance.judge([Candidate(30, 30, 0.3)], config)
-    assert found[0] is reason
+    assert found.reason is reason
     assert acceptance.inliers(30) == 0 and acceptance.inliers(50) is None
 
 

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the best candidate is a match, and how sure that is."""
 
+from dataclasses import replace
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.decision.confidence import confidence
+from convseq_ros.core.decision.confidence import Judgement
 from convseq_ros.core.decision.geometry import Geometry
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
@@ -14,8 +15,6 @@ from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEviden
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.diagonals import Rows
 from convseq_ros.core.types import Candidates, Indices, Reason, Row
-
-Judgement = tuple[Reason, float | None]  # and the probability that the best is right, if known
 
 
 class Acceptance:
@@ -43,8 +42,6 @@ class Acceptance:
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
         self._row: Row | None = None
-        # Of the best candidate: its evidence, and the share of the last frames on its track.
-        self.known: tuple[float, float] | None = None
         self.entered: tuple[int, float] | None = None  # place, evidence; by few frames alone
 
     def update(
@@ -63,7 +60,7 @@ class Acceptance:
         References from `session_start` on were seen on this drive.
         """
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
-        self.entered = self.known = None
+        self.entered = None
         if not self.by_track:
             return
         self._row = row = rows[0]
@@ -179,24 +176,23 @@ class Acceptance:
 
     def judge(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         """Return whether the best of at least one candidate of the newest frame is a match."""
-        reason, sure = self._decide(candidates, config)
-        best = candidates[0].reference_index
-        if reason is Reason.ACCEPTED and self._is_unlike_own_drive(best):
-            return Reason.UNVERIFIED, sure
-        return reason, sure
+        said, best = self._decide(candidates, config), candidates[0].reference_index
+        if said.reason is Reason.ACCEPTED and self._is_unlike_own_drive(best):
+            return replace(said, reason=Reason.UNVERIFIED)
+        return said
 
     def _decide(self, candidates: Candidates, config: AcceptanceConfig) -> Judgement:
         if not self.by_track:
-            return decide_by_margin(candidates, config, self.places), None
+            return Judgement(decide_by_margin(candidates, config, self.places))
         best = candidates[0].reference_index
         reason, evidence = self._doubt(best), self._evidence(best)
         if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
         known = [one for one in (self._along(best), evidence) if one is not None]
         if not known:
-            return reason, None
-        self.known = max(known), self._track.share(self._frame, best, self._velocity)
-        return reason, confidence(*self.known)
+            return Judgement(reason)
+        share = self._track.share(self._frame, best, self._velocity)
+        return Judgement(reason, max(known), share)
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""

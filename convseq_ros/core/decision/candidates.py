@@ -9,6 +9,7 @@ from itertools import islice
 from convseq_ros.config import AcceptanceConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.confidence import Judgement
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.map.place import Place
@@ -78,9 +79,9 @@ def decided(
     places: Sequence[Place],
     config: AcceptanceConfig,
     length: int,
-) -> tuple[Candidates, Reason | None, float | None]:
+) -> tuple[Candidates, Judgement | None]:
     """
-    Return the best places, what is said of the best, and how sure that is; of none, None.
+    Return the best places, and what is said of the best; of none, None.
 
     First is what speaks most for itself; a match is where the newest frame shows it to be.
     """
@@ -97,13 +98,13 @@ def decided(
     if surest and surest[1] >= config.min_evidence:
         found = with_first(candidate(surest[0]), found, config, acceptance.places)
     if not found:
-        return found, None, None
-    reason, sure = acceptance.judge(found, config)
-    if reason is Reason.ACCEPTED:
+        return found, None
+    said = acceptance.judge(found, config)
+    if said.reason is Reason.ACCEPTED:
         best = acceptance.placed(found[0].reference_index, config.min_evidence)
         found = candidate(best), *found[1:]
     known = (replace(one, inliers=acceptance.inliers(one.reference_index)) for one in found)
-    return tuple(known), reason, sure
+    return tuple(known), said
 
 
 def with_first(

@@ -1,10 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How likely a match is right, given the evidence for it."""
+"""What is said of the best candidate, and how likely it is right."""
 
+from dataclasses import dataclass
 import math
 
 from convseq_ros.core.constants import constants
+from convseq_ros.core.types import Reason
 
 
 @constants
@@ -28,3 +30,17 @@ def confidence(evidence: float, share: float) -> float:
     strength = math.log(max(evidence, 0.0) + CONFIDENCE.least_evidence)
     odds = CONFIDENCE.offset + CONFIDENCE.slope * strength + CONFIDENCE.track * share**2
     return 1.0 / (1.0 + math.exp(-odds))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is said of the best candidate."""
+
+    reason: Reason
+    evidence: float | None = None  # for it, as `min_evidence` counts it, if anything is known
+    share: float = 0.0  # of the last frames that lie on its track, in [0, 1]
+
+    @property
+    def confidence(self) -> float | None:
+        """The probability that it is right, if anything is known."""
+        return None if self.evidence is None else confidence(self.evidence, self.share)
