@@ -8,7 +8,7 @@ enum {
     CELL_PX = 16,
     BINS = 8,
     SPAN = 3, // cells in a row of a projected region
-    REGION_ROWS = ROWS < 10 ? ROWS : 10, // regions that are projected at once; a row has 30
+    REGION_ROWS = ROWS < 8 ? ROWS : 10, // regions that are projected at once; a row has 30
 };
 
 // Fill in the sum of a function of each level's count, over a disk around every pixel.

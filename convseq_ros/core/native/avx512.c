@@ -6,7 +6,7 @@
 #pragma GCC target("prefer-vector-width=512")
 #define VARIANT avx512
 #define LANES 16
-#define ROWS 12
+#define ROWS 8
 #define OFFSET 128 // dot products take a reference's bytes as unsigned
 #define LABEL_SHIFT (32 - LABEL_BITS) // labels are shifted in from the top of a word
 #include "vectors.h"

@@ -29,8 +29,6 @@ enum {
     NUMBERS = 32, // of a region
     LABEL_BITS = 15, // below a dot product of bytes in one word: where it was found
     LABEL = (1 << LABEL_BITS) - 1,
-    ROW_BIT = 11, // a label is a row in a tile, from this bit on, and a vector of the reference
-    VECTOR = (1 << ROW_BIT) - 1,
 };
 
 static inline Words splat(int32_t value) { return value - (Words){}; }
