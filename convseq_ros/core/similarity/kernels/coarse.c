@@ -7,56 +7,41 @@ enum {
     AHEAD = 8192, // bytes that memory is asked for before they are needed
 };
 
-// Add 16 products to 16 sums, of numbers that the mask lets through.
-static inline void add_products(const uint16_t *row, const float *direction,
-                                const Words *mask, Floats *sums)
+// Write the products of so many rows with one vector. All processors add alike, to 16 sums.
+INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const float *direction,
+                     float *products)
 {
-    for (int part = 0; part < 16 / LANES; part++) {
-        Floats numbers = widened(row + part * LANES);
-        if (mask)
-            numbers = (Floats)((Words)numbers & mask[part]);
-        sums[part] = fused(numbers, floats(direction + part * LANES), sums[part]);
-    }
+    Floats sums[ABREAST][16 / LANES] = {0};
+    for (intptr_t first = 0; first < numbers; first += 16)
+#pragma GCC unroll 4
+        for (int row = 0; row < count; row++)
+#pragma GCC unroll 4
+            for (int part = 0; part < 16 / LANES; part++)
+                sums[row][part] = fused(widened(rows + row * numbers + first + part * LANES),
+                                        floats(direction + first + part * LANES), sums[row][part]);
+    for (int row = 0; row < count; row++)
+        products[row] = added_up(sums[row], 16 / LANES);
 }
 
 // Write the products of rows [count][numbers] in half precision with one vector, which has zeros
-// behind it up to a multiple of 16. All processors add alike, to 16 sums.
+// behind it up to a multiple of 16: what lies behind a row counts for nothing.
 KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const float *direction,
                  float *products)
 {
-    intptr_t whole = numbers / 16 * 16;
-    Words mask[16 / LANES]; // what lies behind a row are numbers of the next, or none
-    for (intptr_t lane = 0; lane < 16; lane++)
-        mask[lane / LANES][lane % LANES] = whole + lane < numbers ? -1 : 0;
+    uint16_t *last = calloc((size_t)rounded_up(numbers, 16), sizeof *last);
     intptr_t row = 0;
-    for (; row + ABREAST < count; row += ABREAST) {
+    for (; (row + ABREAST - count) * numbers + 16 <= 0 && last; row += ABREAST) {
         const uint16_t *own = rows + row * numbers;
-        Floats sums[ABREAST][16 / LANES] = {0};
         for (intptr_t byte = 0; byte < 2 * ABREAST * numbers; byte += 64)
             __builtin_prefetch((const char *)own + AHEAD + byte);
-        for (intptr_t first = 0; first < whole; first += 16)
-#pragma GCC unroll 4
-            for (int beside = 0; beside < ABREAST; beside++)
-                add_products(own + beside * numbers + first, direction + first, 0, sums[beside]);
-#pragma GCC unroll 4
-        for (int beside = 0; beside < ABREAST; beside++) {
-            if (whole < numbers)
-                add_products(own + beside * numbers + whole, direction + whole, mask,
-                             sums[beside]);
-            products[row + beside] = added_up(sums[beside], 16 / LANES);
-        }
+        multiply(own, ABREAST, numbers, direction, products + row);
     }
-    for (; row < count; row++) { // behind the last row there may be no memory of ours
-        Floats sums[16 / LANES] = {0};
-        uint16_t last[16] = {0};
-        for (intptr_t first = 0; first < whole; first += 16)
-            add_products(rows + row * numbers + first, direction + first, 0, sums);
-        memcpy(last, rows + row * numbers + whole, (size_t)(numbers - whole) * sizeof *last);
-        if (whole < numbers)
-            add_products(last, direction + whole, 0, sums);
-        products[row] = added_up(sums, 16 / LANES);
+    for (; row < count && last; row++) { // behind the last rows there may be no memory of ours
+        memcpy(last, rows + row * numbers, (size_t)numbers * sizeof *last);
+        multiply(last, 1, numbers, direction, products + row);
     }
-    return 0;
+    free(last);
+    return last ? 0 : -1;
 }
 
 // Return 0 if dot products of bytes, and sums of products in single and half precision, are right.

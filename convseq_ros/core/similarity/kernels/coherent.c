@@ -97,22 +97,6 @@ static void vote(Pair *pair, double found[3])
     found[2] = peak_column - (double)(side - 1);
 }
 
-// Raise the best counterparts of a tile's rows and columns by floats; of equal ones the first stays.
-INLINE void keep_counterparts(const float *query, const float *block, int32_t vector,
-                              int32_t first, Floats best[ROWS], Words there[ROWS],
-                              Floats columns[2], Words places[2])
-{
-    Floats dots[ROWS][2];
-    float_dots(query, block, NUMBERS, dots);
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-#pragma GCC unroll 2
-        for (int half = 0; half < 2; half++) {
-            keep_larger(dots[row][half], splat(vector + half), best + row, there + row);
-            keep_larger(dots[row][half], splat(first + row), columns + half, places + half);
-        }
-}
-
 // Find the counterparts of a tile's rows, and raise those of all columns, by bytes. A word is a dot
 // product and, below it, row plus vector: one maximum finds the vector of a row, another one the
 // row of a column, where every instruction costs time. Of equal products the last counts.
@@ -149,65 +133,58 @@ static void match_bytes(Pair *pair, const void *query, const void *reference, in
     }
 }
 
-// Find the counterparts of a tile's rows, and raise those of all columns, by floats.
+// The same by floats; of equal products the first counts.
 static void match_floats(Pair *pair, const void *query, const void *reference, intptr_t first)
 {
-    Floats best[ROWS];
+    Floats best[ROWS], *columns = (Floats *)pair->columns;
     Words there[ROWS] = {0};
     for (int row = 0; row < ROWS; row++)
         best[row] = spread(-INFINITY);
-    for (intptr_t vector = 0; vector < pair->vectors; vector += 2)
-        keep_counterparts((const float *)query + first * NUMBERS,
-                          (const float *)reference + vector * LANES * NUMBERS, (int32_t)vector,
-                          (int32_t)first, best, there, (Floats *)pair->columns + vector,
-                          pair->back + vector);
+    for (intptr_t vector = 0; vector < pair->vectors; vector += 2) {
+        Floats dots[ROWS][2], highest[2] = {columns[vector], columns[vector + 1]};
+        Words rows[2] = {pair->back[vector], pair->back[vector + 1]};
+        float_dots((const float *)query + first * NUMBERS,
+                   (const float *)reference + vector * LANES * NUMBERS, dots);
+#pragma GCC unroll 16
+        for (int row = 0; row < ROWS; row++)
+#pragma GCC unroll 2
+            for (int half = 0; half < 2; half++) {
+                keep_larger(dots[row][half], splat((int32_t)vector + half), best + row, there + row);
+                keep_larger(dots[row][half], splat((int32_t)first + row), highest + half, rows + half);
+            }
+        memcpy(columns + vector, highest, sizeof highest);
+        memcpy(pair->back + vector, rows, sizeof rows);
+    }
     for (int row = 0; row < ROWS; row++) {
         float highest = -INFINITY;
+        int32_t *found = pair->there + first + row;
         for (int lane = 0; lane < LANES; lane++) {
             int32_t region = there[row][lane] * LANES + lane;
-            if (best[row][lane] > highest ||
-                (best[row][lane] == highest && region < pair->there[first + row])) {
-                highest = best[row][lane];
-                pair->there[first + row] = region;
-            }
+            if (best[row][lane] > highest || (best[row][lane] == highest && region < *found))
+                highest = best[row][lane], *found = region;
         }
     }
 }
 
-// Write score and shift, [several][3], of a query and each reference.
-static int compare(Pair *pair, int bytes, const void *query, const int64_t *index,
-                   const void *const *references, intptr_t several, double (*found)[3])
-{
-    int ready = begin(pair, index);
-    for (intptr_t one = 0; one < several && ready; one++) {
-        for (intptr_t vector = 0; vector < pair->vectors; vector++)
-            pair->columns[vector] = bytes ? splat(INT32_MIN) : (Words)spread(-INFINITY);
-        for (intptr_t first = 0; first < pair->count; first += ROWS)
-            (bytes ? match_bytes : match_floats)(pair, query, references[one], first);
-        for (intptr_t vector = 0; vector < pair->vectors && bytes; vector++)
-            pair->back[vector] = (pair->columns[vector] & LABEL) - (int32_t)vector;
-        vote(pair, found[one]);
-    }
-    free(pair->columns);
-    free(pair->votes);
-    return ready ? 0 : -1;
-}
-
-// By products of bytes, which are exact. sums: what those of the query's regions begin with;
-// index: where these lie; window: from the middle on, [REACH + 1].
-KERNEL(compare_bytes)(const QueryNumber *query, const int32_t *sums, const int64_t *index,
-                      intptr_t count, intptr_t side, const double *window,
-                      const void *const *references, intptr_t several, double (*found)[3])
+// Write score and shift, [several][3], of a query and each reference: by bytes, whose products are
+// exact, if it is told what the sums of the query's regions begin with, else by floats. index:
+// where these lie; window: from the middle on, [REACH + 1].
+KERNEL(compare)(const void *query, const int32_t *sums, const int64_t *index, intptr_t count,
+                intptr_t side, const double *window, const void *const *references,
+                intptr_t several, double (*found)[3])
 {
     Pair pair = {.count = count, .side = side, .window = window, .sums = sums};
-    return compare(&pair, 1, query, index, references, several, found);
-}
-
-// By products of floats.
-KERNEL(compare_floats)(const float *query, const int64_t *index, intptr_t count, intptr_t side,
-                       const double *window, const void *const *references, intptr_t several,
-                       double (*found)[3])
-{
-    Pair pair = {.count = count, .side = side, .window = window};
-    return compare(&pair, 0, query, index, references, several, found);
+    int ready = begin(&pair, index);
+    for (intptr_t one = 0; one < several && ready; one++) {
+        for (intptr_t vector = 0; vector < pair.vectors; vector++)
+            pair.columns[vector] = sums ? splat(INT32_MIN) : (Words)spread(-INFINITY);
+        for (intptr_t first = 0; first < count; first += ROWS)
+            (sums ? match_bytes : match_floats)(&pair, query, references[one], first);
+        for (intptr_t vector = 0; vector < pair.vectors && sums; vector++)
+            pair.back[vector] = (pair.columns[vector] & LABEL) - (int32_t)vector;
+        vote(&pair, found[one]);
+    }
+    free(pair.columns);
+    free(pair.votes);
+    return ready ? 0 : -1;
 }

@@ -11,7 +11,7 @@ from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import Blocks
 from convseq_ros.core.similarity.kernels.numpy_coherent import window
-from convseq_ros.core.similarity.kernels.panel import Bytes, Panel, query_bytes, query_floats
+from convseq_ros.core.similarity.kernels.panel import Packed, query_bytes, query_floats
 from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
 from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
@@ -21,9 +21,9 @@ import numpy.typing as npt
 _SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
 _WINDOW = window()[COHERENT.reach_cells :]
 
-_of_pairs = array('i8'), SIZE, SIZE, array('f8'), array('u8'), SIZE, array('f8')
-_compare_bytes = kernel('compare_bytes', array('i1'), array('i4'), *_of_pairs)
-_compare_floats = kernel('compare_floats', array('f4'), *_of_pairs)
+_of_pairs = array('i4'), array('i8'), SIZE, SIZE, array('f8'), array('u8'), SIZE, array('f8')
+_compare_bytes = kernel('compare', array('i1'), *_of_pairs)
+_compare_floats = kernel('compare', array('f4'), *_of_pairs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,11 @@ class _Query:
 
     index: npt.NDArray[np.int64]  # (G,), where they lie
     side: int  # regions in a row of the image
-    packed: tuple[Panel] | Bytes
+    packed: Packed
 
 
 def _float_query(query: CoherentQuery) -> _Query:
-    return _Query(query.index, query.side, (query_floats(query.regions),))
+    return _Query(query.index, query.side, query_floats(query.regions))
 
 
 def _byte_query(query: CoherentQuery) -> _Query:
@@ -46,7 +46,7 @@ def _byte_query(query: CoherentQuery) -> _Query:
 def _compared(
     query: _Query, blocks: Blocks | None, others: Sequence[Reference]
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
-    compare = _compare_floats if len(query.packed) == 1 else _compare_bytes
+    compare = _compare_floats if query.packed[1] is None else _compare_bytes
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
     own = *query.packed, query.index, len(query.index), query.side
     compare(*own, _WINDOW, where, len(others), found)

@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 Panel = npt.NDArray[Any]  # starts with a cache line
-Bytes = tuple[Panel, npt.NDArray[np.int32]]  # of a query, and what its sums begin with
+# A query, and what sums of its bytes begin with; None if it is floats.
+Packed = tuple[Panel, npt.NDArray[np.int32] | None]
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _FLOATS, _BYTES = array('f4'), array('i1')
 _pack_query = kernel('pack_query', _FLOATS, SIZE, FLOAT, INT, _BYTES, array('i4'))
 _pack_reference = kernel('pack_reference', _FLOATS, SIZE, FLOAT, INT, _BYTES)
-_pack_floats = kernel('pack_floats', _FLOATS, SIZE, SIZE, INT, _FLOATS)
+_pack_floats = kernel('pack_floats', _FLOATS, SIZE, INT, _FLOATS)
 
 _shape = np.empty(4, np.int32)
 kernel('shape', array('i4'))(_shape)
@@ -38,7 +39,7 @@ def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
     return np.array([*map(address, arrays)], np.uint64)
 
 
-def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Bytes:
+def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Packed:
     """Return regions (G, 32), times a scale, as signed bytes."""
     count = rounded_up(len(regions), ROWS)
     packed, start = empty_panel(count * 32 * QUERY_BYTES, np.int8), np.empty(count, np.int32)
@@ -53,19 +54,19 @@ def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
     return packed
 
 
-def query_floats(rows: npt.NDArray[np.float32]) -> Panel:
-    """Return rows (G, n) up to full tiles."""
-    return _floats(rows, ROWS, 0)
+def query_floats(regions: Regions) -> Packed:
+    """Return regions (G, 32) up to full tiles."""
+    return _floats(regions, ROWS, 0), None
 
 
-def reference_floats(rows: npt.NDArray[np.float32]) -> Panel:
-    """Return rows (N, n) in blocks."""
-    return _floats(rows, COLUMNS, 1)
+def reference_floats(regions: Regions) -> Panel:
+    """Return regions (N, 32) in blocks."""
+    return _floats(regions, COLUMNS, 1)
 
 
-def _floats(rows: npt.NDArray[np.float32], step: int, reference: int) -> Panel:
-    packed = empty_panel(rounded_up(len(rows), step) * rows.shape[1], np.float32)
-    _pack_floats(np.ascontiguousarray(rows), *rows.shape, reference, packed)
+def _floats(regions: Regions, step: int, reference: int) -> Panel:
+    packed = empty_panel(rounded_up(len(regions), step) * 32, np.float32)
+    _pack_floats(np.ascontiguousarray(regions), len(regions), reference, packed)
     return packed
 
 

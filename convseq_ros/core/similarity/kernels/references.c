@@ -56,7 +56,7 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
         if (scale > 0)
             CALL(pack_reference)(regions, count, scale, 0, panels[one]);
         else
-            CALL(pack_floats)(regions, count, NUMBERS, 1, panels[one]);
+            CALL(pack_floats)(regions, count, 1, panels[one]);
     }
     free(cells);
     return failed ? -1 : 0;

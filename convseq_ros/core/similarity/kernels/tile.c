@@ -25,17 +25,17 @@ INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words s
 }
 
 // Write dot products of floats, which all processors add alike.
-INLINE void float_dots(const float *query, const float *block, int numbers, Floats sums[ROWS][2])
+INLINE void float_dots(const float *query, const float *block, Floats sums[ROWS][2])
 {
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         sums[row][0] = sums[row][1] = spread(0);
-    for (int number = 0; number < numbers; number++) {
+    for (int number = 0; number < NUMBERS; number++) {
         Floats left = floats(block + number * COLUMNS);
         Floats right = floats(block + number * COLUMNS + LANES);
 #pragma GCC unroll 16
         for (int row = 0; row < ROWS; row++) {
-            Floats own = spread(query[row * numbers + number]);
+            Floats own = spread(query[row * NUMBERS + number]);
             sums[row][0] = fused(left, own, sums[row][0]);
             sums[row][1] = fused(right, own, sums[row][1]);
         }
@@ -98,15 +98,14 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
     return 0;
 }
 
-// Lay out rows [count][numbers] of a query, in the first tiles, or of a reference, in blocks.
-KERNEL(pack_floats)(const float *rows, intptr_t count, intptr_t numbers, int reference,
-                         float *packed)
+// Lay out the regions [count][32] of a query, in tiles, or of a reference, in blocks.
+KERNEL(pack_floats)(const float *regions, intptr_t count, int reference, float *packed)
 {
     intptr_t step = reference ? COLUMNS : 1, all = rounded_up(count, reference ? COLUMNS : ROWS);
     for (intptr_t place = 0; place < all; place++)
-        for (intptr_t number = 0; number < numbers; number++)
-            packed[(place / step * numbers + number) * step + place % step] =
-                rows[(place < count ? place : count - 1) * numbers + number];
+        for (int number = 0; number < NUMBERS; number++)
+            packed[(place / step * NUMBERS + number) * step + place % step] =
+                regions[(place < count ? place : count - 1) * NUMBERS + number];
     return 0;
 }
 
