@@ -11,6 +11,13 @@ enum {
     REGION_ROWS = ROWS < 8 ? ROWS : 10, // regions that are projected at once; a row has 30
 };
 
+// Change a level's count; return by how much its term changes.
+static inline double changed(int *count, int by, const double *terms)
+{
+    double before = terms[*count];
+    return terms[*count += by] - before;
+}
+
 // Fill in the sum of a function of each level's count, over a disk around every pixel.
 //
 // The disk slides along a row: where pixels enter and leave it, counts and sum are corrected.
@@ -25,21 +32,14 @@ KERNEL(disk_sums)(const uint16_t *levels, const int64_t *half_widths, intptr_t d
         double total = 0;
         const uint16_t *first = levels + y * line;
         for (intptr_t row = 0; row < diameter; row++)
-            for (intptr_t x = radius - half_widths[row]; x <= radius + half_widths[row]; x++) {
-                int *count = &counts[first[row * line + x]];
-                total += terms[*count + 1] - terms[*count];
-                ++*count;
-            }
+            for (intptr_t x = radius - half_widths[row]; x <= radius + half_widths[row]; x++)
+                total += changed(&counts[first[row * line + x]], 1, terms);
         sums[y * width] = total;
         for (intptr_t x = 1; x < width; x++) {
             for (intptr_t row = 0; row < diameter; row++) {
                 const uint16_t *middle = first + row * line + x + radius;
-                int *left = &counts[middle[-1 - half_widths[row]]];
-                total += terms[*left - 1] - terms[*left];
-                --*left;
-                int *entered = &counts[middle[half_widths[row]]];
-                total += terms[*entered + 1] - terms[*entered];
-                ++*entered;
+                total += changed(&counts[middle[-1 - half_widths[row]]], -1, terms);
+                total += changed(&counts[middle[half_widths[row]]], 1, terms);
             }
             sums[y * width + x] = total;
         }
@@ -63,12 +63,10 @@ static void across(const double *restrict line, intptr_t side, double *restrict 
 static void gradients(double *const slopes[5], double *const means[5], intptr_t side,
                       float *restrict strength, float *restrict orientation)
 {
-    const double *restrict a = slopes[0], *restrict b = slopes[1], *restrict c = slopes[2],
-                 *restrict d = slopes[3], *restrict e = slopes[4], *restrict f = means[0],
-                 *restrict g = means[1], *restrict i = means[3], *restrict j = means[4];
+    double *const *s = slopes, *const *m = means;
     for (intptr_t x = 0; x < side; x++) {
-        strength[x] = (float)(6 * c[x] + 4 * (d[x] + b[x]) + (e[x] + a[x]));
-        orientation[x] = (float)(2 * (i[x] - g[x]) + (j[x] - f[x]));
+        strength[x] = (float)(6 * s[2][x] + 4 * (s[3][x] + s[1][x]) + (s[4][x] + s[0][x]));
+        orientation[x] = (float)(2 * (m[3][x] - m[1][x]) + (m[4][x] - m[0][x]));
     }
     for (intptr_t x = 0; x < side; x++) {
         float gx = strength[x], gy = orientation[x];
@@ -103,11 +101,11 @@ static void vote_for_bins(const float *restrict strength, const float *restrict 
 KERNEL(histograms)(const uint8_t *framed, intptr_t side, const double *gamma, float *cells)
 {
     intptr_t width = side + 4;
-    double *lines = malloc((size_t)(10 * side + width) * sizeof *lines);
-    float *numbers = malloc((size_t)((BINS + 3) * side) * sizeof *numbers);
-    float *strength = numbers, *orientation = numbers + side, *votes = numbers + 2 * side;
-    for (intptr_t y = 0; y < width && lines && numbers; y++) {
-        double *corrected = lines + 10 * side, *slopes[5], *means[5];
+    double *lines = malloc((size_t)(10 * side + width + (BINS + 3) * side) * sizeof *lines);
+    double *corrected = lines + 10 * side, *slopes[5], *means[5];
+    float *strength = (float *)(corrected + width), *orientation = strength + side;
+    float *votes = orientation + side;
+    for (intptr_t y = 0; y < width && lines; y++) {
         for (intptr_t x = 0; x < width; x++)
             corrected[x] = gamma[framed[y * width + x]];
         for (int past = 0; past < 5; past++) {
@@ -136,8 +134,7 @@ KERNEL(histograms)(const uint8_t *framed, intptr_t side, const double *gamma, fl
             }
     }
     free(lines);
-    free(numbers);
-    return lines && numbers ? 0 : -1;
+    return lines ? 0 : -1;
 }
 
 // Write numbers times a factor less an origin, at unit length. All processors add alike.

@@ -8,17 +8,11 @@
 #define LANES 16
 #define ROWS 8
 #define OFFSET 128 // dot products take a reference's bytes as unsigned
-#define LABEL_SHIFT (32 - LABEL_BITS) // labels are shifted in from the top of a word
 #include "vectors.h"
 
 static inline Words dot(Words sum, Words reference, Words query)
 {
     return (Words)_mm512_dpbusd_epi32((__m512i)sum, (__m512i)reference, (__m512i)query);
-}
-
-static inline Words labelled(Words sum, int32_t label)
-{
-    return (Words)_mm512_shldi_epi32((__m512i)sum, (__m512i)splat(label), LABEL_BITS);
 }
 
 #include "kernels.h"

@@ -14,10 +14,5 @@ static inline Words dot(Words sum, Words reference, Words query)
     return (Words)_mm256_dpbusd_avx_epi32((__m256i)sum, (__m256i)reference, (__m256i)query);
 }
 
-static inline Words labelled(Words sum, int32_t label)
-{
-    return sum << LABEL_BITS | splat(label);
-}
-
 #include "kernels.h"
 #endif

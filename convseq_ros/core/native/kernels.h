@@ -8,9 +8,6 @@
 #ifndef OFFSET
 #define OFFSET 0
 #endif
-#ifndef LABEL_SHIFT
-#define LABEL_SHIFT 0
-#endif
 
 #include "../encoding/kernels.c"
 #include "../sequence/kernels.c"

@@ -120,19 +120,26 @@ static inline Floats widened(const uint16_t *halves)
 typedef int16_t QueryNumber;
 enum { STEPS = NUMBERS / 2, QUERY_SCALE = 128, SUM_SHIFT = LABEL_BITS };
 static inline Words raised(Words bytes, int upper);
-static inline Words labelled(Words sum, int32_t label) { return (void)label, sum; }
 #else
 // Four products of bytes at a time.
 typedef int8_t QueryNumber;
 enum { STEPS = NUMBERS / 4, QUERY_SCALE = 1, SUM_SHIFT = 0 };
 #endif
 
-#ifdef __aarch64__
+// Return a sum above its label.
 static inline Words labelled(Words sum, int32_t label)
 {
+#if defined(PAIRS)
+    return (void)label, sum;
+#elif defined(__AVX512VBMI2__)
+    __m512i top = (__m512i)(splat(label) << (32 - LABEL_BITS));
+    return (Words)_mm512_shldi_epi32((__m512i)sum, top, LABEL_BITS);
+#elif defined(__aarch64__)
     return (Words)vsliq_n_s32(vdupq_n_s32(label), (int32x4_t)sum, LABEL_BITS);
-}
+#else
+    return sum << LABEL_BITS | splat(label);
 #endif
+}
 
 // Return what a query has for a step, in all lanes.
 #ifdef __x86_64__

@@ -47,7 +47,7 @@ static int begin(Pair *pair, const int64_t *index)
     for (intptr_t row = 0; row < tiles; row++)
         pair->start[row] = pair->end[index[row < pair->count ? row : pair->count - 1]];
     for (intptr_t label = 0; label < columns + tiles; label++)
-        pair->labels[label] = (int32_t)((uint32_t)label << LABEL_SHIFT);
+        pair->labels[label] = (int32_t)label;
     return 1;
 }
 
@@ -81,7 +81,8 @@ static void vote(Pair *pair, double found[3])
     for (intptr_t column = 0; column < span; column += LANES / 2) {
         Doubles best = {0}, best_row = {0};
         for (intptr_t row = 0; row < span; row++) {
-            Doubles total = blended(pair->smooth + first + row * width + column, pair->window, width);
+            const double *own = pair->smooth + first + row * width + column;
+            Doubles total = blended(own, pair->window, width);
             Longs better = total > best;
             best = (Doubles)((better & (Longs)total) | (~better & (Longs)best));
             best_row = (Doubles)((better & (Longs)((double)row - (Doubles){})) |
@@ -149,8 +150,9 @@ static void match_floats(Pair *pair, const void *query, const void *reference, i
         for (int row = 0; row < ROWS; row++)
 #pragma GCC unroll 2
             for (int half = 0; half < 2; half++) {
-                keep_larger(dots[row][half], splat((int32_t)vector + half), best + row, there + row);
-                keep_larger(dots[row][half], splat((int32_t)first + row), highest + half, rows + half);
+                Words column = splat((int32_t)vector + half), own = splat((int32_t)first + row);
+                keep_larger(dots[row][half], column, best + row, there + row);
+                keep_larger(dots[row][half], own, highest + half, rows + half);
             }
         memcpy(columns + vector, highest, sizeof highest);
         memcpy(pair->back + vector, rows, sizeof rows);
