@@ -7,9 +7,9 @@ Usage: python scripts/both_ways.py [--streets 1 2] [--metres 200], some three mi
 The map is of the front camera of a drive by day. Later drives go in reverse gear, with that
 camera, and back, turned round, with a front and a rear one, then also in a map without poses; 1 m
 and 3 m (the opposite lane) to the side, by day and in the evening, without odometry. A place is
-recalled if a camera recognises it within 5 m of where the robot is; further off, or with the camera
-that looks the other way, a match is false. `turned` is the median error of the base's heading
-against the place's, in degrees.
+recalled if a camera recognises it within 5 m of where the robot is; further off, or with the
+camera that looks the other way, a match is false. `turned` is the median error of the base's
+heading against the place's, in degrees.
 """
 
 import argparse

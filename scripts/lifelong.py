@@ -5,9 +5,9 @@ Print how a map grows that a robot drives with every day in lifelong mode.
 
 Usage: python scripts/lifelong.py [--metres 60] [--days 30] [--max-places-per-m 2.5] [--town 1],
 some five minutes. Each day's drive, by day, in the evening, under clouds or at night, up to 1 m to
-the side of one line, with odometry, is recognised in the map of the days before, and what is new of
-it is added. Right is within 5 m of where the camera is. `left out` are places that went when the
-map was opened, to keep the limit.
+the side of one line, with odometry, is recognised in the map of the days before, and what is new
+of it is added. Right is within 5 m of where the camera is. `left out` are places that went when
+the map was opened, to keep the limit.
 """
 
 import argparse
