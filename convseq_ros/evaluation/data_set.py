@@ -241,8 +241,8 @@ def _part(content: Any, path: Path, base: Path, name: str) -> Part:
     topic = str(said.get('topic', ''))
     if len(topic.split()) > 1:
         raise ConfigError(
-            f'{path}: {name}: topic: {topic!r} names several cameras, and a data set has one; make '
-            'a set for each, or recognise with all of them by convseq replay'
+            f'{path}: {name}: topic: {topic!r} names several cameras, and a data set has one; '
+            'make a set for each, or recognise with all of them by convseq replay'
         )
     return Part(
         base / str(said['path']) if drawn is None else Path(),
