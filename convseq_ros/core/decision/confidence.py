@@ -16,11 +16,11 @@ class CONFIDENCE:
     """Of a logistic function; fitted by scripts/reliability.py, on dark images, too."""
 
     offset: float = -0.21  # log odds at an evidence of 1, off any track
-    slope: float = 1.53  # log odds per e-fold
+    slope: float = 1.54  # log odds per e-fold
     least_evidence: float = 0.1  # added, so that none has a logarithm
     # Log odds of a track that all of the last frames lie on, times the square of their share:
     # chance leads here and there, and what is dark says little, but the same again and again.
-    track: float = 6.86
+    track: float = 6.39
     # Of the balance, by which evidence and that share count: where one side of a street repeats,
     # the other tells.
     power: int = 2
