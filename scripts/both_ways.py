@@ -5,10 +5,11 @@ Print what is recognised of drawn streets that are driven both ways.
 
 Usage: python scripts/both_ways.py [--streets 1 2] [--metres 200], some three minutes a street.
 The map is of the front camera of a drive by day. Later drives go in reverse gear, with that
-camera, and back, turned round, with a front and a rear one; 1 m and 3 m (the opposite lane) to the
-side, by day and in the evening, without odometry. A place is recalled if a camera recognises it
-within 5 m of where the robot is; further off, or with the camera that looks the other way, a match
-is false. `turned` is the median error of the base's heading against the place's, in degrees.
+camera, and back, turned round, with a front and a rear one, then also in a map without poses; 1 m
+and 3 m (the opposite lane) to the side, by day and in the evening, without odometry. A place is
+recalled if a camera recognises it within 5 m of where the robot is; further off, or with the
+camera that looks the other way, a match is false. `turned` is the median error of the base's
+heading against the place's, in degrees.
 """
 
 import argparse
@@ -32,7 +33,8 @@ FRONT, REAR = '/front', '/rear'
 YAW_DEG = {FRONT: 0.0, REAR: 180.0}
 # How the street is driven again: heading, and which cameras see it.
 WAYS = {'in reverse gear': (0.0, (FRONT,)), 'back, two cameras': (180.0, (FRONT, REAR))}
-RULES = {'one': Config(), 'both': Config(matching=MatchingConfig(both_directions=True))}
+BOTH = Config(matching=MatchingConfig(both_directions=True))
+RULES = {'one': Config(), 'both': BOTH, 'both, no poses': BOTH}
 
 
 @dataclass(slots=True)
@@ -90,7 +92,9 @@ def main() -> int:
     for street in chosen.streets:
         how = {'seed': 10 * street, 'lane_offset_m': LANE_M, 'noise': NOISE['day']}
         first = driven(street, chosen.metres, FRONT, start_m=10.0, **how)
-        reference_map = build_map([frame for _, frame in first])
+        frames = [frame for _, frame in first]
+        with_poses = build_map(frames)
+        without = build_map([replace(frame, pose=None) for frame in frames])
         at = {frame.stamp_ns: here_m for here_m, frame in first}
         for way, (heading_deg, sources) in WAYS.items():
             for aside_m in (1.0, 3.0):
@@ -109,8 +113,9 @@ def main() -> int:
                         for one, seed in seeds.items()
                     ]
                     for rule, config in RULES.items():
-                        if rule == 'one' and heading_deg:
+                        if rule == ('one' if heading_deg else 'both, no poses'):
                             continue  # nearly the same images as in reverse gear
+                        reference_map = without if 'no poses' in rule else with_poses
                         key = way, aside_m, light, rule
                         counts = found.setdefault(key, Counts())
                         count(reference_map, at, config, iter(shown), counts)

@@ -3,11 +3,11 @@
 """
 Print how a map grows that a robot drives with every day in lifelong mode.
 
-Usage: python scripts/lifelong.py [--metres 60] [--days 30] [--max-places-per-m 2.5], some five
-minutes. Each day's drive, by day, in the evening, under clouds or at night, up to 1 m to the side
-of one line, with odometry, is recognised in the map of the days before, and what is new of it is
-added. Right is within 5 m of where the camera is. `left out` are places that went when the map was
-opened, to keep the limit.
+Usage: python scripts/lifelong.py [--metres 60] [--days 30] [--max-places-per-m 2.5] [--town 1],
+some five minutes. Each day's drive, by day, in the evening, under clouds or at night, up to 1 m to
+the side of one line, with odometry, is recognised in the map of the days before, and what is new
+of it is added. Right is within 5 m of where the camera is. `left out` are places that went when
+the map was opened, to keep the limit.
 """
 
 import argparse
@@ -34,6 +34,7 @@ def main() -> int:
     parser.add_argument('--metres', type=int, default=60)
     parser.add_argument('--days', type=int, default=30)
     parser.add_argument('--max-places-per-m', type=float, default=0.0)
+    parser.add_argument('--town', type=int, default=1)
     chosen = parser.parse_args()
     limit = {'max_places_per_m': chosen.max_places_per_m}
     config = make_config({'mode': 'lifelong', **limit})
@@ -41,7 +42,8 @@ def main() -> int:
     print('|---|---|---|---|---|---|---|')
     with tempfile.TemporaryDirectory() as folder:
         for day in range(chosen.days):
-            frames, counts = driven(1, day, light_of(day), chosen.metres), Counts()
+            frames = driven(chosen.town, day, light_of(day), chosen.metres)
+            counts = Counts()
             session = Session(Path(folder, 'town.db'), config)
             count(session.recognizer, frames, counts)
             session.close()

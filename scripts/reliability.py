@@ -32,9 +32,12 @@ from convseq_ros.evaluation.rerun import part_of
 from convseq_ros.evaluation.truth import Truth
 import numpy as np
 
-FITTED = ('heading-night', 'low-heading', 'night-noise-3', 'rain-blur', 'traffic')
+FITTED = (
+    'heading-night', 'low-heading', 'night-noise-3', 'rain-blur', 'traffic', 'terrace',
+    'terrace-night',
+)  # fmt: skip
 REAL = ('gardens_point_day_day', 'corridor')
-Answers = Iterator[tuple[float, float, bool]]  # evidence, share of the track, right or a slip
+Answers = Iterator[tuple[float, float, float, bool]]  # evidence, share, balance; right, or a slip
 Asked = list[tuple[Frame, Descriptor | None]]
 
 
@@ -50,7 +53,7 @@ def answers(asked: Asked, made: ReferenceMap, right: np.ndarray, config) -> Answ
         said = judged[-1]
         if said.evidence is not None:
             where = number[match.best.reference_stamp_ns]
-            yield said.evidence, said.share, right[index, where]
+            yield said.evidence, said.share, said.balance, right[index, where]
 
 
 def of_drawn(pair: Pair) -> Answers:
@@ -94,9 +97,9 @@ def of_real(name: str, data: Path, darkened: float, folder: Path) -> Answers:
 
 def show(name: str, found: np.ndarray) -> None:
     """Print a table."""
-    said = np.array([confidence(*one) for one in found[:, :2]])
+    said = np.array([confidence(*one) for one in found[:, :3]])
     print(f'{name}, {len(found)} answers')
-    for row in reliability(said, found[:, 2] > 0):
+    for row in reliability(said, found[:, 3] > 0):
         print('  {low:.2f} to {high:.2f}: {count} said {said:.3f} right {right:.3f}'.format(**row))
 
 
@@ -123,9 +126,10 @@ def main(asked: list[str]) -> None:
     if drives:
         show('drawn drives', np.concatenate(drives))
     if is_fit:
-        evidence, share, right = np.concatenate([*tables.values()]).T
-        strength = np.log(np.maximum(evidence, 0) + CONFIDENCE.least_evidence)
-        features = np.column_stack((np.ones(len(right)), strength, share**2))
+        evidence, share, balance, right = np.concatenate([*tables.values()]).T
+        even = balance**CONFIDENCE.power
+        strength = np.log(np.maximum(evidence, 0) * even + CONFIDENCE.least_evidence)
+        features = np.column_stack((np.ones(len(right)), strength, share**2 * even))
         print('offset, slope, track:', logistic_weights(features, right > 0, np.zeros(3)).round(2))
 
 

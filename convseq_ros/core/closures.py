@@ -8,7 +8,6 @@ import math
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.plausibility import Plausibility
-from convseq_ros.core.geometry.uncertainty import ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
@@ -28,7 +27,7 @@ class SLACK:
 
 @constants
 class UNEXPLAINED:
-    """Of a match of which one pose explains too little, so that its position is not told."""
+    """Of a match of which one pose, or one motion, explains too little."""
 
     evidence: float = 2.0  # times `min_evidence`, that it needs; from drawn streets 1 and 2
 
@@ -112,7 +111,6 @@ def _is_unlikely(
     pose: RelativePose | None, evidence: float | None, config: AcceptanceConfig
 ) -> bool:
     """Return whether no pose explains what two images have in common, and evidence is small."""
-    if pose is None or pose.share is None or evidence is None:
+    if pose is None or pose.explains or evidence is None:
         return False
-    needed = UNEXPLAINED.evidence * config.min_evidence
-    return pose.share < ERROR.least_share and evidence < needed
+    return evidence < UNEXPLAINED.evidence * config.min_evidence

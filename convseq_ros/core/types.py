@@ -134,8 +134,7 @@ class RelativePose:
     direction: Vector | None  # of the position, a unit vector
     covariance: npt.NDArray[np.float64]  # (6, 6), of x, y, z and turns about them; m and rad
     inliers: int  # correspondences that agree with it
-    # Of those found, the share that agrees, in [0, 1], if depths were known; else None.
-    share: float | None = None
+    explains: bool = True  # enough of what the images have in common
 
     @property
     def pose(self) -> Pose | None:

@@ -238,9 +238,15 @@ def _part(content: Any, path: Path, base: Path, name: str) -> Part:
     backwards = said.get('backwards', False)
     if not isinstance(backwards, bool):
         raise ConfigError(f'{path}: {name}: backwards: {backwards!r} is not true or false')
+    topic = str(said.get('topic', ''))
+    if len(topic.split()) > 1:
+        raise ConfigError(
+            f'{path}: {name}: topic: {topic!r} names several cameras, and a data set has one; '
+            'make a set for each, or recognise with all of them by convseq replay'
+        )
     return Part(
         base / str(said['path']) if drawn is None else Path(),
-        str(said.get('topic', '')),
+        topic,
         str(said.get('odom', '')),
         _number(said.get('count', 0), int, path, f'{name}: count'),
         None if drawn is None else read_simulated(_mapping(drawn, path, name), path),

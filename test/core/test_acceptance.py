@@ -199,9 +199,11 @@ def test_confidence_rises_with_evidence_and_is_a_probability():
     for share in (0.0, 0.5, 1.0):
         said = [confidence(one, share) for one in (-0.5, 0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 1000.0)]
         assert said == sorted(said) and 0 <= said[0] and said[-1] <= 1
-    assert confidence(0.0, 0.1) < 0.05 and 0.5 < confidence(1.5, 0.1) < 0.6
+    assert confidence(0.0, 0.1) < 0.05 and 0.6 < confidence(1.5, 0.1) < 0.7
     # What is dark says little, but the same again and again.
     assert confidence(0.1, 0.2) < 0.1 and confidence(0.1, 0.9) > 0.85
+    # Where one side of a street repeats, the other side tells.
+    assert confidence(4.0, 0.8) > 0.99 and confidence(4.0, 0.8, balance=0.35) < 0.6
 
 
 def image(place, seed=0):

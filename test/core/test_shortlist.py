@@ -13,6 +13,7 @@ from convseq_ros.config import (
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.sequence.coarse_sums import all_sums, top
@@ -235,6 +236,12 @@ def test_the_top_of_another_number_of_ends_is_not_remembered():
         window = rows[frame : frame - 5 : -1]
         assert len(one.top(all_sums(one.asked(window, 5, 2.0)), 5, 12)) == 12
         assert (update(one, window, 5) == update(other, window, 5)).all()
+
+
+def test_all_places_of_the_likeliest_single_peaks_are_listed():
+    shortlist, best = Shortlist(20, SessionBounds((10,))), np.array([12, 40, 98, 60])
+    listed = shortlist.around(best, usable=100).tolist()
+    assert listed == [*range(10, 17), *range(36, 45), *range(94, 100)]
 
 
 def test_where_no_sequence_finds_room_nothing_is_listed():

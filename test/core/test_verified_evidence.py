@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What geometry adds to the evidence, and what a few newest frames say alone."""
 
+from convseq_ros.core.decision.confidence import balance
 from convseq_ros.core.decision.verified_evidence import VERIFIED, VerifiedEvidence
 from convseq_ros.core.geometry.verification import Verification
 import pytest
@@ -40,6 +41,15 @@ def test_a_rival_that_is_hardly_verified_counts_as_unrelated_images_do():
     evidence = VerifiedEvidence()
     evidence.update(strengths(_5=90.0, _60=3.0), 10)
     assert evidence.lead(5) == pytest.approx((90 - 3) / VERIFIED.least_strength**0.5)
+
+
+def test_a_place_that_one_side_of_the_image_verifies_is_out_of_balance():
+    evidence, least = VerifiedEvidence(), VERIFIED.least_strength
+    for left in (20.0, 180.0):
+        evidence.update({5: Verification(0, 200.0, 90.0, left), 6: verified(90.0)}, 10)
+        assert balance(evidence.shown(6)) == (20 + least) / (180 + least)
+    in_the_dark = Verification(0, 40.0, 20.0, 30.0)
+    assert balance(in_the_dark) > 0.6 and balance(evidence.shown(60)) == 1
 
 
 def test_without_a_rival_there_is_no_lead():

@@ -61,6 +61,7 @@ def yaml(**changes):
         (yaml(query=''), 'says no query'),
         (yaml(query='{topic: /a}'), 'query has no path'),
         (yaml(query='query'), 'query is not a list'),
+        (yaml(query='{path: query, topic: /a /b}'), "'/a /b' names several cameras"),
         (yaml(truht='{}'), "unknown key 'truht'; did you mean truth"),
         (yaml(truth='{kind: exact}'), "truth kind 'exact' is not one of identity"),
         (yaml(truth='{kind: table}'), 'truth table has no path'),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.decision.confidence import Judgement
+from convseq_ros.core.decision.confidence import balance, Judgement
 from convseq_ros.core.decision.geometry import Geometry
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
@@ -192,7 +192,7 @@ class Acceptance:
         if not known:
             return Judgement(reason)
         share = self._track.share(self._frame, best, self._velocity)
-        return Judgement(reason, max(known), share)
+        return Judgement(reason, max(known), share, balance(self._verified.shown(best)))
 
     def _doubt(self, best: int) -> Reason:
         """Return what speaks most against a candidate."""

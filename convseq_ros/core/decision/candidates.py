@@ -15,6 +15,7 @@ from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.diagonals import diagonal, ONE_SESSION, Values
+from convseq_ros.core.sequence.shortlist import SHORTLIST
 from convseq_ros.core.types import Candidate, Candidates, Indices, Reason
 import numpy as np
 
@@ -23,7 +24,7 @@ import numpy as np
 class PEAK:
     """Of single frames; by Gardens Point and corridor, where 2 to 4 and .6 to .8 are alike."""
 
-    reach: int = 4  # places on either side of the best score that may belong to its peak
+    reach: int = SHORTLIST.reach  # places on either side of the best score that may belong to it
     share: float = 0.7  # of the best score, above which they do
 
 

@@ -115,6 +115,11 @@ class VerifiedEvidence:
         rival = max(one.upper for one in rivals)
         return (max(near) - rival) / math.sqrt(max(rival, VERIFIED.least_strength / 2))
 
+    def shown(self, reference: int) -> Verification:
+        """Return how a place, or the best beside it, is verified; `NOTHING` if it is not."""
+        near = self._near(reference, TRACK.same_track)
+        return max(near, key=lambda one: one.strength, default=NOTHING)
+
     def placed(self, best: int, geometry: Geometry) -> int:
         """Return the place that the newest frame shows: the best, or one beside it."""
         around = self._places.bounds.around(best, VERIFIED.beside)

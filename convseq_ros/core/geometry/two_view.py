@@ -34,6 +34,7 @@ class TwoView:
     turned: Matrix  # (3, 3), from the first lens to the second
     direction: Floats | None  # of the second lens in the first, (3,); None without a baseline
     inliers: int
+    share: float  # of the regions that were found, inliers; in (0, 1]
 
 
 def two_view(first: Points, second: Points, scale: Floats) -> TwoView | None:
@@ -48,7 +49,8 @@ def two_view(first: Points, second: Points, scale: Floats) -> TwoView | None:
         return None
     turned, left = _turn(first, second, scale)
     if np.median(left) < TWO_VIEW.still_cells:
-        return TwoView(turned, None, int((left <= 2 * TWO_VIEW.still_cells).sum()))
+        agree = left <= 2 * TWO_VIEW.still_cells
+        return TwoView(turned, None, int(agree.sum()), float(agree.mean()))
     threshold = TWO_VIEW.threshold_cells / float(np.sqrt(scale.prod()))
     options = np.eye(3), cv2.RANSAC, TWO_VIEW.probability, threshold
     essential, agree = cv2.findEssentialMat(first, second, *options)
@@ -57,7 +59,7 @@ def two_view(first: Points, second: Points, scale: Floats) -> TwoView | None:
     count, turned, way, _ = cv2.recoverPose(essential, first, second, np.eye(3), mask=agree)
     if count < TWO_VIEW.fewest:
         return None
-    return TwoView(turned, -turned.T @ way.ravel(), int(count))
+    return TwoView(turned, -turned.T @ way.ravel(), int(count), count / len(first))
 
 
 def _turn(first: Points, second: Points, scale: Floats) -> tuple[Matrix, Floats]:

@@ -53,6 +53,7 @@ class ERROR:
     unsure_share: float = 0.5
     least_share: float = 0.35  # most that are off by more than a metre have less
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
+    two_view_share: float = 0.4  # there, from drawn streets 1, 2, 5 and 6, driven back
 
 
 def base_pose(
@@ -84,9 +85,10 @@ def base_pose(
     covariance = slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
-    pose = RelativePose(*known, found.inliers, found.share)
+    explains = found.share >= ERROR.least_share
+    pose = RelativePose(*known, found.inliers, explains)
     is_unsure = (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m)
-    if is_unsure or found.share < ERROR.least_share:
+    if is_unsure or not explains:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
 
@@ -100,7 +102,8 @@ def base_pose_of_two_views(
         None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
     )
     covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
-    return RelativePose(quaternion(turn), None, direction, covariance, found.inliers)
+    explains = found.share >= ERROR.two_view_share
+    return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
 
 
 def _of_turns(turns: Matrix) -> Matrix:

@@ -29,6 +29,7 @@ class Verification:
     # 900 regions, unrelated images give 26 to 50, the same place 60 at night to 500 by day.
     strength: float
     upper: float  # what regions of the query's upper half add to it
+    left: float = 0.0  # the same of its left half
 
 
 NOTHING = Verification(0, 0.0, 0.0)
@@ -38,9 +39,9 @@ def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
     """Return what the geometry of two images of one size says, given their common shift."""
     found, off = _motion(query, reference, shift)
     each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
-    above, inliers = found[:, 0] < query.side / 2, off <= MOTION.sigma_cells
-    strength, upper = max(0.0, float(each.sum())), max(0.0, float(each[above].sum()))
-    return Verification(int(inliers.sum()), strength, upper)
+    above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
+    strengths = (max(0.0, float(each[some].sum())) for some in (each == each, above, beside))
+    return Verification(int((off <= MOTION.sigma_cells).sum()), *strengths)
 
 
 def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.float64]:

@@ -77,7 +77,7 @@ class RelativePoses:
             if both is None:
                 return None
             pose = base_pose_of_two_views(both, reference.base_lens, query.base_lens)
-            return replace(pose, share=0.0) if self._knows_depth(index, reference) else pose
+            return replace(pose, explains=False) if self._knows_depth(index, reference) else pose
         pose = base_pose(aligned, reference.base_lens, query.base_lens)
         if (nearest := self.ways.nearest(index, pose)) != index:
             pose = self._measured_from(nearest, index, aligned, query) or pose

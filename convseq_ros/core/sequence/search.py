@@ -93,7 +93,7 @@ class ShortlistSearch(ExhaustiveSearch):
         self._shortlist.verify(ends, scores)
 
     def propose(
-        self, buffer: QueryBuffer, length: int | None, window: int, _usable: int, rivals: int
+        self, buffer: QueryBuffer, length: int | None, window: int, usable: int, rivals: int
     ) -> tuple[Indices, float]:
         if length is None:
             return _NONE, 1.0
@@ -123,6 +123,8 @@ class ShortlistSearch(ExhaustiveSearch):
         buffer.score(1, scouts)
         scores = buffer.approximate_scores(1, scouts)
         entered = scouts[np.argsort(-scores, kind='stable')[:entering]]
+        if length == 1:
+            entered = np.append(entered, shortlist.around(entered, usable))
         ends = np.union1d(ends, entered)
         self._coarse.expect(lambda: buffer.unscored(frames, ends, velocity))
         buffer.score_promising(frames, ends, velocity)

@@ -31,7 +31,11 @@ class SHORTLIST:
     first_frames: int = 15
     first_scouts: int = 400
     first_entered: int = 10
-    single_scouts: int = 300  # of single frames, which no sequence finds: 100 pairs take some 7 ms
+    single_scouts: int = 200  # of single frames, which no sequence finds: 100 pairs take some 7 ms
+    # Likeliest of these around which all places of a peak are listed, so many on either side: one
+    # of them may be the best, or tell where the middle is.
+    peaks: int = 3
+    reach: int = 4
     closer: int = 20  # likeliest sequences that are scored for a second velocity; a few ms
 
 
@@ -69,6 +73,12 @@ class Shortlist:
     def top(self, sums: Sums, rival_distance: int, length: int) -> Indices:
         """Return the best so many sequence end indices, ascending, whatever was listed before."""
         return np.array(sorted(self._best(sums, length, rival_distance)), np.int64)
+
+    def around(self, best: Indices, usable: int) -> Indices:
+        """Return the places of the likeliest single peaks, of the first `usable` ones."""
+        peaks = [self._bounds.around(one, SHORTLIST.reach) for one in best[: SHORTLIST.peaks]]
+        found = np.array([place for peak in peaks for place in peak], np.int64)
+        return found[found < usable]
 
     def verify(self, ends: Indices, scores: Values) -> None:
         """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
