@@ -109,9 +109,9 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         read, ask = [0], session.fleet.pictures
         rounds, ask_some = [0], session.fleet._ask_some
 
-        def counted(indices):
+        def counted(indices, *more):
             read[0] += len(indices)
-            return ask(indices)
+            return ask(indices, *more)
 
         def asked(*what):
             rounds[0] += 1

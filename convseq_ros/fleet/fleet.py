@@ -15,7 +15,7 @@ from uuid import uuid4
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.sequence.coarse_scores import usual_of
+from convseq_ros.core.sequence.centred import usual_of
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.scores import FleetScores
 from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Pictures, Question
@@ -122,11 +122,11 @@ class Fleet:
         settings = first.encoding, places, places.pictures, first.keyframes
         return ReferenceMap(*settings, sessions=sessions)
 
-    def scores(self, reference_map: ReferenceMap) -> FleetScores:
+    def scores(self, reference_map: ReferenceMap, index_above: int) -> FleetScores:
         """Return what knows their coarse scores, given the map that they make."""
         sums = sum(about.sums for about in self._abouts.values())
         usual = usual_of(np.asarray(sums), self.count), self._key
-        return FleetScores(self.ask, reference_map.pictures, *usual, self.count)
+        return FleetScores(self.ask, reference_map.pictures, *usual, self.count, index_above)
 
     def ask(self, question: Question) -> Answer:
         """Ask all shards."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet of maps answers as one map would that was made of all."""
 
+from importlib.util import find_spec
 import json
 import os
 import shutil
@@ -18,9 +19,13 @@ FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
 FIXED = '--fixed-length', '10'
 FLAGS = (), FIXED, (*FIXED, '--both-directions', 'true'), ('--matching', 'regional')
+# As few places as there are all have their exact scores.
+INDEXED = pytest.param(
+    ('--index-above', '1'), marks=pytest.mark.skipif(not find_spec('faiss'), reason='needs faiss')
+)
 
 
-@pytest.mark.parametrize('more', FLAGS)
+@pytest.mark.parametrize('more', [*FLAGS, INDEXED])
 def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, capsys, more):
     maps, one, again = drives
     tables = [tmp_path / name for name in ('one.csv', 'fleet.csv')]
