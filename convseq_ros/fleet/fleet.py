@@ -155,15 +155,16 @@ class Fleet:
         for index in indices:
             asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
         found = dict[int, tuple[Place, Picture]]()
-        replies = self._ask_some(
-            'pictures',
-            [
-                (self._of[path], (path, [one - self.offsets[path] for one in some], with_images))
-                for path, some in asked.items()
-            ],
-        )
-        for (path, some), reply in zip(asked.items(), replies, strict=True):
-            sessions = self._first_sessions[path]
+        questions: list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]
+        questions = [(worker, ({}, with_images)) for worker in self._workers]
+        for path, some in asked.items():
+            own = questions[self._workers.index(self._of[path])][1][0]
+            own[path] = [one - self.offsets[path] for one in some]
+        replies = dict[str, Pictures | str]()
+        for reply in self._ask_some('pictures', [one for one in questions if one[1][0]]):
+            replies |= reply or {}
+        for path, some in asked.items():
+            sessions, reply = self._first_sessions[path], replies.get(path)
             if not isinstance(reply, Pictures):
                 self.missing.setdefault(path, reply or f'{path}: its worker is gone')
                 shape = ReferenceMap(self._abouts[path].encoding).cell_shape

@@ -197,12 +197,17 @@ class Holder:
             question,
         )
 
-    def pictures(self, path: str, indices: Sequence[int], with_images: bool) -> Pictures | str:
-        """Return what is known of some places of a map, or why it cannot be read."""
-        try:
-            return self._shards[path].pictures(indices, with_images)
-        except MapError as error:
-            return str(error)
+    def pictures(
+        self, wanted: Mapping[str, Sequence[int]], with_images: bool
+    ) -> dict[str, Pictures | str]:
+        """Return what is known of some places of maps, or why they cannot be read."""
+        found = dict[str, Pictures | str]()
+        for path, indices in wanted.items():
+            try:
+                found[path] = self._shards[path].pictures(indices, with_images)
+            except MapError as error:
+                found[path] = str(error)
+        return found
 
 
 def merged(answers: Sequence[Answer], question: Question) -> Answer:
