@@ -45,6 +45,14 @@ hypothesis.settings.register_profile('patient', deadline=None)
 hypothesis.settings.load_profile('patient')
 
 
+WAITING = 'test/node', 'test/examples', 'test/fleet', 'test/bench/test_bench', 'test/test_parity'
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with tests that wait for other processes: beside them the core has others to do."""
+    items.sort(key=lambda item: not item.nodeid.startswith(WAITING))
+
+
 @pytest.fixture(scope='session')
 def shared_data() -> Path:
     """Return the folder of real recordings and published results; skip where there is none."""

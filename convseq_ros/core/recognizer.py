@@ -125,14 +125,13 @@ class PlaceRecognizer:
         search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
         asked = ends, scores, self.reference_map.places, config.acceptance
-        found, said = decided(acceptance, *asked, count)
+        (found, said), pairs = decided(acceptance, *asked, count), buffer.pairs_scored
         said = said or Judgement(why_none(usable, count, velocity, buffer.bounds))
         if not found or not (length or said.reason is Reason.ACCEPTED):
-            why = (said.reason, (), length) if length else (Reason.WARMING_UP, (), 0)
-            return skipped(*why, buffer.pairs_scored)
+            why = said.reason if length else Reason.WARMING_UP
+            return skipped(why, (), length or 0, pairs)
         # Ours: where was the robot against the place? Odometry may deny that it was there.
-        told = said.reason, found, count, buffer.pairs_scored, said.confidence
-        match = answer(Status.REJECTED, *told)
+        match = answer(Status.REJECTED, said.reason, found, count, pairs, said.confidence)
         return self.closures.update(match, frame, features, own, config.acceptance, said.evidence)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
