@@ -101,7 +101,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             with redirect_stdout(sys.stderr):
                 convseq(['merge', *names, '-o', str(merged)])
         one = PlaceRecognizer(open_map(merged), Config())
-    with connected(Cluster(workers=chosen.workers)) as client:
+    with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
         before = client.run(resident_mb)
         started = time.monotonic()
         session = FleetSession(client, [first, *paths], Config())
@@ -222,6 +222,7 @@ def main() -> int:
     parser.add_argument(
         '--beside', action='store_true', help='ask one merged map the same, frame by frame'
     )
+    parser.add_argument('--threads', action='store_true', help='frames: workers of this process')
     parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
     parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')
     chosen = parser.parse_args()

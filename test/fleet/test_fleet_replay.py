@@ -11,6 +11,7 @@ import signal
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
 from convseq_ros.errors import FleetError
+from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.results import read_results
 import pytest
@@ -44,6 +45,14 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
     if not more or more[0] == '--fixed-length':
         assert accepted & {*range(FRAMES, 2 * FRAMES)}
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
+
+
+def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
+    maps, _, again = drives
+    with connected(Cluster(workers=2, are_threads=True)) as client:
+        assert client.scheduler.address.startswith('inproc://')
+        session = FleetSession(client, sorted(maps.glob('*.db')), Config())
+        assert answers_of(session.recognizer, again) == expected
 
 
 def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
