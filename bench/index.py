@@ -5,7 +5,7 @@ Measure the first stage on large maps: `python -m bench.index exact|indexed|scan
 
 `exact` is the row of coarse scores, as it is used, and `indexed` the one above `index_above`
 places; `scans` are other codes whose best are scored exactly, `faiss` and `usearch` lists and a
-graph (pip install faiss-cpu usearch); `mapped` is the row, or with `--index` the index, with
+graph (pip install faiss-cpu usearch); `mapped` is the row, and the index, with
 descriptors on a disk, 5 GB at ten million places, which are deleted. There are no cells: what
 comes after the first stage is not measured. The descriptors are those of a map of 20,000 places
 (bench.material), each varied at random; queries are those of the street in it, driven in the
@@ -36,6 +36,7 @@ from bench import material
 from bench.fleet import resident_mb, SPREAD
 
 KNOWN, FRAMES = 20_000, 200  # places of the map, images of the drive
+MAPPED = 20  # of these, asked of descriptors on a disk
 CHUNK = 50_000  # places at once
 BEST = 100  # that an index names
 SAMPLE = 50_000  # places that train one
@@ -183,21 +184,26 @@ SIDES = {
 }
 
 
-def mapped(own: Descriptors, count: int, folder: Path, kind: type[Centred]) -> Mapping[str, Any]:
+def mapped(own: Descriptors, count: int, folder: Path) -> Mapping[str, Any]:
     """Measure rows of descriptors that are on a disk, as far as the memory does not hold them."""
-    path = folder / 'descriptors.f16'
+    path, told = folder / 'descriptors.f16', dict[str, Any]()
     try:
         with path.open('wb') as file:
             for some in chunks(own, count):
                 file.write(some.tobytes())
         there = np.memmap(path, np.float16, 'r', shape=(count, own.shape[1]))
         usual = usual_of(sums_of(own), len(own))
-        started = time.perf_counter()
-        best = looked_at(kind(usual, there, ONE), there)
-        opened_s = time.perf_counter() - started
-        queries = asked(folder, usual)[:20]
-        memory = {'resident_mb': resident_mb()}
-        return {'opened_s': opened_s, **timed(best, queries, None), **memory}
+        queries = asked(folder, usual)[:MAPPED]
+        for name, kind in {'exact': Centred, 'indexed': Indexed}.items():
+            started = time.perf_counter()
+            centred = kind(usual, there, ONE)
+            opened_s = time.perf_counter() - started
+            best, truths = looked_at(centred, there), told.pop('truths', None)
+            if truths is None:
+                told['truths'] = [alike_best(centred, there, one) for one in queries]
+            told[name] = {'opened_s': opened_s, **timed(best, queries, truths)}
+            print(name, told[name], file=sys.stderr, flush=True)
+        return told
     finally:
         path.unlink(missing_ok=True)
 
@@ -207,7 +213,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('what', choices=[*SIDES, 'exact', 'mapped'])
     parser.add_argument('--places', type=int, default=1_000_000)
-    parser.add_argument('--index', action='store_true', help='mapped: with the index')
     parser.add_argument('--folder', type=Path, help='for the map, which is kept then')
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix='convseq_index_') as made:
@@ -217,11 +222,7 @@ def main() -> int:
         own = open_map(material.map_path(folder, KNOWN)).global_descriptors
         told: dict[str, Any] = {'what': chosen.what, 'places': chosen.places, 'cells': 'none'}
         if chosen.what == 'mapped':
-            print(
-                json.dumps(
-                    told | mapped(own, chosen.places, folder, Indexed if chosen.index else Centred)
-                )
-            )
+            print(json.dumps(told | mapped(own, chosen.places, folder)))
             return 0
         descriptors = np.concatenate([*chunks(own, chosen.places)])
         usual = usual_of(sums_of(descriptors), len(descriptors))
