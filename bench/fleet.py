@@ -44,7 +44,6 @@ from bench import material
 FIRST = 2000  # places of the map that holds the street; the others share the rest
 FRAMES = 200  # of the drive through the street
 WARM = 30  # first frames, which do not count: buffers and caches fill
-IMAGES = 40  # of a recording of `build`
 KINDS = 2000  # places of the first map whose images others repeat
 SPREAD = 0.02  # by which their global descriptors differ from those
 
@@ -209,8 +208,8 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         if own.exists():
             continue
         own.mkdir(parents=True)
-        street = Street(length_m=IMAGES + 60, seed=number)
-        for at, shot in enumerate(draw(street, Drive(num_frames=IMAGES, seed=number))):
+        street = Street(length_m=chosen.images + 60, seed=number)
+        for at, shot in enumerate(draw(street, Drive(num_frames=chosen.images, seed=number))):
             cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
     if chosen.draw_only:
         return {}
@@ -237,7 +236,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     busy_alone, busy_together = (min(busy_s[workers]) for workers in (1, chosen.workers))
     return {
         'recordings': chosen.recordings,
-        'images': chosen.recordings * IMAGES,
+        'images': chosen.recordings * chosen.images,
         'seconds': took_s,
         'workers': chosen.workers,
         'times_faster': alone / together,
@@ -254,6 +253,7 @@ def main() -> int:
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)
     parser.add_argument('--recordings', type=int, default=20)
+    parser.add_argument('--images', type=int, default=40, help='of a recording')
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument(
         '--beside', action='store_true', help='ask one merged map the same, frame by frame'
