@@ -27,6 +27,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.sequence.centred import Centred, COARSE, sums_of, Usual, usual_of
 from convseq_ros.core.sequence.coarse_scores import DriveMean
+from convseq_ros.core.sequence.coarse_sums import top
 from convseq_ros.core.sequence.indexed import Indexed
 from convseq_ros.core.sequence.numpy_kernels import ONE
 import numpy as np
@@ -101,7 +102,8 @@ def looked_at(centred: Centred, descriptors: Descriptors) -> Best:
 
     def best(query: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         row = centred.row(descriptors, ONE, query)
-        return np.argpartition(row, -BEST)[-BEST:]
+        some = top(row, BEST)
+        return some[np.argsort(-row[some], kind='stable')[:BEST]]
 
     return best
 
