@@ -9,7 +9,7 @@ street, which is driven again in the evening, the others its images with other g
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, redirect_stdout
 import json
 import os
@@ -23,11 +23,14 @@ from typing import Any
 from convseq_ros import Config, Frame, PlaceRecognizer
 from convseq_ros.cli import main as convseq
 from convseq_ros.cli.fleet_build import build_one
-from convseq_ros.config import EncodingConfig, EVERY_FRAME
-from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config
+from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.place import Picture, Place, Places
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Match, Status
+from convseq_ros.fleet import shard
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.jobs import done
 from convseq_ros.fleet.session import FleetSession
@@ -41,7 +44,6 @@ from bench import material
 FIRST = 2000  # places of the map that holds the street; the others share the rest
 FRAMES = 200  # of the drive through the street
 WARM = 30  # first frames, which do not count: buffers and caches fill
-IMAGES = 40  # of a recording of `build`
 KINDS = 2000  # places of the first map whose images others repeat
 SPREAD = 0.02  # by which their global descriptors differ from those
 
@@ -66,6 +68,34 @@ def write_like(first: Path, path: Path, count: int, seed: int) -> int:
     return count
 
 
+def open_thin(first: Path, count: int) -> None:
+    """Have this process open maps of so many places that have no file, but cells of the first."""
+    known = open_map(first)
+    cells = known.packed_of(range(KINDS))
+
+    def opened(path: Path) -> ReferenceMap:
+        if not path.name.startswith('thin-'):
+            return open_map(path)
+        rng, places = np.random.default_rng(int(path.stem[5:])), Places(known.cell_shape, count)
+        kinds = rng.permutation(KINDS)
+        for start in range(0, count, KINDS):
+            some = known.global_descriptors[kinds[: count - start]]
+            noise = np.float32(SPREAD) * rng.standard_normal(some.shape, np.float32)
+            rows = (
+                (at, at * 10**8, f'{path.stem}/{at:07}.png', *[None] * 7, 0, one.tobytes(), 0)
+                for at, one in enumerate((some + noise).astype(np.float16), start)
+            )
+            places.extend([*rows])
+        sessions = [MapSession(path.name, path.stem, 0)]
+
+        def pictures(indices: Sequence[int], _with_images: bool = False) -> list[Picture]:
+            return [Picture(cells[kinds[index % KINDS]]) for index in indices]
+
+        return ReferenceMap(known.encoding, places, pictures, known.keyframes, sessions=sessions)
+
+    shard.open_map = opened
+
+
 def resident_mb() -> float:
     """Return how much memory this process has."""
     pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
@@ -86,6 +116,8 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     paths = [folder / f'other-{number}.db' for number in range(1, chosen.maps)]
     jobs = {path.name: (first, path, each, at) for at, path in enumerate(paths)}
     jobs = {name: job for name, job in jobs.items() if not job[1].exists()}
+    if chosen.thin:
+        paths, jobs = [folder / f'thin-{number}.db' for number in range(1, chosen.maps)], {}
     if jobs:
         with connected(Cluster(workers=chosen.workers)) as client:
             for name, _ in done(client, write_like, jobs):
@@ -101,17 +133,20 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             with redirect_stdout(sys.stderr):
                 convseq(['merge', *names, '-o', str(merged)])
         one = PlaceRecognizer(open_map(merged), Config())
-    with connected(Cluster(workers=chosen.workers)) as client:
+    config = make_config({'index_above': chosen.index_above})
+    with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
         before = client.run(resident_mb)
+        if chosen.thin:
+            client.run(open_thin, first, each)
         started = time.monotonic()
-        session = FleetSession(client, [first, *paths], Config())
+        session = FleetSession(client, [first, *paths], config, 300.0)
         opened_s = time.monotonic() - started
         read, ask = [0], session.fleet.pictures
         rounds, ask_some = [0], session.fleet._ask_some
 
-        def counted(indices):
+        def counted(indices, *more):
             read[0] += len(indices)
-            return ask(indices)
+            return ask(indices, *more)
 
         def asked(*what):
             rounds[0] += 1
@@ -173,8 +208,8 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         if own.exists():
             continue
         own.mkdir(parents=True)
-        street = Street(length_m=IMAGES + 60, seed=number)
-        for at, shot in enumerate(draw(street, Drive(num_frames=IMAGES, seed=number))):
+        street = Street(length_m=chosen.images + 60, seed=number)
+        for at, shot in enumerate(draw(street, Drive(num_frames=chosen.images, seed=number))):
             cv2.imwrite(str(own / f'{at:03}.png'), shot.image)
     if chosen.draw_only:
         return {}
@@ -201,7 +236,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     busy_alone, busy_together = (min(busy_s[workers]) for workers in (1, chosen.workers))
     return {
         'recordings': chosen.recordings,
-        'images': chosen.recordings * IMAGES,
+        'images': chosen.recordings * chosen.images,
         'seconds': took_s,
         'workers': chosen.workers,
         'times_faster': alone / together,
@@ -218,10 +253,16 @@ def main() -> int:
     parser.add_argument('--places', type=int, default=100_000)
     parser.add_argument('--maps', type=int, default=10)
     parser.add_argument('--recordings', type=int, default=20)
+    parser.add_argument('--images', type=int, default=40, help='of a recording')
     parser.add_argument('--workers', type=int, default=2)
     parser.add_argument(
         '--beside', action='store_true', help='ask one merged map the same, frame by frame'
     )
+    parser.add_argument(
+        '--thin', action='store_true', help='frames: no files but of the first map'
+    )
+    parser.add_argument('--index-above', type=int, default=1_000_000)
+    parser.add_argument('--threads', action='store_true', help='frames: workers of this process')
     parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
     parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')
     chosen = parser.parse_args()

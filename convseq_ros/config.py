@@ -77,6 +77,11 @@ class MatchingConfig(Checked):
         50, 'Number of map places that get a full sequence score per frame; shortlist only.',
         unit='places', low=3, high=1000,
     )
+    index_above: int = parameter(
+        1_000_000, 'Of a preloaded map with more places, an index (faiss) names those that global '
+        'descriptors make likely; 0 looks at all of them in maps of any size; shortlist only.',
+        unit='places', low=0, high=1_000_000_000,
+    )
     velocity_search: bool = parameter(
         True, 'Coherent matching also finds drives whose frames lie up to 12 times denser or 6 '
         'times sparser than the places of the map, and makes up for dropped frames, which gaps '

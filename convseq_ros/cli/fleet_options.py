@@ -17,7 +17,7 @@ def add_cluster(parser: argparse.ArgumentParser) -> None:
         '--workers',
         type=int,
         metavar='N',
-        help='processes of this machine (as many as it has cores); not with a scheduler',
+        help='workers on this machine (as many as it has cores); not with a scheduler',
     )
     group.add_argument(
         '--scheduler',

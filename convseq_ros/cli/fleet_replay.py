@@ -3,6 +3,7 @@
 """Recognise a recording in all maps of a folder: `convseq fleet replay MAPS RECORDING`."""
 
 import argparse
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -27,7 +28,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
     paths, told = maps_in(chosen.maps), set[str]()
-    with connected(chosen_cluster(chosen)) as client:
+    # Without a scheduler, workers are of this process: messages are not pickled, and cost half.
+    with connected(replace(chosen_cluster(chosen), are_threads=True)) as client:
         sources = chosen.topic.split()
         session = FleetSession(client, paths, chosen_config(chosen), sources=sources)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a fleet works: in processes of this machine, or on a cluster that is running.
+Where a fleet works: in this process, in others of this machine, or on a cluster that is running.
 
 Dask unpickles what its peers send, so whoever reaches a scheduler or worker runs code there. Own
 processes listen on 127.0.0.1 only; a cluster elsewhere is talked to by TLS alone.
@@ -46,19 +46,20 @@ _LOCAL = {
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Which workers to use; `workers` processes of this machine, if no scheduler is named."""
+    """Which workers to use; `workers` of this machine, if no scheduler is named."""
 
     scheduler: str = ''  # tcp://host:port or tls://host:port
     workers: int = 1
     tls_ca: Path | None = None  # three files, PEM
     tls_cert: Path | None = None
     tls_key: Path | None = None
+    are_threads: bool = False  # workers of this machine: of this process, which nothing reaches
 
 
 @contextmanager
 def connected(cluster: Cluster) -> Iterator[Any]:
     """
-    Yield a `distributed.Client` of a cluster; processes of this machine end with it.
+    Yield a `distributed.Client` of a cluster; workers of this machine end with it.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         opened.enter_context(dask.config.set(_LOCAL))
         if not address:
             folder = opened.enter_context(tempfile.TemporaryDirectory())
-            address = opened.enter_context(_started(cluster.workers, folder))
+            address = opened.enter_context(_started(cluster, folder))
         try:
             client = distributed.Client(
                 address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
@@ -98,22 +99,25 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         yield client
 
 
-def _started(workers: int, folder: str) -> Any:
-    """Return processes of this machine; FleetError if they do not start, twice."""
+def _started(cluster: Cluster, folder: str) -> Any:
+    """Return workers of this machine; FleetError if they do not start, twice."""
     import distributed
 
+    workers = cluster.workers
+    kind: dict[str, Any] = {'host': '127.0.0.1', 'preload': _FIRST}
+    if cluster.are_threads:
+        kind = {'processes': False, 'protocol': 'inproc://'}
     for last in (False, True):
         try:
             return distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                host='127.0.0.1',
                 dashboard_address=None,
                 scheduler_kwargs={'dashboard': False, 'dashboard_address': '127.0.0.1:0'},
                 silence_logs=logging.CRITICAL,
                 memory_limit=0,
                 local_directory=folder,
-                preload=_FIRST,
+                **kind,
             )
         except (OSError, RuntimeError) as error:
             # Seen once, on a machine with six times as much to do as it has cores.

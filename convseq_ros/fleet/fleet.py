@@ -15,7 +15,7 @@ from uuid import uuid4
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.sequence.coarse_scores import usual_of
+from convseq_ros.core.sequence.centred import usual_of
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.scores import FleetScores
 from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Pictures, Question
@@ -122,11 +122,11 @@ class Fleet:
         settings = first.encoding, places, places.pictures, first.keyframes
         return ReferenceMap(*settings, sessions=sessions)
 
-    def scores(self, reference_map: ReferenceMap) -> FleetScores:
+    def scores(self, reference_map: ReferenceMap, index_above: int) -> FleetScores:
         """Return what knows their coarse scores, given the map that they make."""
         sums = sum(about.sums for about in self._abouts.values())
         usual = usual_of(np.asarray(sums), self.count), self._key
-        return FleetScores(self.ask, reference_map.pictures, *usual, self.count)
+        return FleetScores(self.ask, reference_map.pictures, *usual, self.count, index_above)
 
     def ask(self, question: Question) -> Answer:
         """Ask all shards."""
@@ -155,15 +155,16 @@ class Fleet:
         for index in indices:
             asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
         found = dict[int, tuple[Place, Picture]]()
-        replies = self._ask_some(
-            'pictures',
-            [
-                (self._of[path], (path, [one - self.offsets[path] for one in some], with_images))
-                for path, some in asked.items()
-            ],
-        )
-        for (path, some), reply in zip(asked.items(), replies, strict=True):
-            sessions = self._first_sessions[path]
+        questions: list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]
+        questions = [(worker, ({}, with_images)) for worker in self._workers]
+        for path, some in asked.items():
+            own = questions[self._workers.index(self._of[path])][1][0]
+            own[path] = [one - self.offsets[path] for one in some]
+        replies = dict[str, Pictures | str]()
+        for reply in self._ask_some('pictures', [one for one in questions if one[1][0]]):
+            replies |= reply or {}
+        for path, some in asked.items():
+            sessions, reply = self._first_sessions[path], replies.get(path)
             if not isinstance(reply, Pictures):
                 self.missing.setdefault(path, reply or f'{path}: its worker is gone')
                 shape = ReferenceMap(self._abouts[path].encoding).cell_shape

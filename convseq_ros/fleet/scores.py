@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 from uuid import uuid4
 
-from convseq_ros.core.sequence.coarse_scores import DriveMean, Usual
+from convseq_ros.core.sequence.centred import Usual
+from convseq_ros.core.sequence.coarse_scores import DriveMean
 from convseq_ros.core.sequence.coarse_sums import Asked, Sums
 from convseq_ros.core.sequence.diagonals import Values
 from convseq_ros.core.types import Descriptor, Indices
@@ -28,9 +29,11 @@ class FleetScores:
         usual: Usual,
         usual_key: str,
         count: int,
+        index_above: int = 0,
     ) -> None:
         self._ask, self._read, self._usual, self._count = ask, read, usual, count
         self._drive, self._key = DriveMean(len(usual.mean)), str(uuid4())
+        self._index_above = index_above
         self._usual_key = usual_key  # of all cameras that ask a fleet
         self._frames, self._means = 0, dict[str, np.float32]()
 
@@ -59,8 +62,7 @@ class FleetScores:
             for row in one.rows:
                 if row is not None and row.key not in self._means:
                     self._asked([row], None)
-        question = Question(self._usual_key, self._usual, asked=asked, means=dict(self._means))
-        return [*self._ask(question).sums]
+        return [*self._ask(self._question(asked=asked, means=dict(self._means))).sums]
 
     def expect(self, places: Callable[[], Indices]) -> None:
         """Have places read in one go that are asked for in several."""
@@ -68,8 +70,11 @@ class FleetScores:
 
     def _asked(self, rows: Rows, steps: Values | None) -> Answer:
         """Ask for peaks, and get the mean of the newest row with it."""
-        answer = self._ask(Question(self._usual_key, self._usual, rows, steps))
+        answer = self._ask(self._question(rows=rows, steps=steps))
         for key, (total, count) in answer.totals.items():
             self._means[key] = np.float32(total / count if count else 0.0)
         self._means = dict([*self._means.items()][-_KEPT_MEANS:])
         return answer
+
+    def _question(self, **what: Any) -> Question:
+        return Question(self._usual_key, self._usual, index_above=self._index_above, **what)

@@ -38,7 +38,10 @@ class FleetSession:
         self.fleet = Fleet(client, paths, timeout_s)
         reference_map = self.fleet.reference_map()
         self.cameras = Cameras(
-            reference_map, config, sources, partial(self.fleet.scores, reference_map)
+            reference_map,
+            config,
+            sources,
+            partial(self.fleet.scores, reference_map, config.matching.index_above),
         )
         self.recognizer = self.cameras.first
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()

@@ -18,9 +18,10 @@ from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Packed, Place
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.sequence.coarse_scores import Centred, sums_of, Usual
+from convseq_ros.core.sequence.centred import Centred, sums_of, Usual
 from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, best_sums, Spread, Sums
 from convseq_ros.core.sequence.diagonals import Values
+from convseq_ros.core.sequence.indexed import centred
 from convseq_ros.core.types import Indices, Row
 from convseq_ros.errors import MapError
 import numpy as np
@@ -64,6 +65,7 @@ class Question:
     steps: Values | None = None
     asked: Sequence[Asked] = ()  # their rows are directions, their known ends are the fleet's
     means: Mapping[str, Any] | None = None  # of rows, by their keys
+    index_above: int = 0  # places of a shard
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,7 +111,7 @@ class Shard:
         if question.key != self._usual:
             self._usual, self._rows = question.key, OrderedDict()
             own = self._map.global_descriptors, self._map.bounds.starts
-            self._centred = Centred(question.usual, *own)
+            self._centred = centred(question.usual, *own, question.index_above)
         rows = [*map(self._row, question.rows)]
         totals = {
             one.key: (float(np.nansum(row, dtype=np.float64)), int(np.isfinite(row).sum()))
@@ -195,12 +197,17 @@ class Holder:
             question,
         )
 
-    def pictures(self, path: str, indices: Sequence[int], with_images: bool) -> Pictures | str:
-        """Return what is known of some places of a map, or why it cannot be read."""
-        try:
-            return self._shards[path].pictures(indices, with_images)
-        except MapError as error:
-            return str(error)
+    def pictures(
+        self, wanted: Mapping[str, Sequence[int]], with_images: bool
+    ) -> dict[str, Pictures | str]:
+        """Return what is known of some places of maps, or why they cannot be read."""
+        found = dict[str, Pictures | str]()
+        for path, indices in wanted.items():
+            try:
+                found[path] = self._shards[path].pictures(indices, with_images)
+            except MapError as error:
+                found[path] = str(error)
+        return found
 
 
 def merged(answers: Sequence[Answer], question: Question) -> Answer:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet of maps answers as one map would that was made of all."""
 
+from importlib.util import find_spec
 import json
 import os
 import shutil
@@ -10,6 +11,7 @@ import signal
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
 from convseq_ros.errors import FleetError
+from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.results import read_results
 import pytest
@@ -18,9 +20,13 @@ FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
 FIXED = '--fixed-length', '10'
 FLAGS = (), FIXED, (*FIXED, '--both-directions', 'true'), ('--matching', 'regional')
+# As few places as there are all have their exact scores.
+INDEXED = pytest.param(
+    ('--index-above', '1'), marks=pytest.mark.skipif(not find_spec('faiss'), reason='needs faiss')
+)
 
 
-@pytest.mark.parametrize('more', FLAGS)
+@pytest.mark.parametrize('more', [*FLAGS, INDEXED])
 def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, capsys, more):
     maps, one, again = drives
     tables = [tmp_path / name for name in ('one.csv', 'fleet.csv')]
@@ -39,6 +45,14 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
     if not more or more[0] == '--fixed-length':
         assert accepted & {*range(FRAMES, 2 * FRAMES)}
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
+
+
+def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
+    maps, _, again = drives
+    with connected(Cluster(workers=2, are_threads=True)) as client:
+        assert client.scheduler.address.startswith('inproc://')
+        session = FleetSession(client, sorted(maps.glob('*.db')), Config())
+        assert answers_of(session.recognizer, again) == expected
 
 
 def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):

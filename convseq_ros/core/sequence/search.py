@@ -142,5 +142,6 @@ def make_search(
         velocity = VelocitySearch(reference_map.bounds, matching.both_directions)
     if matching.search == 'exhaustive':
         return ExhaustiveSearch(velocity)
-    coarse, bounds = coarse or CoarseScores(reference_map), reference_map.bounds
+    above = 0 if config.online.grows else matching.index_above
+    coarse, bounds = coarse or CoarseScores(reference_map, above), reference_map.bounds
     return ShortlistSearch(velocity, coarse, matching.shortlist_length, bounds)
