@@ -115,7 +115,7 @@ test-newest: .venv/test.stamp
 	.venv/$(PYTEST) $(SHARED)
 
 test-noble: .venv-noble/test.stamp
-	.venv-noble/$(PYTEST) -m 'not once' $(NUMERICAL)
+	.venv-noble/$(PYTEST) -m 'not once' --hypothesis-profile=few $(NUMERICAL)
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

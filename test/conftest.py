@@ -42,6 +42,8 @@ isolate_ros()
 sys.path.append(str(Path(__file__).parent))  # of what several tests share
 # How long an example takes says more of the machine than of us.
 hypothesis.settings.register_profile('patient', deadline=None)
+# What is asked a hundred times with one set of versions is asked again with another.
+hypothesis.settings.register_profile('few', deadline=None, max_examples=30)
 hypothesis.settings.load_profile('patient')
 
 

@@ -164,8 +164,8 @@ def darkened(frames):
 @pytest.mark.once
 def test_the_shortlist_finds_places_in_the_dark(shared_data):
     folder = shared_data / 'gardens_point'
-    queries = list(darkened(list(open_source(folder / 'day_left'))[:100]))
-    references = drive(folder / 'day_right', 0, 100)
+    queries = list(darkened(list(open_source(folder / 'day_left'))[:60]))
+    references = drive(folder / 'day_right', 0, 60)
     assert accuracy(queries, references, 'exhaustive') > 0.98
     assert accuracy(queries, references, 'shortlist') > 0.94
 
