@@ -7,6 +7,14 @@ enum {
     AHEAD = 8192, // bytes that memory is asked for before they are needed
 };
 
+// Add 16 products to 16 sums.
+static inline void add_products(const uint16_t *row, const float *direction, Floats *sums)
+{
+    for (int part = 0; part < 16 / LANES; part++)
+        sums[part] = fused(widened(row + part * LANES), floats(direction + part * LANES),
+                           sums[part]);
+}
+
 // Write the products of so many rows with one vector. All processors add alike, to 16 sums.
 INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const float *direction,
                      float *products)
@@ -15,10 +23,8 @@ INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const fl
     for (intptr_t first = 0; first < numbers; first += 16)
 #pragma GCC unroll 4
         for (int row = 0; row < count; row++)
+            add_products(rows + row * numbers + first, direction + first, sums[row]);
 #pragma GCC unroll 4
-            for (int part = 0; part < 16 / LANES; part++)
-                sums[row][part] = fused(widened(rows + row * numbers + first + part * LANES),
-                                        floats(direction + first + part * LANES), sums[row][part]);
     for (int row = 0; row < count; row++)
         products[row] = added_up(sums[row], 16 / LANES);
 }
