@@ -118,6 +118,9 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     jobs = {name: job for name, job in jobs.items() if not job[1].exists()}
     if chosen.thin:
         paths, jobs = [folder / f'thin-{number}.db' for number in range(1, chosen.maps)], {}
+        for path in paths:  # holes, as large as a map: by size, maps are shared out
+            path.touch()
+            os.truncate(path, each * first.stat().st_size // FIRST)
     if jobs:
         with connected(Cluster(workers=chosen.workers)) as client:
             for name, _ in done(client, write_like, jobs):

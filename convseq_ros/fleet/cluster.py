@@ -53,7 +53,7 @@ class Cluster:
     tls_ca: Path | None = None  # three files, PEM
     tls_cert: Path | None = None
     tls_key: Path | None = None
-    are_threads: bool = False  # workers of this machine: of this process, which nothing reaches
+    are_threads: bool = False  # workers of this machine: of this process
 
 
 @contextmanager
@@ -106,7 +106,9 @@ def _started(cluster: Cluster, folder: str) -> Any:
     workers = cluster.workers
     kind: dict[str, Any] = {'host': '127.0.0.1', 'preload': _FIRST}
     if cluster.are_threads:
-        kind = {'processes': False, 'protocol': 'inproc://'}
+        # Dask opens ports for pages, of which there are none; by default to everybody.
+        pages = '127.0.0.1:0'
+        kind = {'processes': False, 'protocol': 'inproc://', 'worker_dashboard_address': pages}
     for last in (False, True):
         try:
             return distributed.LocalCluster(

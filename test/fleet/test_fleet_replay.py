@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A fleet of maps answers as one map would that was made of all."""
 
+import gc
 from importlib.util import find_spec
 import json
 import os
 import shutil
 import signal
+import socket
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
@@ -47,10 +49,24 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
 
 
+def listening():
+    """Return the addresses at which this process waits for others."""
+    kept = gc.get_objects()
+    found = [one for one in kept if type(one) is socket.socket and one.fileno() >= 0]
+    listens = socket.SOL_SOCKET, socket.SO_ACCEPTCONN
+    own = [
+        one.getsockname()
+        for one in found
+        if one.family != socket.AF_UNIX and one.getsockopt(*listens)
+    ]
+    return [f'{host}:{port}' for host, port, *_ in own]
+
+
 def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
     maps, _, again = drives
     with connected(Cluster(workers=2, are_threads=True)) as client:
         assert client.scheduler.address.startswith('inproc://')
+        assert {address.rpartition(':')[0] for address in listening()} <= {'127.0.0.1'}
         session = FleetSession(client, sorted(maps.glob('*.db')), Config())
         assert answers_of(session.recognizer, again) == expected
 
