@@ -155,10 +155,10 @@ class Shard:
     def _sums(self, asked: Asked, means: Mapping[str, Any] | None, offset: int) -> Sums:
         count, known = len(self._map), asked.known - offset
         means_of = [0.0 if one is None or means is None else means[one.key] for one in asked.rows]
-        own = replace(
-            asked, rows=[*map(self._row, asked.rows)], known=known[(known >= 0) & (known < count)]
-        )
-        found = best_sums(own, all_sums(own, self._map.bounds, means_of))
+        own = replace(asked, rows=[*map(self._row, asked.rows)])  # known to any shard: a spread
+        found = all_sums(own, self._map.bounds, means_of)
+        here = known[(known >= 0) & (known < count)]
+        found = best_sums(replace(own, known=here), found)
         return replace(found, ends=found.ends + offset)
 
 

@@ -9,6 +9,7 @@ sums, is added up from those of all shards.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from typing import Any
 
@@ -68,7 +69,7 @@ class Sums:
 
     ends: Indices
     scores: Values
-    spread: Spread  # of all, also of those that are not told
+    spread: Spread  # of all, also of those that are not told; of none if no end is known
 
     def at(self, ends: Indices) -> Indices:
         """Return where some ends lie among those told."""
@@ -87,13 +88,24 @@ def all_sums(
     steps = np.array(diagonal(len(asked.rows), asked.velocity))
     kernels = kernels_of(__package__)
     scores = kernels.partial_scores(asked.rows, steps, bounds.starts, means)
-    finite, spread = scores[np.isfinite(scores)], Spread()
-    if finite.size:
-        wide = finite.astype(np.float64)
-        # Not by BLAS, whose threads wait for each other on a busy machine.
-        sums = float(wide.sum()), float(np.square(wide).sum())
-        spread = Spread(finite.size, *sums, float(finite.min()), float(finite.max()))
-    return Sums(np.arange(len(scores)), scores, spread)
+    spread = _spread(scores[np.isfinite(scores)]) if len(asked.known) else Spread()
+    return Sums(_every(len(scores)), scores, spread)
+
+
+def _spread(scores: Values) -> Spread:
+    if not scores.size:
+        return Spread()
+    # No copy in float64: its memory is as dear as the sum. Nor by BLAS, whose threads wait.
+    total = float(scores.sum(dtype=np.float64))
+    squares = float(np.einsum('i,i', scores, scores, dtype=np.float64))
+    return Spread(scores.size, total, squares, float(scores.min()), float(scores.max()))
+
+
+@lru_cache(1)
+def _every(count: int) -> Indices:
+    every = np.arange(count)
+    every.flags.writeable = False
+    return every
 
 
 def best_sums(asked: Asked, found: Sums) -> Sums:

@@ -108,9 +108,8 @@ class Shortlist:
         listed = sums.ends[best[np.isfinite(scores[best])]].tolist()
         passed = list(listed)
         for _ in range(elsewhere if listed else 0):
-            for index in passed:
-                near = self._bounds.around(index, rival_distance)
-                start, stop = sums.at(np.array([near.start, near.stop]))
+            near = [self._bounds.around(index, rival_distance) for index in passed]
+            for start, stop in sums.at(np.array([(each.start, each.stop) for each in near])):
                 scores[start:stop] = -np.inf
             best_elsewhere = int(scores.argmax())
             if not np.isfinite(scores[best_elsewhere]):
