@@ -13,7 +13,9 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
-from convseq_ros.core.pose.relative_pose import RelativePoses
+from convseq_ros.core.pose import relative_pose
+from convseq_ros.core.pose.relative_pose import FAR, RelativePoses
+from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
@@ -57,6 +59,20 @@ def test_a_drawn_street_tells_the_pose_in_metres(street, made, index):
         np.linalg.norm(pose.position_m)
     )
     assert (np.linalg.eigvalsh(pose.covariance) > 0).all()
+
+
+def test_regions_are_followed_from_three_metres_away(street, monkeypatch):
+    query, errors_m = street[1][9], {}
+    reference_map = ReferenceMap()
+    for frame in street[0]:
+        reference_map.add_frame(frame, describe(frame.gray))
+    # A place that is nearer would be measured from instead.
+    monkeypatch.setattr(Ways, 'nearest', lambda _ways, index, _pose: index)
+    for name, rounds in (('at once', 0), ('followed', FAR.rounds)):
+        monkeypatch.setattr(relative_pose, 'FAR', replace(FAR, rounds=rounds))
+        pose = measured(reference_map, query, 8)
+        errors_m[name], _ = off(pose, query, street[0][8])
+    assert errors_m['followed'] < 0.5 < errors_m['at once'], errors_m
 
 
 def test_a_map_without_poses_gives_no_metres(street, made):

@@ -60,6 +60,7 @@ class Alignment:
     share: float  # of the regions that were found, inliers; in (0, 1]
     cells_per_m: float  # by which a way across moves a region of middle depth
     baseline_m: float = math.inf  # between the images that gave the depths
+    first_share: float | None = None  # before regions were followed, if they were
 
 
 def align(

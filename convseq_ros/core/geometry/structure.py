@@ -9,10 +9,12 @@ gets its scale from the odometry that made the map.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isqrt
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
 from convseq_ros.core.rigid import Matrix
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -35,6 +37,10 @@ class DEPTH:
     measured_share: float = 0.1
     # Of the median, below which a measured depth is not used: what is near leaves the search.
     nearest_share: float = 0.5
+    usual_inverse_m: float = (
+        0.05  # of regions whose depths are not known, to guess where they went
+    )
+    smooth_regions: float = 1.5  # sigma of a Gaussian over neighbours' depths; 2.5 is alike
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,6 +83,16 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
         inverse = (inverse - step).clip(0.0, 1 / DEPTH.nearest_m)
     information[information < DEPTH.least_information] = 0
     return Structure(rays, inverse, information)
+
+
+def smoothed(structure: Structure) -> Floats:
+    """Return inverse depths (n,) of the regions of a square image, as their neighbours are."""
+    side = isqrt(len(structure.rays))
+    weight = structure.information.reshape(side, side)
+    images = weight * structure.inverse_m.reshape(side, side), weight
+    sums, weights = (cv2.GaussianBlur(one, (0, 0), DEPTH.smooth_regions).ravel() for one in images)
+    own = DEPTH.least_information
+    return np.asarray((sums + own * DEPTH.usual_inverse_m) / (weights + own))
 
 
 def measured(rays: Floats, depths_m: Floats) -> Structure:

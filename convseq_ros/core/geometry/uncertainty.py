@@ -33,20 +33,25 @@ class Spread:
 class ERROR:
     """Fitted on drawn streets 41 to 44, evening, clouds and night (docs/GEOMETRY.md)."""
 
+    # The way errs more on roads, road_1 and road_2, than on streets: .06 would do for these.
     cells: Spread = Spread(
-        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.06, position_m=0.01, turn_rad=0.001
+        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.1, position_m=0.01, turn_rad=0.001
     )
+    followed: Spread = Spread(  # the same, where regions were followed
+        across=3.5, down=2.5, ahead=3.5, share_power=0.9, far=0.1, position_m=0.01, turn_rad=0.001
+    )
+    # A road's odometry errs, a drawn street's does not: half of it would do for streets.
     keypoints: Spread = Spread(
-        across=0.5,
-        down=0.5,
-        ahead=0.5,
+        across=0.6,
+        down=0.6,
+        ahead=0.6,
         share_power=3.0,
         far=0.004,
-        position_m=0.001,
-        turn_rad=0.0001,
+        position_m=0.003,
+        turn_rad=0.0003,
     )
     # Of the ratio of way to baseline: further off, least squares is surer than it is right.
-    far_power: int = 3
+    far_power: int = 2
     # A position that is less sure than this, or than half of the way, or with which fewer agree,
     # is not told.
     unsure_m: float = 1.0
@@ -57,14 +62,16 @@ class ERROR:
 
 
 def base_pose(
-    found: Alignment, base_reference: Matrix, base_query: Matrix, spread: Spread = ERROR.cells
+    found: Alignment, base_reference: Matrix, base_query: Matrix, spread: Spread | None = None
 ) -> RelativePose:
     """
     Return the pose of a query's base in a reference's base.
 
     `base_reference` is the reference's lens in the base that is asked for, `base_query` the
-    query's lens in its own base.
+    query's lens in its own base. The spread is that of cells if none is given.
     """
+    by_cells = ERROR.cells if found.first_share is None else ERROR.followed
+    spread = spread or by_cells
     lens = inverse(found.moved)  # the query's, in the reference's
     base = inverse(base_query)
     whole = base_reference @ lens @ base
@@ -85,7 +92,9 @@ def base_pose(
     covariance = slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
-    explains = found.share >= ERROR.least_share
+    # How much the first alignment explains tells whether it is right at all.
+    first_share = found.share if found.first_share is None else found.first_share
+    explains = first_share >= ERROR.least_share
     pose = RelativePose(*known, found.inliers, explains)
     is_unsure = (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m)
     if is_unsure or not explains:

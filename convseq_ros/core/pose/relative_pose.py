@@ -14,12 +14,11 @@ from dataclasses import replace
 from functools import lru_cache
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.geometry.alignment import align, Alignment, unshrunk
+from convseq_ros.core.geometry.alignment import align, Alignment, Precision, unshrunk
 from convseq_ros.core.geometry.lens import is_usable
-from convseq_ros.core.geometry.structure import measured, Sight, triangulate
+from convseq_ros.core.geometry.structure import measured, Sight, smoothed, Structure, triangulate
 from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
-from convseq_ros.core.map.depth import Depths
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.image_pose import ImagePoses
@@ -38,6 +37,15 @@ class NEIGHBOURS:
     count: int = 2  # one on either side is better than two on one
     apart_m: float = 1.8  # that a neighbour is off the place, and the next off the one before
     kept: int = 64  # places whose measured depths are remembered
+
+
+@constants
+class FAR:
+    """Of queries further off than the neighbours; chosen on drawn streets 41 to 44, and road_1."""
+
+    baselines: float = 0.8  # of the way to the first neighbour, beyond which regions are followed
+    rounds: int = 3  # 2 are worse at night, 5 alike
+    precision: Precision = Precision(sigmas=(0.3,) * 5, agreeing=0.6, fewest=40)
 
 
 class RelativePoses:
@@ -121,16 +129,23 @@ class RelativePoses:
         """Return how a query is aligned with a place; None if no depth is known, or few agree."""
         depths_m = self._depths(index)
         if depths_m is not None and np.isfinite(depths_m).any():
-            return _aligned_by_depth(reference, sight, query, depths_m)
-        sights = [
-            reference.sight(view, moved) for view, moved in self._neighbours(index, reference)
-        ]
-        if not sights:
+            structure = measured(reference.rays, depths_m)
+            found = _aligned_by_depth(structure, reference, sight, query)
+            return found and _followed(found, structure, reference, query)
+        around = self._neighbours(index, reference)
+        if not around:
             return None
-        found = align(triangulate(reference.rays, sights), sight.seen, sight.scale, sight.moved)
+        sights = [reference.sight(view, moved) for view, moved in around]
+        structure = triangulate(reference.rays, sights)
+        found = align(structure, sight.seen, sight.scale, sight.moved)
         way = inverse(sights[0].moved)[:3, 3]
         baseline_m = float(np.linalg.norm(way))
-        return found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
+        found = found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
+        if found is None or not _is_far(found):
+            return found
+        inverse_m = smoothed(structure)
+        sights = [reference.sight_of_followed(view, moved, inverse_m) for view, moved in around]
+        return _followed(found, triangulate(reference.rays, sights), reference, query)
 
     def _knows_depth(self, index: int, reference: CellView) -> bool:
         depths_m = self._depths(index)
@@ -154,10 +169,9 @@ class RelativePoses:
 
 
 def _aligned_by_depth(
-    reference: CellView, sight: Sight, query: CellView, depths_m: Depths
+    structure: Structure, reference: CellView, sight: Sight, query: CellView
 ) -> Alignment | None:
     """Return how a query is aligned by depths that were measured, not by another field."""
-    structure = measured(reference.rays, depths_m)
     first = align(structure, sight.seen, sight.scale, sight.moved)
     if first is None:
         return None
@@ -165,3 +179,21 @@ def _aligned_by_depth(
     again = reference.sight(query, first.moved)
     found = align(structure, again.seen, again.scale, again.moved)
     return found and unshrunk(replace(found, baseline_m=NEIGHBOURS.apart_m), None)
+
+
+def _is_far(found: Alignment) -> bool:
+    """Return whether regions may have moved further than they are searched."""
+    return float(np.linalg.norm(found.moved[:3, 3])) > FAR.baselines * found.baseline_m
+
+
+def _followed(
+    first: Alignment, structure: Structure, reference: CellView, query: CellView
+) -> Alignment:
+    """Return an alignment, if it is far by what is seen where regions went by it, and again."""
+    if not _is_far(first):
+        return first
+    found, inverse_m = first, smoothed(structure)
+    for _ in range(FAR.rounds):
+        sight = reference.sight_of_followed(query, found.moved, inverse_m)
+        found = align(structure, sight.seen, sight.scale, found.moved, FAR.precision) or found
+    return replace(found, first_share=first.share, baseline_m=first.baseline_m)

@@ -8,9 +8,10 @@ from functools import cached_property
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.displacement import Arranged
+from convseq_ros.core.geometry.following import followed
 from convseq_ros.core.geometry.keypoints import alike, Keypoints, of_one_scene
 from convseq_ros.core.geometry.lens import cell_px, rays, rays_through
-from convseq_ros.core.geometry.structure import Floats, Sight
+from convseq_ros.core.geometry.structure import DEPTH, Floats, Sight
 from convseq_ros.core.rigid import Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera
 import numpy as np
@@ -20,7 +21,6 @@ import numpy as np
 class VIEW:
     """Of both kinds; the unit was chosen on road_1, road_2 and drawn streets."""
 
-    usual_inverse_m: float = 0.05  # of depths, to guess where things went
     unit_px: float = 2.0  # of a kept image, that count for keypoints as a cell does for regions
 
 
@@ -58,12 +58,22 @@ class CellView(LensView):
 
     def sight(self, other: 'CellView', moved: Matrix) -> Sight:
         """Return what another view, moved so (4, 4) from this lens, saw of these regions."""
-        own = self.rays
-        points = own @ moved[:3, :3].T + VIEW.usual_inverse_m * moved[:3, 3]
-        with np.errstate(invalid='ignore', divide='ignore'):
-            went = (points[:, :2] / points[:, 2:] - own[:, :2]) * other.scale
-        across, down = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
+        went = self._went(other, moved, np.full(len(self.rays), DEPTH.usual_inverse_m))
+        down, across = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
         return self.sight_from(other, moved, (round(down), round(across)))
+
+    def sight_of_followed(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Sight:
+        """Return the same, each region searched about where its inverse depth (n,) takes it."""
+        went = np.nan_to_num(self._went(other, moved, inverse_m))
+        places = followed(self.regions, other.regions, went)
+        return Sight(rays(other.camera, places, self.regions.side), moved, other.scale)
+
+    def _went(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Floats:
+        """Return by how many rows and columns regions of such inverse depths move, (n, 2)."""
+        own = self.rays
+        points = own @ moved[:3, :3].T + np.outer(inverse_m, moved[:3, 3])
+        flat = points[:, :2] / np.maximum(points[:, 2:], DEPTH.least_ahead)
+        return np.asarray((flat - own[:, :2]) * other.scale)[:, ::-1]
 
     def sight_from(self, other: 'CellView', moved: Matrix, start: tuple[int, int]) -> Sight:
         """Return the same, searched about rows and columns that everything moved."""
