@@ -37,9 +37,7 @@ class DEPTH:
     measured_share: float = 0.1
     # Of the median, below which a measured depth is not used: what is near leaves the search.
     nearest_share: float = 0.5
-    usual_inverse_m: float = (
-        0.05  # of regions whose depths are not known, to guess where they went
-    )
+    usual_inverse_m: float = 0.05  # of regions of unknown depth, to guess where they went
     smooth_regions: float = 1.5  # sigma of a Gaussian over neighbours' depths; 2.5 is alike
 
 

@@ -40,7 +40,7 @@ def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
     found, off = _motion(query, reference, shift)
     each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
     above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
-    strengths = (max(0.0, float(each[some].sum())) for some in (each == each, above, beside))
+    strengths = (max(0.0, float(each[some].sum())) for some in (slice(None), above, beside))
     return Verification(int((off <= MOTION.sigma_cells).sum()), *strengths)
 
 
