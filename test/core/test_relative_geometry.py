@@ -43,6 +43,10 @@ def seen(ahead, inverse_m, moved):
     return points[:, :2] / points[:, 2:]
 
 
+def alignment(covariance, moved=MOVED, share=1.0, **known):
+    return Alignment(moved, covariance, np.linalg.inv(covariance), 400, share, 1.0, **known)
+
+
 @pytest.mark.parametrize(
     ('model', 'numbers'),
     [
@@ -135,13 +139,13 @@ def test_a_motion_is_found_among_wrong_displacements():
 def test_a_way_across_is_made_longer_and_the_turn_follows_and_one_along_is_not():
     root = np.eye(6) * 0.01
     root[1, 3] = -0.005  # a turn about y and a way to the right look alike
-    found = Alignment(MOVED, root @ root.T, 400, 1.0, 1.0)
+    found = alignment(root @ root.T)
     ahead = MOVED[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     longer_by = 1 + 0.08 * math.hypot(0.4, 0.1)
     longer = unshrunk(found, ahead).moved
     assert longer[:3, 3] == pytest.approx((0.4 * longer_by, -0.1 * longer_by, -1.0))
     assert abs(longer[:3, :3] - MOVED[:3, :3]).max() > 1e-3
-    straight = Alignment(np.eye(4), root @ root.T, 400, 1.0, 1.0)
+    straight = alignment(root @ root.T, np.eye(4))
     straight.moved[2, 3] = -2.0
     assert unshrunk(straight, np.array([0.0, 0.0, 1.0])).moved.tolist() == straight.moved.tolist()
 
@@ -180,7 +184,7 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     rng = np.random.default_rng(3)
     root = rng.normal(0, 1, (6, 6)) * 0.002
     known = root @ root.T
-    first = base_pose(Alignment(MOVED, known, 400, 1.0, 1.0), mount, mount)
+    first = base_pose(alignment(known), mount, mount)
     place = matrix(replace(pose_of(np.eye(4)), position=first.position_m))
     place[:3, :3] = matrix(replace(pose_of(np.eye(4)), orientation=first.orientation))[:3, :3]
     assert place == pytest.approx(mount @ inverse(MOVED) @ inverse(mount), abs=1e-6)
@@ -199,21 +203,57 @@ def test_the_covariance_of_a_base_is_that_of_its_lens_moved_there():
     floor = np.diag([cells.position_m**2] * 3 + [cells.turn_rad**2] * 3)
     expected = np.cov(np.array(drawn).T) + floor
     assert first.covariance == pytest.approx(expected, rel=0.15, abs=2e-5)
-    # Where half of the regions agree, deviations are larger.
-    half = base_pose(Alignment(MOVED, known, 200, 0.5, 1.0), mount, mount)
-    wider = 0.5 ** (-2 * cells.share_power)
-    assert half.covariance - floor == pytest.approx(wider * (first.covariance - floor), rel=1e-9)
-    # Further off than the baseline, the way itself is less sure, along itself.
-    far = base_pose(Alignment(MOVED, known, 400, 1.0, 1.0, baseline_m=0.5), mount, mount)
-    more = far.covariance - first.covariance
-    unit = mount[:3, :3] @ inverse(MOVED)[:3, 3] / np.linalg.norm(MOVED[:3, 3])
-    assert more[:3, :3] == pytest.approx(np.outer(unit, unit) * np.trace(more), abs=1e-9)
-    lens_m = np.linalg.norm(MOVED[:3, 3])
-    length = cells.far * lens_m * (lens_m / 0.5) ** ERROR.far_power
-    assert np.trace(more) == pytest.approx(length**2)
+    # Where fewer regions agree, deviations are larger.
+    fewer = base_pose(alignment(known, share=0.6), mount, mount)
+    wider = 0.6 ** (-2 * cells.share_power)
+    assert fewer.covariance - floor == pytest.approx(wider * (first.covariance - floor), rel=1e-9)
+
+
+def test_a_way_beyond_the_neighbours_is_less_sure_along_itself():
+    known = np.eye(6) * 1e-6
+    way = inverse(MOVED)[:3, 3]
+    length_m = np.linalg.norm(way)
+    unit = ROBOT_LENS[:3, :3] @ way / length_m
+
+    def more(*neighbours):
+        found = alignment(known, baseline_m=0.5, neighbours=np.array(neighbours).reshape(-1, 3))
+        pose = base_pose(found, ROBOT_LENS, ROBOT_LENS)
+        return pose.covariance - base_pose(alignment(known), ROBOT_LENS, ROBOT_LENS).covariance
+
+    far = more()
+    assert far[:3, :3] == pytest.approx(np.outer(unit, unit) * np.trace(far), abs=1e-9)
+    assert np.trace(far) == pytest.approx((ERROR.cells.far * length_m**2 / 0.5) ** 2)
+    assert more(-way) == pytest.approx(far)
+    # With a neighbour half-way there, a quarter of it is left; with one further on, nothing.
+    assert more(-way, way / 2) == pytest.approx(far / 16)
+    assert abs(more(way * 2)).max() < 1e-12
+
+
+def test_neighbours_that_err_alike_make_an_alignment_less_sure():
+    ahead, inverse_m = scene()
+    structure = Structure(ahead, inverse_m, np.full(len(ahead), 1e6))
+    there = seen(ahead, inverse_m, MOVED)
+    rows, columns = np.divmod(np.arange(SIDE**2), SIDE)
+    noise = np.random.default_rng(4).normal(0, 0.2, (SIDE**2, 2)) / SCALE
+    more = []
+    for off in (noise, noise[rows // 3 * SIDE + columns // 3]):
+        found = align(structure, there + off, SCALE, np.eye(4))
+        more.append(np.trace(found.covariance @ found.information) / 6 - 1)
+    assert 0 < more[0] < 0.25 * more[1]
 
 
 def test_a_position_that_is_not_sure_is_not_told():
-    found = base_pose(Alignment(MOVED, np.eye(6), 400, 1.0, 1.0), ROBOT_LENS, ROBOT_LENS)
+    found = base_pose(alignment(np.eye(6)), ROBOT_LENS, ROBOT_LENS)
     assert found.position_m is None and found.position_sigma_m is None
     assert found.direction is not None and found.covariance[0, 0] >= 1e6
+
+
+@pytest.mark.parametrize(
+    ('share', 'first_share', 'is_told'),
+    [(0.6, None, True), (0.45, None, False), (0.6, 0.3, False)],
+)
+def test_a_position_with_which_few_regions_agree_is_not_told(share, first_share, is_told):
+    found = alignment(np.eye(6) * 1e-6, share=share, first_share=first_share)
+    pose = base_pose(found, ROBOT_LENS, ROBOT_LENS)
+    assert (pose.position_m is not None) is is_told
+    assert pose.explains is (first_share is None)

@@ -72,7 +72,8 @@ def test_regions_are_followed_from_three_metres_away(street, monkeypatch):
         monkeypatch.setattr(relative_pose, 'FAR', replace(FAR, rounds=rounds))
         pose = measured(reference_map, query, 8)
         errors_m[name], _ = off(pose, query, street[0][8])
-    assert errors_m['followed'] < 0.5 < errors_m['at once'], errors_m
+    # At once so few agree that none is told.
+    assert errors_m['followed'] < 0.5 and math.isnan(errors_m['at once']), errors_m
 
 
 def test_a_map_without_poses_gives_no_metres(street, made):

@@ -9,7 +9,7 @@ The search starts at a given pose, wide at first; for keypoints also at one of s
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 from convseq_ros.core.constants import constants
@@ -18,6 +18,7 @@ from convseq_ros.core.geometry.structure import DEPTH, Floats, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,7 @@ class Precision:
     agreeing: float  # within which something agrees with a pose
     fewest: int  # that must agree
     least_share: float = 0.0  # of what was found, that must agree
+    alike: int = 1  # regions a side of a square whose errors are taken together
 
 
 @constants
@@ -35,9 +37,7 @@ class ALIGNMENT:
     """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
     # Of regions; of unrelated images less than 40 agree.
-    cells: Precision = Precision(
-        sigmas=(1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3), agreeing=0.6, fewest=40
-    )
+    cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, alike=3)
     stiffness: float = 1e-6  # information of no motion
     # Of the way across, which the field misses, for each cell that it moves the middle region.
     shrunk: float = 0.08  # fitted on drawn streets
@@ -56,10 +56,13 @@ class Alignment:
     moved: Matrix  # (4, 4), from the reference's lens to the other
     # (6, 6), of a turn, and of a way, in the other lens, both after the motion.
     covariance: Matrix
+    information: Matrix  # (6, 6), the same as least squares counts it: as if each erred alone
     inliers: int
     share: float  # of the regions that were found, inliers; in (0, 1]
     cells_per_m: float  # by which a way across moves a region of middle depth
     baseline_m: float = math.inf  # between the images that gave the depths
+    # (k, 3), where those images were taken, from the reference's lens.
+    neighbours: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     first_share: float | None = None  # before regions were followed, if they were
 
 
@@ -109,7 +112,13 @@ def align(
     cells_per_m = float(np.median(inverse) * scale.mean())
     if (share := agreeing / len(inverse)) < precision.least_share:
         return None
-    return Alignment(moved, np.linalg.inv(information), agreeing, share, cells_per_m)
+    # What pulls at the pose, summed over neighbours, tells how far they pull together.
+    pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
+    squares = _squares(np.flatnonzero(known), len(known), precision.alike)
+    sums = np.stack([np.bincount(squares, one) for one in pulls])
+    least = np.linalg.inv(information)
+    covariance = least @ (information + sums @ sums.T) @ least
+    return Alignment(moved, covariance, information, agreeing, share, cells_per_m)
 
 
 def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
@@ -150,17 +159,25 @@ def unshrunk(found: Alignment, along: Floats | None) -> Alignment:
     is missing was taken for a turn.
     `along` is that way in the reference's lens, a unit vector (3,); None if depths were measured.
     """
-    way, spread = found.moved[:3, 3], found.covariance
+    way, information = found.moved[:3, 3], found.information
     across = way
     if along is not None:
         ahead = found.moved[:3, :3] @ along
         across = way - (way @ ahead) * ahead
     missed = ALIGNMENT.shrunk * found.cells_per_m * float(np.linalg.norm(across)) * across
-    step = spread[:, 3:] @ np.linalg.solve(spread[3:, 3:], missed)
+    turn = -np.linalg.solve(information[:3, :3], information[:3, 3:] @ missed)
     moved = found.moved.copy()
-    moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
-    moved[:3, 3] += step[3:]
+    moved[:3, :3] = turned_by(turn) @ moved[:3, :3]
+    moved[:3, 3] += missed
     return replace(found, moved=moved)
+
+
+def _squares(regions: npt.NDArray[np.intp], count: int, side: int) -> npt.NDArray[np.intp]:
+    """Return in which square of so many regions a side regions (n,) of a square image lie."""
+    if side == 1:
+        return np.arange(len(regions))
+    rows, columns = np.divmod(regions, math.isqrt(count))
+    return rows // side * count + columns // side
 
 
 def _slopes(

@@ -16,47 +16,47 @@ import numpy as np
 class Spread:
     """How far off an alignment is."""
 
-    # Times least squares' deviations, over a power of the share that agrees: neighbours err
-    # alike, and where few agree all is bad. Parallax lies across the image, and so do the errors
-    # of a field that misses some of it: yaw and the way across are off by more than pitch, roll
-    # and the way down.
+    # Times the alignment's deviations, over a power of the share that agreed at first: where few
+    # agree all is bad. Parallax lies across the image, and so do the errors of a field that misses
+    # some of it: yaw and the way across are off by more than pitch, roll and the way down.
     across: float
     down: float
     ahead: float
     share_power: float
-    far: float  # of the way, along it, at a way as long as the baseline
+    far: float  # of the way beyond the neighbours, along it, if that is as long as the baseline
     position_m: float  # what no number of regions or keypoints mends
     turn_rad: float
 
 
 @constants
 class ERROR:
-    """Fitted on drawn streets 41 to 44, evening, clouds and night (docs/GEOMETRY.md)."""
+    """Fitted on drawn streets 41 to 48, evening, clouds and night (docs/GEOMETRY.md)."""
 
-    # The way errs more on roads, road_1 and road_2, than on streets: .06 would do for these.
+    # Half of `far` would do for streets with neighbours on either side: it is seen on streets
+    # with neighbours on one side, and on roads, where all are.
     cells: Spread = Spread(
-        across=3.5, down=1.5, ahead=2.6, share_power=0.9, far=0.1, position_m=0.01, turn_rad=0.001
+        across=2.9, down=1.3, ahead=2.5, share_power=0.2, far=0.15, position_m=0.01, turn_rad=0.001
     )
     followed: Spread = Spread(  # the same, where regions were followed
-        across=3.5, down=2.5, ahead=3.5, share_power=0.9, far=0.1, position_m=0.01, turn_rad=0.001
+        across=2.5, down=2.1, ahead=2.3, share_power=0.3, far=0.15, position_m=0.01, turn_rad=0.001
     )
-    # A road's odometry errs, a drawn street's does not: half of it would do for streets.
+    # A road's odometry errs, a drawn street's does not: less would do for streets.
     keypoints: Spread = Spread(
-        across=0.6,
-        down=0.6,
-        ahead=0.6,
+        across=0.5,
+        down=0.5,
+        ahead=0.5,
         share_power=3.0,
-        far=0.004,
-        position_m=0.003,
-        turn_rad=0.0003,
+        far=0.03,
+        position_m=0.002,
+        turn_rad=0.0005,
     )
-    # Of the ratio of way to baseline: further off, least squares is surer than it is right.
-    far_power: int = 2
     # A position that is less sure than this, or than half of the way, or with which fewer agree,
     # is not told.
     unsure_m: float = 1.0
     unsure_share: float = 0.5
-    least_share: float = 0.35  # most that are off by more than a metre have less
+    # Most that are off by more than a metre have less.
+    least_share: float = 0.35  # before regions are followed
+    least_last_share: float = 0.5  # at last
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
     two_view_share: float = 0.4  # there, from drawn streets 1, 2, 5 and 6, driven back
 
@@ -81,22 +81,21 @@ def base_pose(
     slopes = np.zeros((6, 6))
     slopes[:3, :3] = turn @ arm
     slopes[:3, 3:] = slopes[3:, :3] = -turn
-    way_m = float(np.linalg.norm(lens[:3, 3]))
+    first_share = found.share if found.first_share is None else found.first_share
     across, down, ahead = spread.across, spread.down, spread.ahead
-    scatter = np.array((down, across, down, across, down, ahead)) / found.share**spread.share_power
-    slopes *= scatter
+    scatter = np.array((down, across, down, across, down, ahead))
+    slopes *= scatter / first_share**spread.share_power
     floor = np.diag([spread.position_m**2] * 3 + [spread.turn_rad**2] * 3)
-    far = spread.far * base_reference[:3, :3] @ lens[:3, 3]
-    far *= (way_m / found.baseline_m) ** ERROR.far_power
+    far = base_reference[:3, :3] @ _far(found, lens[:3, 3]) * spread.far
     floor[:3, :3] += np.outer(far, far)
     covariance = slopes @ found.covariance @ slopes.T + floor
     position = whole[:3, 3]
     known = quaternion(whole[:3, :3]), vector(position), _unit(position), covariance
     # How much the first alignment explains tells whether it is right at all.
-    first_share = found.share if found.first_share is None else found.first_share
     explains = first_share >= ERROR.least_share
     pose = RelativePose(*known, found.inliers, explains)
-    is_unsure = (pose.position_sigma_m or 0.0) > max(ERROR.unsure_m, ERROR.unsure_share * way_m)
+    most_m = max(ERROR.unsure_m, ERROR.unsure_share * float(np.linalg.norm(lens[:3, 3])))
+    is_unsure = (pose.position_sigma_m or 0.0) > most_m or found.share < ERROR.least_last_share
     if is_unsure or not explains:
         return replace(pose, position_m=None, covariance=_of_turns(covariance[3:, 3:]))
     return pose
@@ -113,6 +112,20 @@ def base_pose_of_two_views(
     covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
     explains = found.share >= ERROR.two_view_share
     return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
+
+
+def _far(found: Alignment, way: Matrix) -> Matrix:
+    """
+    Return along a way (3,) what lies beyond the images that gave the depths, times baselines.
+
+    Up to them their errors and the query's cancel; further off, the way comes out too short.
+    """
+    length_m = float(np.linalg.norm(way))
+    if length_m == 0.0:
+        return way
+    ahead = way / length_m
+    beyond_m = length_m - float((found.neighbours @ ahead).clip(0.0, length_m).max(initial=0.0))
+    return np.asarray(ahead * beyond_m**2 / found.baseline_m)
 
 
 def _of_turns(turns: Matrix) -> Matrix:

@@ -15,7 +15,7 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
 from convseq_ros.core.geometry.keypoints import keypoints
-from convseq_ros.core.geometry.structure import Structure, triangulate
+from convseq_ros.core.geometry.structure import Floats, Structure, triangulate
 from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.views import KeypointView
@@ -50,7 +50,7 @@ class _Place:
 
     view: KeypointView
     structure: Structure
-    baseline_m: float  # to the furthest neighbour
+    neighbours: Floats  # (k, 3), where they are, from the place's lens
 
 
 class ImagePoses:
@@ -83,7 +83,10 @@ class ImagePoses:
         starts = [moved] if sampled is None else [moved, sampled]
         tried = [align(place.structure, sight.seen, sight.scale, one, PRECISION) for one in starts]
         found = max(filter(None, tried), key=lambda one: one.inliers, default=None)
-        return found and replace(found, baseline_m=place.baseline_m)
+        if found is None:
+            return None
+        baseline_m = float(np.linalg.norm(place.neighbours, axis=1).max())
+        return replace(found, baseline_m=baseline_m, neighbours=place.neighbours)
 
 
 def _place(
@@ -104,8 +107,8 @@ def _place(
             sights.append(view.sight(other, inverse(lens) @ moved @ lens))
     if not sights:
         return None
-    baseline_m = max(float(np.linalg.norm(sight.moved[:3, 3])) for sight in sights)
-    return _Place(view, triangulate(view.rays, sights), baseline_m)
+    lenses = np.array([inverse(sight.moved)[:3, 3] for sight in sights])
+    return _Place(view, triangulate(view.rays, sights), lenses)
 
 
 def _view(

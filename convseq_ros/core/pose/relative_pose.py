@@ -43,9 +43,9 @@ class NEIGHBOURS:
 class FAR:
     """Of queries further off than the neighbours; chosen on drawn streets 41 to 44, and road_1."""
 
-    baselines: float = 0.8  # of the way to the first neighbour, beyond which regions are followed
+    baselines: float = 0.6  # of the way to the first neighbour, beyond which regions are followed
     rounds: int = 3  # 2 are worse at night, 5 alike
-    precision: Precision = Precision(sigmas=(0.3,) * 5, agreeing=0.6, fewest=40)
+    precision: Precision = Precision(sigmas=(0.3,) * 5, agreeing=0.6, fewest=40, alike=3)
 
 
 class RelativePoses:
@@ -138,10 +138,13 @@ class RelativePoses:
         sights = [reference.sight(view, moved) for view, moved in around]
         structure = triangulate(reference.rays, sights)
         found = align(structure, sight.seen, sight.scale, sight.moved)
-        way = inverse(sights[0].moved)[:3, 3]
-        baseline_m = float(np.linalg.norm(way))
-        found = found and unshrunk(replace(found, baseline_m=baseline_m), way / baseline_m)
-        if found is None or not _is_far(found):
+        if found is None:
+            return None
+        ways = np.array([inverse(moved)[:3, 3] for _, moved in around])
+        baseline_m = float(np.linalg.norm(ways[0]))
+        found = replace(found, baseline_m=baseline_m, neighbours=ways)
+        found = unshrunk(found, ways[0] / baseline_m)
+        if not _is_far(found):
             return found
         inverse_m = smoothed(structure)
         sights = [reference.sight_of_followed(view, moved, inverse_m) for view, moved in around]
@@ -196,4 +199,5 @@ def _followed(
     for _ in range(FAR.rounds):
         sight = reference.sight_of_followed(query, found.moved, inverse_m)
         found = align(structure, sight.seen, sight.scale, found.moved, FAR.precision) or found
-    return replace(found, first_share=first.share, baseline_m=first.baseline_m)
+    known = first.baseline_m, first.neighbours
+    return replace(found, first_share=first.share, baseline_m=known[0], neighbours=known[1])
