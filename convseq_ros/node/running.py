@@ -10,6 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.middleware import fast_dds, QUICK_START
 from convseq_ros.process import hand_over, ignore, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -27,6 +28,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     """Run a node until SIGINT or SIGTERM; return the exit code."""
     stand(0)
     _have_memory_returned()
+    os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
     try:
         # Its own handlers would shut ROS down under whatever is at work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
