@@ -135,9 +135,9 @@ shows; tiles of 9 regions by 3 vectors are as fast as 12 by 2; the label that ea
 costs 5 of 61 microseconds a pair, and no cheaper way to keep it was found. At R = 100,000, to have
 the C library keep memory instead of giving it back (`MALLOC_TRIM_THRESHOLD_`) gains nothing.
 
-What was tried for frames between keyframes by scene: half of them are passed over at a glance, and the
-rest is described, as the mean shows. No cheaper copy told the overlap better than edges of 64 x 48: levels of
-32 x 24 to 128 x 96, edges of 32 x 24 to 256 x 192, histograms of cells of 128 x 128 and 256 x 256.
+What was tried for frames between keyframes by scene: most of them are passed over at a glance, the
+rest is described, as the mean shows. No other copy told better which frames lie between than edges
+of 64 x 48: levels of 32 x 24 to 128 x 96, edges of 32 x 24 to 256 x 192, histograms of cells.
 """
 _ADVICE = """\
 ## On a robot

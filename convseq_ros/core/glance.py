@@ -31,7 +31,7 @@ def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
     size = GLANCE.width_px, GLANCE.height_px
     small = np.sqrt(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
     edges = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
-    length = float(np.linalg.norm(edges))
+    length = np.float32(np.linalg.norm(edges))
     return edges / length if length >= GLANCE.least_edge * edges.size**0.5 else None
 
 
