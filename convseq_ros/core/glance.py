@@ -30,9 +30,12 @@ def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
     """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
     size = GLANCE.width_px, GLANCE.height_px
     small = np.sqrt(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    edges = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
-    length = np.float32(np.linalg.norm(edges))
-    return edges / length if length >= GLANCE.least_edge * edges.size**0.5 else None
+    edges: Glance = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
+    length = float(np.linalg.norm(edges))
+    if length < GLANCE.least_edge * edges.size**0.5:
+        return None
+    edges /= length
+    return edges
 
 
 def distance(seen: Glance, other: Glance) -> float:
