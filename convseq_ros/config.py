@@ -74,7 +74,8 @@ class MatchingConfig(Checked):
         'of the drive, and weighs in the global similarity.',
     )
     shortlist_length: int = parameter(
-        50, 'Number of map places that get a full sequence score per frame; shortlist only.',
+        50, 'Number of map places that get a full sequence score per frame, half as many while '
+        'matches are accepted; shortlist only.',
         unit='places', low=3, high=1000,
     )
     index_above: int = parameter(

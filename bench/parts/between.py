@@ -67,7 +67,8 @@ def _measured(work: Work, way: _Way) -> Finding:
         took_ms += [spent_ms] * passed
     what = f'frame between keyframes, {way.speed_mps:g} m/s, {_RATE_HZ} Hz'
     note = (
-        f'{len(took_ms)} of {len(images)} frames; {np.mean(same):.3f} decided as without glances'
+        f'{len(took_ms)} of {len(images)} frames, mean {np.mean(took_ms or 0):.2g} ms; '
+        f'{np.mean(same):.3f} decided as without glances'
     )
     finding = Finding(what=what, side=way.name, threads=work.threads, note=note)
     if not took_ms:

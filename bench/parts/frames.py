@@ -21,10 +21,8 @@ from bench.released import encode, frame_ms, ReleasedLoop
 from bench.work import Work
 
 LENGTH = 10
-_LISTED = MatchingConfig().shortlist_length
 _WARM_FRAMES = LENGTH + 5
 _ROUNDS = 60
-_FEWER_LISTED = 30
 _RELEASED_PAIRS = 10
 _TOLERANCE = 2
 _MOST_UNCOMPILED = 1000
@@ -55,10 +53,8 @@ def measure(work: Work) -> list[Finding]:
 class Drive:
     """Gives a recogniser one frame after another."""
 
-    def __init__(self, work: Work, size: int, search: str, listed: int = _LISTED) -> None:
-        chosen = MatchingConfig(
-            matching='coherent', search=search, shortlist_length=listed, threads=work.threads
-        )
+    def __init__(self, work: Work, size: int, search: str) -> None:
+        chosen = MatchingConfig(matching='coherent', search=search, threads=work.threads)
         config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=LENGTH))
         read_into_file_cache(work.map_path(size))
         self._recognizer = PlaceRecognizer(open_map(work.map_path(size)), config)
@@ -122,12 +118,12 @@ def _frames(work: Work, size: int) -> list[Finding]:
 
 
 def _uncompiled(work: Work, size: int) -> Finding:
-    """Measure frames by NumPy alone, with fewer candidates."""
-    drive = Drive(work, size, 'shortlist', _FEWER_LISTED)
+    """Measure frames by NumPy alone."""
+    drive = Drive(work, size, 'shortlist')
     drive.warm_up()
     times = Times(tuple(drive.frame_ms() for _ in range(3 if work.quick else _ROUNDS)))
     finding = Finding(
-        what=f'frame, k = {LENGTH}, R = {size:,}, {_FEWER_LISTED} candidates',
+        what=f'frame, k = {LENGTH}, R = {size:,}',
         side='coherent, shortlist, NumPy alone',
         threads=work.threads,
         note=drive.note(),

@@ -5,7 +5,8 @@
 from collections.abc import Sequence
 from typing import NoReturn
 
-from convseq_ros.cli.processes import become, for_large_images
+from convseq_ros.cli.processes import become
+from convseq_ros.middleware import fast_dds, LARGE_IMAGES
 
 
 def main(arguments: Sequence[str]) -> NoReturn:
@@ -18,4 +19,4 @@ def main(arguments: Sequence[str]) -> NoReturn:
         If ROS is not installed or not sourced.
 
     """
-    become('convseq_ros.node.player', arguments, **for_large_images())
+    become('convseq_ros.node.player', arguments, **fast_dds(LARGE_IMAGES))

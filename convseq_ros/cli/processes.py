@@ -17,13 +17,13 @@ from typing import NoReturn
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.installing import NEEDS_ROS
+from convseq_ros.middleware import fast_dds, LARGE_IMAGES
 from convseq_ros.process import SIGNALS
 from convseq_ros.results import read_results
 
 _HIGHEST_DOMAIN = 101
 _POLL_S = 0.1
 _NODE_STARTS_S = '60'
-_VARIABLE, _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'fastdds_large_images.xml'
 
 
 @cache
@@ -53,25 +53,11 @@ def own_domain() -> int:
     raise ConvseqError(f'all ROS domains from 1 to {_HIGHEST_DOMAIN} are in use by convseq_ros')
 
 
-def for_large_images() -> dict[str, str]:
-    """
-    Return the variable with which Fast DDS loses no large images, nor what is sent beside them.
-
-    Empty if the user has chosen settings, or ours are not installed.
-    """
-    beside = Path(__file__).resolve().parents[2]
-    prefix = beside.parent.parent.parent
-    for folder in (beside / 'config', prefix / 'share' / 'convseq_ros' / 'config'):
-        if (folder / _PROFILE).is_file() and _VARIABLE not in os.environ:
-            return {_VARIABLE: str(folder / _PROFILE)}
-    return {}
-
-
 def environment(folder: Path) -> dict[str, str]:
     """Return an environment in which the processes of this one hear each other and nobody else."""
     return {
         **os.environ,
-        **for_large_images(),
+        **fast_dds(LARGE_IMAGES),
         'ROS_DOMAIN_ID': str(own_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(folder / 'log'),

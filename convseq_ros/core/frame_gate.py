@@ -11,7 +11,7 @@ from typing import Any
 from convseq_ros.config import Config, KeyframeConfig, MotionConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.glance import Glance, glance, NearnessByGlance
+from convseq_ros.core.glance import distance, GLANCE, Glance, glance, NearnessByGlance
 from convseq_ros.core.sequence.frame_drops import FRAME_DROPS, FrameDropDetector
 from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
@@ -62,14 +62,13 @@ class Standstill:
     def __init__(self, config: MotionConfig, by_image: bool, similarity: PaperSimilarity) -> None:
         self._config, self._similarity = config, similarity
         self._by_image = by_image and config.stationary_overlap < 1.0  # if there is no odometry
-        # A robot that creeps may be told to stand in every other frame.
-        self._glances = NearnessByGlance(apart=True)
-        self._pose: Pose | None = None
-        self._descriptor: Descriptor | None = None
+        self._most_apart = GLANCE.still * (1.0 - config.stationary_overlap)
+        self.reset()
 
     def reset(self) -> None:
-        self._glances.reset()
-        self._pose = self._descriptor = None
+        self._pose: Pose | None = None
+        self._seen: Glance | None = None
+        self._descriptor: Descriptor | None = None
 
     def update(
         self, descriptor: Descriptor, pose: Pose | None, seen: Glance | None = None
@@ -82,20 +81,21 @@ class Standstill:
             if self._by_image and last is not None:
                 most = self._config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
-            self._glances.update(seen, still)
         if not still:
-            self._pose, self._descriptor = pose, descriptor
+            self._pose, self._seen, self._descriptor = pose, seen, descriptor
         return still
 
     def is_sure(self, pose: Pose | None, seen: Glance | None) -> bool:
         """Return whether it stands still whatever the frame shows in detail: by way or glance."""
-        if self.asks_for_image(pose):
-            return self._glances.is_sure(seen)
-        return bool(self._by_pose(pose))
+        if not self.asks_for_image(pose):
+            return bool(self._by_pose(pose))
+        if seen is None or self._seen is None:
+            return False
+        return distance(seen, self._seen) < self._most_apart
 
-    def update_pose(self, pose: Pose | None) -> None:
-        """Take in where a frame was that moved, whatever it shows."""
-        self._pose = pose or self._pose
+    def pass_over(self, pose: Pose | None, seen: Glance | None) -> None:
+        """Take in where a frame was that moved, and a glance of it, whatever else it shows."""
+        self._pose, self._seen = pose or self._pose, seen
 
     def asks_for_image(self, pose: Pose | None) -> bool:
         """Return whether it takes what a frame shows to tell."""
@@ -154,29 +154,38 @@ class FrameGate:
         if not self._is_due(stamp_ns, pose):
             return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
         seen = None if gray is None else glance(gray)
-        if self._standstill.is_sure(pose, seen):
-            self._drops.update_keyframe()
-            return Verdict(Reason.STATIONARY, self._blank)
-        # Whether a robot without odometry moves is asked of every frame that is not passed over.
-        asks = self._standstill.asks_for_image(pose)
-        if self._by_scene and not asks and self._glances.is_sure(seen):
-            self._standstill.update_pose(pose)
-            return Verdict(Reason.BETWEEN_KEYFRAMES, self._blank)
+        still = self._standstill.is_sure(pose, seen)
+        # Where the scene decides, standing still is only told; by odometry it comes first.
+        if still and not (self._by_scene and self._standstill.asks_for_image(pose)):
+            return self._passed(still, pose, seen, self._blank)
+        if self._by_scene and self._glances.is_sure(seen):
+            return self._passed(still, pose, seen, self._blank)
         descriptor = encode()
-        if self._standstill.update(descriptor, pose, seen):
-            self._drops.update_keyframe()
-            return Verdict(Reason.STATIONARY, descriptor)
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
             share = self._keyframes.keyframe_overlap
-            is_near = self._overlap.is_above(self._scene, descriptor, share)
-            self._glances.update(seen, is_near)
-            if is_near:
-                return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
+            if self._overlap.is_above(self._scene, descriptor, share):
+                self._glances.update(seen, True)
+                return self._passed(still, pose, seen, descriptor)
+        # In the dark, noise alone may leave little overlap; it is the last keyframe all the same.
+        alike = self._standstill.update(descriptor, pose, seen)
+        self._glances.update(seen, alike)
+        if alike:
+            return self._passed(still or not self._by_scene, pose, seen, descriptor)
+        if self._by_scene:
             self._scene = self._overlap.prepare(descriptor)
         self._last_ns, self._pose = stamp_ns, pose or self._pose
         return Verdict(None, descriptor, self._drops.update_keyframe())
+
+    def _passed(
+        self, still: bool, pose: Pose | None, seen: Glance | None, descriptor: Descriptor
+    ) -> Verdict:
+        if still:
+            self._drops.update_keyframe()
+            return Verdict(Reason.STATIONARY, descriptor)
+        self._standstill.pass_over(pose, seen)
+        return Verdict(Reason.BETWEEN_KEYFRAMES, descriptor)
 
     def _is_due(self, stamp_ns: int, pose: Pose | None) -> bool:
         if self._last_ns is None or stamp_ns < self._last_ns:

@@ -122,11 +122,11 @@ class PlaceRecognizer:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
         # III-G: sums along diagonals; the best sequences are the candidates.
         scores = buffer.best_scores(count, ends, velocity)
-        search.verify(ends, scores)
         # Ours: is the best one a match? The paper always says yes.
         asked = ends, scores, self.reference_map.places, config.acceptance
         (found, said), pairs = decided(acceptance, *asked, count), buffer.pairs_scored
         said = said or Judgement(why_none(usable, count, velocity, buffer.bounds))
+        search.verify(ends, scores, said.reason is Reason.ACCEPTED)
         if not found or not (length or said.reason is Reason.ACCEPTED):
             why = said.reason if length else Reason.WARMING_UP
             return skipped(why, (), length or 0, pairs)

@@ -10,6 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError
+from convseq_ros.middleware import fast_dds, QUICK_START
 from convseq_ros.process import hand_over, ignore, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -21,12 +22,15 @@ from rclpy.utilities import ok, try_shutdown
 _LOOK_UP_S = 0.2
 _M_MMAP_THRESHOLD = -3  # malloc.h of glibc: what is larger is mapped, and unmapped when it is free
 _MAPPED_BYTES = 1 << 22  # smaller images are worth more when their memory is at hand
+_M_TRIM_THRESHOLD = -1  # malloc.h of glibc: what is free at the end of its heap, and kept
+_KEPT_BYTES = 1 << 23  # two such images; by 128 kB, every image's memory is asked for anew
 
 
 def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM; return the exit code."""
     stand(0)
-    _have_memory_returned()
+    keep_memory_at_hand()
+    os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
     try:
         # Its own handlers would shut ROS down under whatever is at work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -64,10 +68,12 @@ def turns(node: Node) -> Iterator[None]:
         yield
 
 
-def _have_memory_returned() -> None:
-    """Have the C library give large images back to the system; else it keeps those of a burst."""
+def keep_memory_at_hand() -> None:
+    """Have the C library keep what one image needs for the next, and give back large ones."""
     with suppress(AttributeError, OSError):
-        CDLL(None).mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
+        library = CDLL(None)
+        library.mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
+        library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
 def _leave_what_is_at_work() -> None:

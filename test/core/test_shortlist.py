@@ -19,7 +19,7 @@ from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.core.sequence.coarse_sums import all_sums, top
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.shortlist import SHORTLIST, Shortlist
-from convseq_ros.core.types import Frame
+from convseq_ros.core.types import Frame, Status
 from convseq_ros.sources import open_source
 import cv2
 import numpy as np
@@ -210,13 +210,26 @@ def test_sequences_that_were_verified_stay_listed():
     assert not len(shortlist._verified)
 
 
+def test_half_as_many_are_listed_while_the_place_is_known():
+    rows = drawn_rows(400)
+    shortlist, counts = Shortlist(20), []
+    for is_known in (True, True, False, False, False, False):
+        listed = update(shortlist, rows[4::-1], 5)
+        shortlist.verify(listed, np.zeros(len(listed)), is_known)
+        counts.append(len(listed))
+    assert counts == [20, 10, 10, 13, 16, 19]  # 20 / 6 may be new in a frame
+    shortlist.reset()
+    assert len(update(shortlist, rows[4::-1], 5)) == 20
+
+
 def test_the_recogniser_tells_how_listed_sequences_scored(reference_map, run, monkeypatch):
     told = []
-    monkeypatch.setattr(Shortlist, 'verify', lambda _, ends, scores: told.append((ends, scores)))
+    monkeypatch.setattr(Shortlist, 'verify', lambda _, *asked: told.append(asked))
     matches = run(reference_map, 'shortlist', range(20, 30), False, shortlist_length=12)
     answered = [match for match in matches if match.candidates]
     assert len(told) == len(answered) == 6
-    for (ends, scores), match in zip(told, answered, strict=True):
+    for (ends, scores, is_known), match in zip(told, answered, strict=True):
+        assert is_known == (match.status is Status.ACCEPTED)
         assert ends[scores.argmax()] == match.best.reference_index
         assert scores.max() == match.best.score
 

@@ -32,8 +32,7 @@ class Spread:
 class ERROR:
     """Fitted on drawn streets 41 to 48, evening, clouds and night (docs/GEOMETRY.md)."""
 
-    # Half of `far` would do for streets with neighbours on either side: it is seen on streets
-    # with neighbours on one side, and on roads, where all are.
+    # `far` is seen where all neighbours are on one side: on such streets, and on roads.
     cells: Spread = Spread(
         across=2.9, down=1.3, ahead=2.5, share_power=0.2, far=0.15, position_m=0.01, turn_rad=0.001
     )

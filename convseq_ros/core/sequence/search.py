@@ -67,7 +67,8 @@ class ExhaustiveSearch:
             return ends, 1.0
         return ends, self._velocity.update(buffer.rows[:length])
 
-    def verify(self, ends: Indices, scores: Values) -> None: ...
+    def verify(self, ends: Indices, scores: Values, is_known: bool) -> None:
+        """Take note of how sequences have scored, and whether the frame's place is known."""
 
 
 class ShortlistSearch(ExhaustiveSearch):
@@ -89,8 +90,8 @@ class ShortlistSearch(ExhaustiveSearch):
         self._frames += 1
         return self._coarse.update(descriptor, usable)
 
-    def verify(self, ends: Indices, scores: Values) -> None:
-        self._shortlist.verify(ends, scores)
+    def verify(self, ends: Indices, scores: Values, is_known: bool) -> None:
+        self._shortlist.verify(ends, scores, is_known)
 
     def propose(
         self, buffer: QueryBuffer, length: int | None, window: int, usable: int, rivals: int

@@ -20,6 +20,7 @@ _NONE = np.zeros(0, np.int64)
 class SHORTLIST:
     """Of the choice; by recall of the right place on halves of real maps (docs/MATCHING.md)."""
 
+    known: int = 2  # one of so many is listed once the last frame's place is known: it needs less
     elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
     hysteresis: float = 0.5  # standard deviations by which a listed one is preferred
     admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
@@ -43,10 +44,11 @@ class Shortlist:
     """Lists the sequence end indices of best coarse scores; a quarter of them are rivals."""
 
     def __init__(self, length: int, bounds: SessionBounds = ONE_SESSION) -> None:
-        self._length, self._bounds = length, bounds
+        self._most, self._bounds = length, bounds
         self.reset()
 
     def reset(self) -> None:
+        self._length = self._most
         self._newest: Any = None
         self._listed = self._verified = _NONE
 
@@ -80,8 +82,13 @@ class Shortlist:
         found = np.array([place for peak in peaks for place in peak], np.int64)
         return found[found < usable]
 
-    def verify(self, ends: Indices, scores: Values) -> None:
-        """Take note of how listed sequences have scored, pair by pair; a fifth stays listed."""
+    def verify(self, ends: Indices, scores: Values, is_known: bool = False) -> None:
+        """
+        Take note of how listed sequences have scored, pair by pair; a fifth stays listed.
+
+        If it is known which place the frame shows, the next list is shorter.
+        """
+        self._length = self._most // SHORTLIST.known if is_known else self._most
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
 

@@ -1,0 +1,32 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of Fast DDS that come with this package; other middlewares do not read them."""
+
+import os
+from pathlib import Path
+
+VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+LARGE_IMAGES = 'fastdds_large_images.xml'
+QUICK_START = 'fastdds_quick_start.xml'
+_CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
+
+
+def fast_dds(profile: str) -> dict[str, str]:
+    """
+    Return the variable with which a process uses one of our profiles.
+
+    Empty if the user has chosen settings, or ours are not installed.
+
+    Parameters
+    ----------
+    profile : str
+        `LARGE_IMAGES`, to lose no large images, nor what is sent beside them, or `QUICK_START`, to
+        find others at once. The first does what the second does, too.
+
+    """
+    beside = Path(__file__).resolve().parents[1]
+    prefix = beside.parent.parent.parent
+    for folder in (beside / 'config', prefix / 'share' / 'convseq_ros' / 'config'):
+        if (folder / profile).is_file() and not any(name in os.environ for name in _CHOSEN_BY):
+            return {VARIABLE: str(folder / profile)}
+    return {}
