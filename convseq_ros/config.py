@@ -74,7 +74,7 @@ class MatchingConfig(Checked):
         'of the drive, and weighs in the global similarity.',
     )
     shortlist_length: int = parameter(
-        50, 'Number of map places that get a full sequence score per frame, half as many while '
+        50, 'Number of map places that get a full sequence score per frame, .6 of it while '
         'matches are accepted; shortlist only.',
         unit='places', low=3, high=1000,
     )

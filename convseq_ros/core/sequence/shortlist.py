@@ -20,12 +20,12 @@ _NONE = np.zeros(0, np.int64)
 class SHORTLIST:
     """Of the choice; by recall of the right place on halves of real maps (docs/MATCHING.md)."""
 
-    known: int = 2  # one of so many is listed once the last frame's place is known: it needs less
+    known: float = 0.6  # share that is listed once the last frame's place is known: it needs less
     elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
     hysteresis: float = 0.5  # standard deviations by which a listed one is preferred
     admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
     verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
-    scouts: int = 12  # places that are likely by the newest frame alone, which get one pair each
+    scouts: int = 6  # places that are likely by the newest frame alone, which get one pair each
     entered: int = 2  # best of these that are listed: a map may just have been entered there
     # The same in the first frames of a drive, whose own look is not known yet: on drawn nights
     # some 130 of 1,083 places, in the median, have a better coarse score than the right one.
@@ -88,7 +88,7 @@ class Shortlist:
 
         If it is known which place the frame shows, the next list is shorter.
         """
-        self._length = self._most // SHORTLIST.known if is_known else self._most
+        self._length = int(SHORTLIST.known * self._most) if is_known else self._most
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
 
