@@ -32,6 +32,7 @@ def test_the_processes_of_a_demo_carry_large_images(tmp_path):
 def test_both_say_that_a_node_is_there_once_it_listens(profile):
     text = Path(fast_dds(profile)[VARIABLE]).read_text(encoding='utf-8')
     assert '<bytesPerPeriod>1000000000</bytesPerPeriod>' in text
+    assert '<periodMillisecs>1000</periodMillisecs>' in text  # one costs 1.5 % of a core
 
 
 @pytest.mark.parametrize(
