@@ -23,7 +23,7 @@ class SHORTLIST:
     known: float = 0.6  # share that is listed once the last frame's place is known: it needs less
     elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
     hysteresis: float = 0.5  # standard deviations by which a listed one is preferred
-    admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
+    admission: int = 8  # one of so many may be new; a new one costs a whole sequence of pairs
     verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
     scouts: int = 6  # places that are likely by the newest frame alone, which get one pair each
     entered: int = 2  # best of these that are listed: a map may just have been entered there
@@ -58,7 +58,7 @@ class Shortlist:
         return Asked(rows, velocity, enough(self._length, rival_distance), known)
 
     def update(self, asked: Asked, sums: Sums, rival_distance: int) -> Indices:
-        """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
+        """Return the ends, ascending, of diagonals by coarse scores; an eighth at most are new."""
         before, verified = self._carried(asked.rows, asked.velocity)
         self._verified, scores = _NONE, sums.scores.copy()
         if len(before) and sums.spread.count:
@@ -68,7 +68,8 @@ class Shortlist:
         if len(before):
             carried = set(before.tolist())
             new = [index for index in listed if index not in carried]
-            listed = list(set(listed).difference(new[self._length // SHORTLIST.admission :]))
+            admitted = max(1, self._length // SHORTLIST.admission)
+            listed = list(set(listed).difference(new[admitted:]))
         self._newest, self._listed = asked.rows[0], np.array(sorted(listed), np.int64)
         return self._listed
 
