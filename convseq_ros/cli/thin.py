@@ -78,5 +78,5 @@ def _reason(part: Part, found: Needed) -> str:
     return (
         f'{printable(part.name)}: {kept} of {len(part.places)} places are needed; elsewhere '
         f'{found.known} are known and look alike, {found.unlike} look otherwise, '
-        f'{found.unknown} are not surely known'
+        f'{found.unknown} are not known'
     )

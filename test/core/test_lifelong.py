@@ -10,7 +10,7 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.editing import joined, parts_of, write_parts
-from convseq_ros.core.map.lifelong import KNOWN, Sieve
+from convseq_ros.core.map.lifelong import KNOWN, known_as, Sieve
 from convseq_ros.core.map.limits import within_limits
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -18,7 +18,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.uses import Use
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.session import Session
-from convseq_ros.core.types import Frame, Pose
+from convseq_ros.core.types import Candidate, Frame, Match, Pose, Reason, Status
 from convseq_ros.errors import MapError
 from convseq_ros.online_config import OnlineConfig
 from hypothesis import example, given, settings
@@ -62,6 +62,21 @@ def test_a_sieve_keeps_what_half_of_the_neighbours_do_not_know(known):
     assert [one.item for one in found] == kept
     assert [one.begins for one in found] == [index - 1 not in kept for index in kept]
     assert [one.look_of for one in found] == [looks[index] for index in kept]
+
+
+@pytest.mark.parametrize(
+    ('status', 'reason', 'known'),
+    [
+        (Status.ACCEPTED, Reason.ACCEPTED, 7),
+        (Status.REJECTED, Reason.COOL_DOWN, 7),
+        (Status.REJECTED, Reason.WEAK, None),
+        (Status.REJECTED, Reason.AMBIGUOUS, None),
+    ],
+)
+def test_known_is_what_was_accepted_however_low_its_confidence(status, reason, known):
+    best = (Candidate(7, 1, 0.25),)
+    assert known_as(Match(3, 1, status, reason, best, 2, confidence=0.5)) == known
+    assert known_as(None) is None
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from convseq_ros.core.types import Descriptor, Frame, Match, Reason
 Item = TypeVar('Item')
 Waiting = tuple[Frame, Descriptor, float]  # with the metres after which it was passed
 
-_SURE = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+_KNOWN = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
 
 @constants
@@ -24,17 +24,14 @@ class KNOWN:
     """Of what is passed over or left out; by drawn drives of one town (docs/MATCHING.md)."""
 
     # Share of the regions that move alike, above which two looks are alike: on drawn streets .64
-    # between two nights and .7 and more between days, clouds and evenings, but .52 between night
-    # and day.
-    alike: float = 0.55
-    least_confidence: float = 0.95
+    # between two nights and .7 and more between days, clouds and evenings.
+    alike: float = 0.5
     window: int = 16  # places to either side over which that is asked, and that are kept for it
 
 
-def sure_of(match: Match | None) -> int | None:
-    """Return the place that a match surely says, if it does."""
-    confidence = match.confidence if match and match.reason in _SURE else None
-    if confidence is None or confidence < KNOWN.least_confidence or not (match and match.best):
+def known_as(match: Match | None) -> int | None:
+    """Return the place that a match recognises, if it does."""
+    if match is None or match.reason not in _KNOWN or match.best is None:
         return None
     return match.best.reference_index
 
@@ -51,17 +48,17 @@ class Kept(Generic[Item]):
 
     item: Item
     begins: bool  # whether the place before it was not kept
-    look_of: int | None  # the place that it is surely another look of, if it is
+    look_of: int | None  # the place that it is another look of, if it is
 
 
 class Sieve(Generic[Item]):
     """
     Keeps the places of a drive that are new, one by one, 32 later.
 
-    Where half of the places within `window` are recognised surely, and half look alike, a place
+    Where half of the places within `window` are recognised, and half look alike, a place
     can be done without; the others are kept, with so many places before and after, as sequences
-    take them. What is kept between two places that are recognised surely, both within `window`, is
-    a look of what the first of them was recognised as.
+    take them. What is kept between two places that are recognised, both within `window`, is a look
+    of what the first of them was recognised as.
     """
 
     def __init__(self) -> None:
@@ -71,10 +68,10 @@ class Sieve(Generic[Item]):
         self._new = -KNOWN.window - 1  # the last place that cannot be done without
         self._is_open = False  # whether the last place was kept
 
-    def put(self, item: Item, surely: int | None, is_alike: bool) -> Iterator[Kept[Item]]:
-        """Take in a place, and what it is surely recognised as; yield what is to be kept."""
+    def put(self, item: Item, known: int | None, is_alike: bool) -> Iterator[Kept[Item]]:
+        """Take in a place, and what it is recognised as; yield what is to be kept."""
         self._waiting.append(item)
-        self._near.append((surely, is_alike))
+        self._near.append((known, is_alike))
         self._count += 1
         if self._count > KNOWN.window:
             self._judge()
@@ -96,13 +93,13 @@ class Sieve(Generic[Item]):
 
     def _judge(self) -> None:
         """Judge a place by those near it."""
-        known = [surely for surely, _ in self._near]
-        sure = [surely is not None for surely in known]
-        if min(sum(sure), sum(is_alike for _, is_alike in self._near)) * 2 < len(sure):
+        known = [one for one, _ in self._near]
+        is_known = [one is not None for one in known]
+        if min(sum(is_known), sum(is_alike for _, is_alike in self._near)) * 2 < len(known):
             self._new = self._judged
         middle = self._judged - (self._count - len(known))  # the place itself
         before = [one for one in known[: middle + 1] if one is not None]
-        self._looks.append(before[-1] if before and any(sure[middle:]) else None)
+        self._looks.append(before[-1] if before and any(is_known[middle:]) else None)
         self._judged += 1
 
     def _next(self) -> Iterator[Kept[Item]]:
@@ -136,11 +133,11 @@ class LifelongMap(OnlineMap):
         """Take in a frame and its answer; add what turns out to be new."""
         if frame.gray is None:
             return
-        surely = sure_of(_match)
-        if surely is not None:
-            self._map.uses.answered(surely, frame.stamp_ns)
+        known = known_as(_match)
+        if known is not None:
+            self._map.uses.answered(known, frame.stamp_ns)
         alike = is_alike(_match, self._map.cell_shape[0])
-        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), surely, alike))
+        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), known, alike))
 
     def finish(self) -> None:
         """Add what is new of the last places."""

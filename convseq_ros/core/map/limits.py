@@ -22,7 +22,7 @@ def within_limits(
     """
     Leave looks out of a map file, given as its parts, in one step, or not at all.
 
-    A look is a place that was surely recognised as another one when it came. Looks go by their
+    A look is a place that was recognised as another one when it came. Looks go by their
     session along up to 32 places; those go that were no answer for longest, or, if they never were
     one, are oldest, and what would be left of their session in less than 16 places. First looks
     stay, so that no place is forgotten, whatever the limits. Return the sessions of the map now,

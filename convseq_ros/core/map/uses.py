@@ -14,7 +14,7 @@ class Use:
     look_of: int | None = (
         None  # the first place that shows the same; None if this one is the first
     )
-    answers: int = 0  # sure matches
+    answers: int = 0  # matches that recognised it
     last_ns: int = 0  # stamp of the frame that it answered last; 0 if it was never an answer
 
     def is_off(self, end: int) -> bool:
