@@ -7,7 +7,8 @@ Usage: python scripts/looks.py [--metres 300] [--towns 1], five minutes a town. 
 driven by day, in the evening, under clouds and at night, up to 1 m to the side of one line;
 later drives by day, evening and night are recognised in maps of some of these sessions, without
 odometry. Right is within 5 m of where the camera is. `without looks` counts other looks of a place
-as its rivals. `--leads` prints by what the rule tells looks from other places instead.
+as its rivals. `--night-noise 8` adds noise of so many grey levels to later drives by night.
+`--leads` prints by what the rule tells looks from other places instead.
 """
 
 import argparse
@@ -52,7 +53,9 @@ def town(seed: int) -> Route:
     return Route(tuple((float(x), float(y)) for x, y in corners), seed=seed)
 
 
-def driven(seed: int, number: int, light: str, metres: int) -> list[Frame]:
+def driven(
+    seed: int, number: int, light: str, metres: int, more_noise: float = 0.0
+) -> list[Frame]:
     """Return frames 1 m apart of a drive by its number, each with the pose that it really has."""
     route, rng = town(seed), np.random.default_rng([seed, number])
     at = np.arange(0.0, route.length_m + 30, 30.0)
@@ -62,7 +65,7 @@ def driven(seed: int, number: int, light: str, metres: int) -> list[Frame]:
         num_frames=min(metres, int(route.length_m - 1)),
         lanes=tuple(zip(at.tolist(), lanes.tolist(), strict=True)),
         light=light,
-        noise=NOISE[light],
+        noise=NOISE[light] + more_noise,
         seed=100 * seed + number,
         width_px=320,
         height_px=240,
@@ -138,6 +141,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--metres', type=int, default=300)
     parser.add_argument('--towns', type=int, default=1)
+    parser.add_argument('--night-noise', type=float, default=0.0, help='added, in grey levels')
     parser.add_argument('--leads', action='store_true', help='how looks are told from others')
     chosen = parser.parse_args()
     if chosen.leads:
@@ -154,7 +158,13 @@ def main() -> int:
     }
     for seed in range(1, chosen.towns + 1):
         lights = (*MAPPED, *QUERIES)
-        drives = [driven(seed, *one, chosen.metres) for one in enumerate(lights)]
+        noise = [chosen.night_noise * (light == 'night') for light in QUERIES]
+        drives = [
+            driven(seed, number, light, chosen.metres, more)
+            for number, (light, more) in enumerate(
+                zip(lights, (*[0.0] * len(MAPPED), *noise), strict=True)
+            )
+        ]
         for (own, query, rule), (counts, sessions) in found.items():
             setattr(neighbourhood, 'LOOKS', rules[rule])  # noqa: B010
             reference_map = built([drives[MAPPED.index(light)] for light in own])

@@ -20,12 +20,10 @@ _NONE = np.zeros(0, np.int64)
 class SHORTLIST:
     """Of the choice; by recall of the right place on halves of real maps (docs/MATCHING.md)."""
 
-    # Share that is listed once the last frame's place is known, and of what may be new of that: a
-    # known place needs less.
-    known: float = 0.6
+    known: float = 0.6  # share that is listed once the last frame's place is known: it needs less
     elsewhere: int = 4  # one of so many lies no nearer to another than the rivals' distance
     hysteresis: float = 0.5  # standard deviations by which a listed one is preferred
-    admission: int = 6  # one of so many may be new; a new one costs a whole sequence of pairs
+    admission: int = 7  # one of so many may be new; a new one costs a whole sequence of pairs
     verified: int = 5  # one of so many, the best by pair scores, stays whatever its coarse score
     scouts: int = 6  # places that are likely by the newest frame alone, which get one pair each
     entered: int = 2  # best of these that are listed: a map may just have been entered there
@@ -50,7 +48,7 @@ class Shortlist:
         self.reset()
 
     def reset(self) -> None:
-        self._length, self._share = self._most, 1.0
+        self._length = self._most
         self._newest: Any = None
         self._listed = self._verified = _NONE
 
@@ -60,7 +58,7 @@ class Shortlist:
         return Asked(rows, velocity, enough(self._length, rival_distance), known)
 
     def update(self, asked: Asked, sums: Sums, rival_distance: int) -> Indices:
-        """Return the ends, ascending, of diagonals by coarse scores; a sixth at most are new."""
+        """Return the ends, ascending, of diagonals by coarse scores; a seventh at most are new."""
         before, verified = self._carried(asked.rows, asked.velocity)
         self._verified, scores = _NONE, sums.scores.copy()
         if len(before) and sums.spread.count:
@@ -70,7 +68,7 @@ class Shortlist:
         if len(before):
             carried = set(before.tolist())
             new = [index for index in listed if index not in carried]
-            admitted = max(1, int(self._share * self._length / SHORTLIST.admission))
+            admitted = max(1, self._length // SHORTLIST.admission)
             listed = list(set(listed).difference(new[admitted:]))
         self._newest, self._listed = asked.rows[0], np.array(sorted(listed), np.int64)
         return self._listed
@@ -91,8 +89,7 @@ class Shortlist:
 
         If it is known which place the frame shows, the next list is shorter.
         """
-        self._share = SHORTLIST.known if is_known else 1.0
-        self._length = int(self._share * self._most)
+        self._length = int(SHORTLIST.known * self._most) if is_known else self._most
         best = np.argsort(-scores, kind='stable')[: self._length // SHORTLIST.verified]
         self._verified = ends[best]
 
