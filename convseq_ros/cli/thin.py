@@ -77,6 +77,5 @@ def _reason(part: Part, found: Needed) -> str:
     kept = sum(map(len, found.runs))
     return (
         f'{printable(part.name)}: {kept} of {len(part.places)} places are needed; elsewhere '
-        f'{found.known} are known and look alike, {found.unlike} look otherwise, '
-        f'{found.unknown} are not known'
+        f'{found.known} are known, {found.unknown} are not'
     )

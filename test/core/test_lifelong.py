@@ -33,22 +33,21 @@ LONG, NEW = 40, range(100, 140)
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=120))
-@example([(True, True)] * 9 + [(True, False)] * 9)  # only the last is new, 17 after the first
-def test_a_sieve_keeps_what_half_of_the_neighbours_do_not_know(known):
+@given(st.lists(st.integers(0, 4), max_size=120).map(lambda drawn: [each > 0 for each in drawn]))
+@example([True] * 16 + [False] * 4)  # only the last three are new, 17 and more after the first
+def test_a_sieve_keeps_what_a_fifth_of_the_neighbours_do_not_know(known):
     sieve, found, looks = Sieve(), [], []
-    for index, (is_sure, is_alike) in enumerate(known):
-        found += sieve.put(index, index if is_sure else None, is_alike)
+    for index, is_known in enumerate(known):
+        found += sieve.put(index, index if is_known else None)
     found += sieve.end()
     new = []
     for index in range(len(known)):
         start = max(0, index - KNOWN.window)
         around = known[start : index + KNOWN.window + 1]
-        sure, alike = zip(*around, strict=True)
-        if 2 * min(sum(sure), sum(alike)) < len(around):
+        if 5 * around.count(False) > len(around):
             new.append(index)
-        before = [one for one in range(start, index + 1) if known[one][0]]
-        looks.append(before[-1] if before and any(sure[index - start :]) else None)
+        before = [one for one in range(start, index + 1) if known[one]]
+        looks.append(before[-1] if before and any(around[index - start :]) else None)
 
     def reach(index):  # what waits at the end is kept up to what is new
         waits = len(known) - index <= 2 * KNOWN.window

@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Generic, TypeVar
 
 from convseq_ros.config import Config
@@ -23,9 +24,7 @@ _KNOWN = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 class KNOWN:
     """Of what is passed over or left out; by drawn drives of one town (docs/MATCHING.md)."""
 
-    # Share of the regions that move alike, above which two looks are alike: on drawn streets .64
-    # between two nights and .7 and more between days, clouds and evenings.
-    alike: float = 0.5
+    enough: float = 0.8  # share of places near each other that are recognised: no more are needed
     window: int = 16  # places to either side over which that is asked, and that are kept for it
 
 
@@ -34,12 +33,6 @@ def known_as(match: Match | None) -> int | None:
     if match is None or match.reason not in _KNOWN or match.best is None:
         return None
     return match.best.reference_index
-
-
-def is_alike(match: Match | None, cells: int) -> bool:
-    """Return whether a place looks like the best of its match, with so many cells a side."""
-    inliers = match.best.inliers if match and match.best else None
-    return (inliers or 0) >= KNOWN.alike * (cells - 2) ** 2  # regions of 3 x 3 cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,23 +48,23 @@ class Sieve(Generic[Item]):
     """
     Keeps the places of a drive that are new, one by one, 32 later.
 
-    Where half of the places within `window` are recognised, and half look alike, a place
-    can be done without; the others are kept, with so many places before and after, as sequences
-    take them. What is kept between two places that are recognised, both within `window`, is a look
-    of what the first of them was recognised as.
+    Where `enough` of the places within `window` are recognised, a place can be done without; the
+    others are kept, with so many places before and after, as sequences take them. What is kept
+    between two places that are recognised, both within `window`, is a look of what the first of
+    them was recognised as.
     """
 
     def __init__(self) -> None:
         self._waiting, self._looks = deque[Item](), deque[int | None]()
-        self._near = deque[tuple[int | None, bool]](maxlen=2 * KNOWN.window + 1)
+        self._near = deque[int | None](maxlen=2 * KNOWN.window + 1)
         self._count = self._judged = self._out = 0
         self._new = -KNOWN.window - 1  # the last place that cannot be done without
         self._is_open = False  # whether the last place was kept
 
-    def put(self, item: Item, known: int | None, is_alike: bool) -> Iterator[Kept[Item]]:
+    def put(self, item: Item, known: int | None) -> Iterator[Kept[Item]]:
         """Take in a place, and what it is recognised as; yield what is to be kept."""
         self._waiting.append(item)
-        self._near.append((known, is_alike))
+        self._near.append(known)
         self._count += 1
         if self._count > KNOWN.window:
             self._judge()
@@ -93,12 +86,11 @@ class Sieve(Generic[Item]):
 
     def _judge(self) -> None:
         """Judge a place by those near it."""
-        known = [one for one, _ in self._near]
-        is_known = [one is not None for one in known]
-        if min(sum(is_known), sum(is_alike for _, is_alike in self._near)) * 2 < len(known):
+        is_known = [one is not None for one in self._near]
+        if sum(is_known) < KNOWN.enough * len(is_known):
             self._new = self._judged
-        middle = self._judged - (self._count - len(known))  # the place itself
-        before = [one for one in known[: middle + 1] if one is not None]
+        middle = self._judged - (self._count - len(is_known))  # the place itself
+        before = [one for one in islice(self._near, middle + 1) if one is not None]
         self._looks.append(before[-1] if before and any(is_known[middle:]) else None)
         self._judged += 1
 
@@ -136,8 +128,7 @@ class LifelongMap(OnlineMap):
         known = known_as(_match)
         if known is not None:
             self._map.uses.answered(known, frame.stamp_ns)
-        alike = is_alike(_match, self._map.cell_shape[0])
-        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), known, alike))
+        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), known))
 
     def finish(self) -> None:
         """Add what is new of the last places."""
