@@ -12,13 +12,11 @@ from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
+_SUMS = 16  # parts of what is told of each velocity, as in kernels.c
 _SIZES = array(np.intp)
-_ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4')  # addresses, lengths, steps, expected scores
-_STARTS = array('i8'), SIZE
-_peaks = kernel(
-    'peaks', *_ROWS, *_STARTS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i8')
-)
-_scores_along = kernel('scores_along', *_ROWS, *_STARTS, SIZE, SIZE, SIZE, SIZE, array('f4'))
+_ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4'), array('i8')  # the last: session bounds
+_peaks = kernel('peaks', *_ROWS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i4'))
+_scores_along = kernel('scores_along', *_ROWS, SIZE, SIZE, SIZE, SIZE, array('f4'))
 
 
 def peaks(
@@ -26,15 +24,18 @@ def peaks(
 ) -> npt.NDArray[np.float64]:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
-    highest = np.empty(len(steps), np.float32)
-    means, counts = np.empty(len(steps)), np.empty(len(steps), np.int64)
+    highest = np.full((len(steps), _SUMS), -np.inf, np.float32)
+    totals, counts = np.zeros(len(steps)), np.zeros((len(steps), _SUMS), np.int32)
     reaches, met = np.ascontiguousarray(steps[:, -1]), np.ascontiguousarray(steps[:, there])
     expected, fewest = np.zeros(len(shown), np.float32), max(1, -(-len(rows) // 2))
     _peaks(
-        _addresses(shown), lengths, met, expected, starts, len(starts), reaches, *met.shape,
-        fewest, highest, means, counts,
+        _addresses(shown), lengths, met, expected, _bounds(starts, lengths), reaches, *met.shape,
+        fewest, highest, totals, counts,
     )  # fmt: skip
-    return np.column_stack((highest, means, counts))
+    count = counts.sum(axis=1)
+    found = np.column_stack((highest.max(axis=1), totals / np.maximum(count, 1), count))
+    found[count == 0] = 0
+    return found
 
 
 def partial_scores(
@@ -50,7 +51,7 @@ def partial_scores(
     else:
         expected = np.array([means[frame] for frame in there], np.float32)
     scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
-    given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
+    given = _addresses(shown), lengths, steps[there], expected, _bounds(starts, lengths)
     _scores_along(*given, len(shown), fewest, 0, False, scores)
     return scores
 
@@ -61,7 +62,7 @@ def whole_scores(
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
     scores, expected = np.empty(len(shown[0]), np.float32), np.zeros(len(shown), np.float32)
-    given = _addresses(shown), lengths, steps[there], expected, starts, len(starts)
+    given = _addresses(shown), lengths, steps[there], expected, _bounds(starts, lengths)
     _scores_along(*given, len(shown), -(-len(rows) // 2), int(steps[-1]), True, scores)
     return scores
 
@@ -75,3 +76,8 @@ def _shown(rows: Sequence[Row | None]) -> tuple[list[int], list[Row], npt.NDArra
 
 def _addresses(rows: Sequence[Row]) -> Any:
     return (ctypes.c_void_p * len(rows))(*map(address, rows))
+
+
+def _bounds(starts: Indices, lengths: npt.NDArray[np.intp]) -> Indices:
+    """Return where sessions begin, and the last one ends, in the newest row."""
+    return np.minimum(np.append(starts, lengths[0]), lengths[0])
