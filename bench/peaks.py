@@ -5,7 +5,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from convseq_ros.core.compiled import array, available, kernel, SIZE
+from convseq_ros.core.compiled import array, available, kernel, numbers, SIZE
 import numpy as np
 
 _SIDE = 1024
@@ -25,12 +25,11 @@ def int8_work(threads: int) -> tuple[Callable[[], object], float] | None:
     """Return dot products of bytes that stay in registers, and operations; None if not built."""
     if not available():
         return None
-    run, shape = kernel('peak', SIZE, array('i4')), np.empty(4, np.int32)
-    kernel('shape', array('i4'))(shape)
+    run = kernel('peak', SIZE, array('i4'))
     pool = ThreadPoolExecutor(threads)
 
     def work() -> list[None]:
         return list(pool.map(run, [_LOOPS] * threads, np.empty((threads, 1), np.int32)))
 
-    operations = 2 * int(shape[3]) * _ACCUMULATORS * _LOOPS * threads
+    operations = 2 * numbers('shape', 6)[5] * _ACCUMULATORS * _LOOPS * threads
     return work, operations / 1e9

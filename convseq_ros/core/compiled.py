@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 12  # of the kernels' arguments; native/cpu.c has the same
+VERSION = 13  # of the kernels' arguments; native/cpu.c has the same
 # Kinds of processors that there are kernels for, best first; the two architectures share none.
 VARIANTS = ('avx512', 'avxvnni', 'avx2', 'dotprod', 'neon')
 _FOLDER = Path(__file__).parent
@@ -143,6 +143,14 @@ def kernel(name: str, *arguments: Any) -> Callable[..., None]:
             raise
 
     return call
+
+
+def numbers(name: str, count: int) -> list[int]:
+    """Return whole numbers that the kernels' kind tells of itself."""
+    told = (ctypes.c_int32 * count).in_dll(
+        library().functions, f'convseq_{name}_{library().variant}'
+    )
+    return list(told)
 
 
 def _check(result: int, function: Any, _arguments: Any) -> None:

@@ -9,11 +9,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract
-from convseq_ros.core.similarity.global_similarity import (
-    global_similarity,
-    lateral_shifts,
-    region_blocks,
-)
+from convseq_ros.core.similarity.global_similarity import global_similarity, region_blocks, widened
 from convseq_ros.core.similarity.kernels.numpy_coherent import (
     COHERENT_PAIR,
     coherent_score,
@@ -72,7 +68,7 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
         other = subtracted(projected_regions(normalized(reference)), background.of_map)
         share, _ = coherent_score(extract(query, 4.0, own), other)
         (alike,) = global_similarity(
-            lateral_shifts(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
+            widened(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
         )
         assert score == pytest.approx(share * (1 + alike) / 2, abs=1e-6)
         assert 0 <= score <= 1

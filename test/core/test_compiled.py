@@ -66,10 +66,10 @@ def test_arguments_of_another_type_are_refused():
 
     import numpy as np
 
-    shape = compiled.kernel('shape', compiled.array('i4'))
+    peak = compiled.kernel('peak', compiled.SIZE, compiled.array('i4'))
     for wrong in (np.zeros(4, np.float32), np.zeros(8, np.int32)[::2]):
         with pytest.raises(ctypes.ArgumentError):
-            shape(wrong)
+            peak(1, wrong)
 
 
 def test_nothing_is_written_where_the_package_is_installed(tmp_path):
@@ -156,8 +156,8 @@ def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
         def dtype(self):
             raise KeyboardInterrupt
 
-    score = compiled.kernel('shape', compiled.array('i4'))
+    peak = compiled.kernel('peak', compiled.SIZE, compiled.array('i4'))
     with pytest.raises(KeyboardInterrupt):
-        score(Interrupted())
+        peak(1, Interrupted())
     with pytest.raises(ctypes.ArgumentError, match='expected contiguous int32'):
-        score(np.zeros(4))
+        peak(1, np.zeros(4))

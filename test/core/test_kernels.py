@@ -16,11 +16,7 @@ from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.coherent import CoherentQuery
-from convseq_ros.core.similarity.global_similarity import (
-    global_similarity,
-    lateral_shifts,
-    rounded,
-)
+from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, less_background
@@ -161,7 +157,7 @@ def test_compiled_regions_less_their_background_are_those_of_the_definition(side
     regions, background = (projected_regions(drawn(seed, side).cells) for seed in (1, 2))
     found, expected = (show(regions, background) for show in (compiled, less_background))
     assert np.abs(found[0] - expected[0]).max() < 2e-6
-    assert np.abs(found[1] - expected[1]).max() < 2e-6 * 2**24
+    assert np.abs(found[1] - expected[1]).max() <= 1
     assert compiled(regions, None)[1] is less_background(regions, None)[1] is None
 
 
@@ -200,12 +196,12 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         regions = np.zeros((side**2, 32), np.float32)
         packed = [references.pack(regions, one, 0.0) for one in blocks]
         where = np.array([one.address for one in packed], np.uint64)
-        found = references.alike(blocks[0], side, packed, where)
-        shifted = lateral_shifts(blocks[0], side)
-        assert np.array_equal(found, global_similarity(shifted, np.array(blocks, np.float64)))
+        wide = widened(blocks[0], side)
+        found = references.alike(wide, packed, where)
+        assert np.array_equal(found, global_similarity(wide, np.array(blocks, np.float64)))
         assert found[0] == pytest.approx(1)
         bare = references.pack(regions, None, 0.0)
-        assert references.alike(blocks[0], side, [packed[1], bare], where) is None
+        assert references.alike(wide, [packed[1], bare], where) is None
 
 
 @pytest.mark.parametrize('side', [3, 7, 32])

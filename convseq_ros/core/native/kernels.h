@@ -3,8 +3,9 @@
 // All kernels, which return 0, or -1 if there is no memory.
 #define JOIN(name, variant) convseq_##name##_##variant
 #define NAMED(name, variant) JOIN(name, variant)
-#define KERNEL(name) __attribute__((visibility("default"))) int NAMED(name, VARIANT)
+#define SHOWN __attribute__((visibility("default"))) // to who loads the library
 #define CALL(name) NAMED(name, VARIANT) // from another kernel
+#define KERNEL(name) SHOWN int CALL(name)
 #ifndef OFFSET
 #define OFFSET 0
 #endif

@@ -15,7 +15,7 @@ from typing import Any
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions
 from convseq_ros.core.map.place import Packed
-from convseq_ros.core.similarity.global_similarity import Blocks
+from convseq_ros.core.similarity.global_similarity import Blocks, Wide, widened
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -44,7 +44,7 @@ class CoherentQuery:
 class _Query:
     regions: CoherentQuery
     packed: Any  # what the kernel compares
-    shifted: Any  # what its blocks are when moved to the side; None without a background
+    wide: Wide | None  # its blocks; None without a background
 
 
 def extract(
@@ -73,9 +73,10 @@ def coherent_pair(
         Callable[[Regions, Regions | None], Shown],
     ],
     pack_query: Callable[[CoherentQuery], Any],
-    shift: Callable[[Blocks, int], Any],
     pack_reference: Callable[[Regions, Blocks | None], Any],
-    compare: Callable[[Any, Any, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]],
+    compare: Callable[
+        [Any, Wide | None, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]
+    ],
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
 ) -> PairScore:
     """
@@ -84,7 +85,7 @@ def coherent_pair(
     If there is a background, up to half of the score is lost as the global similarity falls.
     `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
     computes `coherent_score` of a query and some references, and their `global_similarity`, as
-    `pack_query`, `shift` and `pack_reference` lay them out.
+    `pack_query` and `pack_reference` lay them out.
     """
     _, project, subtract = regions
 
@@ -93,14 +94,14 @@ def coherent_pair(
         found = extract(query, least_bits, own)
         if found is None:
             return None
-        shifted = None if blocks is None else shift(blocks, found.side)
-        return _Query(found, pack_query(found), shifted)
+        wide = None if blocks is None else widened(blocks, found.side)
+        return _Query(found, pack_query(found), wide)
 
     def prepare(cells: Cells, background: Regions | None) -> Any:
         return pack_reference(*subtract(project(cells), background))
 
     def score(query: _Query, references: Sequence[Any]) -> Scores:
-        (shares, shifts), alike = compare(query.packed, query.shifted, references)
+        (shares, shifts), alike = compare(query.packed, query.wide, references)
         return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
     return PairScore(name, exact, extracted, prepare, score, *regions, prepare_packed)

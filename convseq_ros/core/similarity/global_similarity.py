@@ -5,11 +5,12 @@
 from math import isqrt
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.encoding.regions import Regions, unit
+from convseq_ros.core.encoding.regions import Regions
 import numpy as np
 import numpy.typing as npt
 
-Blocks = npt.NDArray[np.float32]
+Blocks = npt.NDArray[np.float32]  # of B x B numbers of 32, in one vector (L,)
+Wide = npt.NDArray[np.float32]  # (B, B + 2 M, 32), a query's, with room to move it by M
 
 
 @constants
@@ -18,11 +19,13 @@ class GLOBAL_SIMILARITY:
 
     block: int = 3  # regions in a row that are summed up
     most_shift: int = 4  # blocks to either side
-    length: float = 2.0**24  # of the vector; products of whole numbers are exact in any order
+    unit: float = (
+        2.0**17
+    )  # of a region's numbers; products of whole numbers are exact, in any order
 
 
 def region_blocks(regions: Regions) -> Blocks:
-    """Return the sums of 3 x 3 neighbouring regions (N, 32) in one vector, as `rounded` does."""
+    """Return the sums of 3 x 3 neighbouring regions (N, 32), as `rounded` does."""
     side = isqrt(len(regions))
     starts = np.arange(0, side, GLOBAL_SIMILARITY.block)
     image = regions.reshape(side, side, -1)
@@ -30,28 +33,35 @@ def region_blocks(regions: Regions) -> Blocks:
 
 
 def rounded(blocks: npt.NDArray[np.float32]) -> Blocks:
-    """Return blocks of any shape in one vector, (L,), of whole numbers and 2 ** 24 long."""
-    whole = np.rint(GLOBAL_SIMILARITY.length * unit(blocks.ravel().astype(np.float64)))
-    return whole.astype(np.float32)
+    """Return blocks of any shape in one vector, in whole numbers of which 2 ** 17 are one."""
+    return np.rint(blocks.ravel() * np.float32(GLOBAL_SIMILARITY.unit))
 
 
-def lateral_shifts(image: Blocks, side: int) -> npt.NDArray[np.float64]:
-    """Return blocks (L,) moved by up to 4 to each side, (9, L); `side`: regions in a row."""
+def widened(blocks: Blocks, side: int) -> Wide:
+    """Return a query's blocks with room for 4 on each side; `side`: regions in a row."""
     count = -(-side // GLOBAL_SIMILARITY.block)
     most = min(GLOBAL_SIMILARITY.most_shift, count - 1)
-    wide = np.zeros((count, count + 2 * most, image.size // count**2))
-    wide[:, most : most + count] = image.reshape(count, count, -1)
-    found = [wide[:, first : first + count] for first in range(2 * most, -1, -1)]
-    return np.array(found).reshape(len(found), -1)
+    wide = np.zeros((count, count + 2 * most, blocks.size // count**2), np.float32)
+    wide[:, most : most + count] = blocks.reshape(count, count, -1)
+    return wide
 
 
-def global_similarity(
-    query: npt.NDArray[np.float64], references: npt.NDArray[np.float64]
+def global_similarity(query: Wide, references: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """Return cosines, in [0, 1], of a query, shifted as is best, and references (n, L): (n,)."""
+    count, width = query.shape[:2]
+    moved = [query[:, first : first + count].ravel() for first in range(width - count + 1)]
+    best = (np.array(moved, np.float64) @ references.T).max(axis=0)
+    return from_products(best, query, lengths(references))
+
+
+def from_products(
+    best: npt.NDArray[np.float64], query: Wide, others: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float32]:
-    """Return the cosines (n,) in [0, 1] of the best of 9 shifts of a query, of shape (9, L)."""
-    return from_products((query @ references.T).max(axis=0))
+    """Return cosines in [0, 1] from the products with references, and their lengths."""
+    both = lengths(query.ravel()) * others
+    return np.clip(best / np.where(both > 0, both, 1), 0, 1).astype(np.float32)
 
 
-def from_products(best: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-    """Return cosines in [0, 1] from the products of vectors as `rounded` makes them."""
-    return np.clip(best / GLOBAL_SIMILARITY.length**2, 0, 1).astype(np.float32)
+def lengths(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the lengths of vectors (..., L) of whole numbers."""
+    return np.sqrt(np.einsum('...i,...i->...', vectors, vectors, dtype=np.float64))

@@ -4,51 +4,35 @@
 
 enum {
     REACH = 6, // of the window of votes, as CoherentConstants has it
-    MARGIN = 8, // of a grid of votes: room for the window, in whole vectors
+    MARGIN = 8, // of a grid: room for the window, in whole vectors; as in coherent.py
 };
 
 // What comparing one query with references needs; regions are numbered row by row.
 typedef struct {
-    intptr_t count, side; // salient regions of the query; regions in a row of an image
+    intptr_t count, all; // salient regions of the query; regions of an image
+    intptr_t side, width; // regions in a row of an image; shifts in a row of a grid of votes
     const double *window; // weights of votes from the middle on, [REACH + 1]
     const int32_t *sums; // what dot products of the query's regions begin with
-    intptr_t all, vectors, width; // regions of an image; vectors of them; of a grid
+    const int32_t *start, *end; // where regions lie in a grid: a vote is end less start
+    const int32_t *labels; // 0, 1, 2, ...
+    intptr_t vectors; // of regions of an image
     Words *columns, *back; // of each column the best so far, and the row where that was
     int32_t *there; // best counterparts of the query's regions
-    int32_t *start, *end; // where regions lie in a grid of shifts: a vote is end less start
-    int32_t *labels; // 0, 1, 2, ...
     double *votes, *smooth; // grids of shifts, with room for the window around them
 } Pair;
 
-// Allocate a pair's memory, which starts with its columns; return whether there is any. index:
-// where the query's regions lie.
-static int begin(Pair *pair, const int64_t *index)
+// Allocate a pair's memory; return whether there is any.
+static int begin(Pair *pair)
 {
-    intptr_t all = pair->all = pair->side * pair->side;
-    intptr_t tiles = rounded_up(pair->count, ROWS), columns = rounded_up(all, COLUMNS);
-    intptr_t width = pair->width = rounded_up(2 * pair->side - 1, MARGIN) + 2 * MARGIN;
+    intptr_t tiles = rounded_up(pair->count, ROWS), columns = rounded_up(pair->all, COLUMNS);
+    intptr_t grid = pair->width * pair->width, bytes = (2 * columns + tiles) * 4;
+    pair->columns = aligned_alloc(64, (size_t)rounded_up(bytes, 64));
+    pair->votes = calloc((size_t)(2 * grid), sizeof(double));
     pair->vectors = columns / LANES;
-    size_t numbers = (size_t)(4 * columns + 3 * tiles), grid = (size_t)(width * width);
-    pair->columns = aligned_alloc(64, rounded_up((intptr_t)(numbers * sizeof(int32_t)), 64));
-    pair->votes = aligned_alloc(64, 2 * grid * sizeof(double));
-    if (!pair->columns || !pair->votes)
-        return 0;
-    memset(pair->votes, 0, 2 * grid * sizeof(double));
-    pair->smooth = pair->votes + grid;
     pair->back = pair->columns + pair->vectors;
-    pair->end = (int32_t *)(pair->back + pair->vectors);
-    pair->start = pair->end + columns;
-    pair->there = pair->start + tiles;
-    pair->labels = pair->there + tiles;
-    for (intptr_t place = 0; place < columns; place++) { // beyond the last region it is once more
-        intptr_t own = place < all ? place : all - 1;
-        pair->end[place] = (int32_t)(own / pair->side * width + own % pair->side);
-    }
-    for (intptr_t row = 0; row < tiles; row++)
-        pair->start[row] = pair->end[index[row < pair->count ? row : pair->count - 1]];
-    for (intptr_t label = 0; label < columns + tiles; label++)
-        pair->labels[label] = (int32_t)label;
-    return 1;
+    pair->there = (int32_t *)(pair->back + pair->vectors);
+    pair->smooth = pair->votes + grid;
+    return pair->columns && pair->votes;
 }
 
 // Return numbers blended with those up to REACH steps to either side.
@@ -76,7 +60,7 @@ static void vote(Pair *pair, double found[3])
     for (intptr_t place = 0; place < pair->all; place++)
         middle[pair->end[place] - pair->start[back[place]]] += share;
     for (intptr_t place = first; place < first + span * width; place += LANES / 2)
-        *(Doubles *)(pair->smooth + place) = blended(pair->votes + place, pair->window, 1);
+        *(DoublesAnywhere *)(pair->smooth + place) = blended(pair->votes + place, pair->window, 1);
     // Of every column the best row, then of these the best.
     for (intptr_t column = 0; column < span; column += LANES / 2) {
         Doubles best = {0}, best_row = {0};
@@ -169,14 +153,16 @@ static void match_floats(Pair *pair, const void *query, const void *reference, i
 }
 
 // Write score and shift, [several][3], of a query and each reference: by bytes, whose products are
-// exact, if it is told what the sums of the query's regions begin with, else by floats. index:
-// where these lie; window: from the middle on, [REACH + 1].
-KERNEL(compare)(const void *query, const int32_t *sums, const int64_t *index, intptr_t count,
-                intptr_t side, const double *window, const void *const *references,
-                intptr_t several, double (*found)[3])
+// exact, if it is told what the sums of the query's regions begin with, else by floats. The rest is
+// as in `Pair`; start, end and labels go on up to full tiles.
+KERNEL(compare)(const void *query, const int32_t *sums, const int32_t *start, intptr_t count,
+                intptr_t side, intptr_t width, const int32_t *end, const int32_t *labels,
+                const double *window, const void *const *references, intptr_t several,
+                double (*found)[3])
 {
-    Pair pair = {.count = count, .side = side, .window = window, .sums = sums};
-    int ready = begin(&pair, index);
+    Pair pair = {.count = count, .all = side * side, .side = side, .width = width, .window = window,
+                 .sums = sums, .start = start, .end = end, .labels = labels};
+    int ready = begin(&pair);
     for (intptr_t one = 0; one < several && ready; one++) {
         for (intptr_t vector = 0; vector < pair.vectors; vector++)
             pair.columns[vector] = sums ? splat(INT32_MIN) : (Words)spread(-INFINITY);

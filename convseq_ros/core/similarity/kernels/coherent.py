@@ -4,14 +4,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 from convseq_ros.core.compiled import array, kernel, library, SIZE
 from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
-from convseq_ros.core.similarity.global_similarity import Blocks
+from convseq_ros.core.similarity.global_similarity import Wide
 from convseq_ros.core.similarity.kernels.numpy_coherent import window
-from convseq_ros.core.similarity.kernels.panel import Packed, query_bytes, query_floats
+from convseq_ros.core.similarity.kernels.panel import (
+    COLUMNS,
+    Packed,
+    query_bytes,
+    query_floats,
+    rounded_up,
+    ROWS,
+    tiled,
+)
 from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
 from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
@@ -20,8 +28,12 @@ import numpy.typing as npt
 
 _SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
 _WINDOW = window()[COHERENT.reach_cells :]
+_MARGIN = 8  # of a grid of votes, as in coherent.c
 
-_of_pairs = array('i4'), array('i8'), SIZE, SIZE, array('f8'), array('u8'), SIZE, array('f8')
+_WORDS = array('i4')
+_of_pairs = (
+    _WORDS, _WORDS, SIZE, SIZE, SIZE, _WORDS, _WORDS, array('f8'), array('u8'), SIZE, array('f8'),
+)  # fmt: skip
 _compare_bytes = kernel('compare', array('i1'), *_of_pairs)
 _compare_floats = kernel('compare', array('f4'), *_of_pairs)
 
@@ -30,28 +42,42 @@ _compare_floats = kernel('compare', array('f4'), *_of_pairs)
 class _Query:
     """What is compared of a query, and its regions as they are compared."""
 
-    index: npt.NDArray[np.int64]  # (G,), where they lie
+    count: int  # G
     side: int  # regions in a row of the image
+    start: npt.NDArray[np.int32]  # where they lie in a grid of votes, up to full tiles
     packed: Packed
 
 
 def _float_query(query: CoherentQuery) -> _Query:
-    return _Query(query.index, query.side, query_floats(query.regions))
+    return _laid_out(query, query_floats(query.regions))
 
 
 def _byte_query(query: CoherentQuery) -> _Query:
-    return _Query(query.index, query.side, query_bytes(query.regions, _SCALE))
+    return _laid_out(query, query_bytes(query.regions, _SCALE))
+
+
+def _laid_out(query: CoherentQuery, packed: Packed) -> _Query:
+    start = _grid(query.side)[1][tiled(query.index, ROWS)]
+    return _Query(len(query.index), query.side, start, packed)
+
+
+@cache
+def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the width of a grid of votes, where regions lie in it, and labels for all."""
+    width, rows = rounded_up(2 * side - 1, _MARGIN) + 2 * _MARGIN, np.arange(side, dtype=np.int32)
+    end = tiled((rows[:, None] * np.int32(width) + rows).ravel(), COLUMNS)
+    return width, end, np.arange(len(end) + side**2 + ROWS, dtype=np.int32)
 
 
 def _compared(
-    query: _Query, blocks: Blocks | None, others: Sequence[Reference]
+    query: _Query, wide: Wide | None, others: Sequence[Reference]
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if query.packed[1] is None else _compare_bytes
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
-    own = *query.packed, query.index, len(query.index), query.side
-    compare(*own, _WINDOW, where, len(others), found)
+    own = *query.packed, query.start, query.count, query.side
+    compare(*own, *_grid(query.side), _WINDOW, where, len(others), found)
     scores = found[:, 0].astype(np.float32), found[:, 1:]
-    return scores, None if blocks is None else alike(blocks, query.side, others, where)
+    return scores, None if wide is None else alike(wide, others, where)
 
 
 def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]) -> PairScore:
@@ -61,7 +87,6 @@ def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]
         not scale,
         (normalized, project, less_background),
         pack_query,
-        lambda blocks, _side: blocks,
         partial(pack, scale=scale),
         _compared,
         partial(pack_all, scale=scale),

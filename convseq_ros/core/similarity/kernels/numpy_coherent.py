@@ -11,8 +11,8 @@ from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, Cohere
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
     global_similarity,
-    lateral_shifts,
     region_blocks,
+    Wide,
 )
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 from convseq_ros.core.similarity.pair_score import Scores, Shown
@@ -106,24 +106,18 @@ def _both(regions: Regions, blocks: Blocks | None) -> Shown:
 
 
 def _compare(
-    query: CoherentQuery, shifted: npt.NDArray[np.float64] | None, references: Sequence[Shown]
+    query: CoherentQuery, wide: Wide | None, references: Sequence[Shown]
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     scores, shifts = zip(*(coherent_score(query, one) for one, _ in references), strict=True)
     found, blocks = (
         (np.array(scores, np.float32), np.array(shifts)),
         [one for _, one in references],
     )
-    if shifted is None or any(one is None for one in blocks):
+    if wide is None or any(one is None for one in blocks):
         return found, None
-    return found, global_similarity(shifted, np.array(blocks, np.float64))
+    return found, global_similarity(wide, np.array(blocks, np.float64))
 
 
 COHERENT_PAIR = coherent_pair(
-    'numpy',
-    True,
-    (normalized, projected_regions, less_background),
-    _same,
-    lateral_shifts,
-    _both,
-    _compare,
+    'numpy', True, (normalized, projected_regions, less_background), _same, _both, _compare
 )

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from convseq_ros.core.compiled import address, array, FLOAT, INT, kernel, SIZE
+from convseq_ros.core.compiled import address, array, FLOAT, INT, kernel, numbers, SIZE
 from convseq_ros.core.encoding.regions import Regions
 import numpy as np
 import numpy.typing as npt
@@ -15,15 +15,11 @@ Panel = npt.NDArray[Any]  # starts with a cache line
 Packed = tuple[Panel, npt.NDArray[np.int32] | None]
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
-_FLOATS, _BYTES = array('f4'), array('i1')
-_pack_query = kernel('pack_query', _FLOATS, SIZE, FLOAT, INT, _BYTES, array('i4'))
-_pack_reference = kernel('pack_reference', _FLOATS, SIZE, FLOAT, INT, _BYTES)
-_pack_floats = kernel('pack_floats', _FLOATS, SIZE, INT, _FLOATS)
+_pack_reference = kernel('pack_reference', array('f4'), SIZE, FLOAT, INT, array('i1'))
 
-_shape = np.empty(4, np.int32)
-kernel('shape', array('i4'))(_shape)
-# Regions of a query and of a reference in a tile, and bytes of a number of a query.
-ROWS, COLUMNS, QUERY_BYTES, _ = _shape.tolist()
+# Regions of a query and of a reference in a tile; of a query's bytes the width, and how many times
+# each is taken; what is added to a reference's.
+ROWS, COLUMNS, _WIDTH, _TIMES, _OFFSET, _ = numbers('shape', 6)
 
 
 def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
@@ -41,10 +37,10 @@ def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
 
 def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Packed:
     """Return regions (G, 32), times a scale, as signed bytes."""
-    count = rounded_up(len(regions), ROWS)
-    packed, start = empty_panel(count * 32 * QUERY_BYTES, np.int8), np.empty(count, np.int32)
-    _pack_query(regions, len(regions), scale, origin, packed, start)
-    return packed, start
+    whole = np.clip(np.rint(tiled(regions, ROWS) * np.float32(scale)), -127, 127)
+    start = (origin - _OFFSET) * whole.sum(axis=1)
+    packed = (whole * _TIMES).astype(f'i{_WIDTH}').view(np.int8)
+    return packed, start.astype(np.int32)
 
 
 def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
@@ -56,18 +52,21 @@ def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
 
 def query_floats(regions: Regions) -> Packed:
     """Return regions (G, 32) up to full tiles."""
-    return _floats(regions, ROWS, 0), None
+    return tiled(regions, ROWS), None
 
 
 def reference_floats(regions: Regions) -> Panel:
     """Return regions (N, 32) in blocks."""
-    return _floats(regions, COLUMNS, 1)
-
-
-def _floats(regions: Regions, step: int, reference: int) -> Panel:
-    packed = empty_panel(rounded_up(len(regions), step) * 32, np.float32)
-    _pack_floats(np.ascontiguousarray(regions), len(regions), reference, packed)
+    packed = empty_panel(rounded_up(len(regions), COLUMNS) * 32, np.float32)
+    blocks = tiled(regions, COLUMNS).reshape(-1, COLUMNS, 32)
+    packed.reshape(-1, 32, COLUMNS)[:] = blocks.swapaxes(1, 2)
     return packed
+
+
+def tiled(rows: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
+    """Return rows up to full tiles: the last one is repeated."""
+    there = np.arange(rounded_up(len(rows), step))
+    return rows[np.minimum(there, len(rows) - 1)]
 
 
 def rounded_up(count: int, step: int) -> int:

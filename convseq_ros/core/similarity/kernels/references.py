@@ -9,7 +9,13 @@ from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZ
 from convseq_ros.core.encoding.kernels import axes
 from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
-from convseq_ros.core.similarity.global_similarity import Blocks, from_products, GLOBAL_SIMILARITY
+from convseq_ros.core.similarity.global_similarity import (
+    Blocks,
+    from_products,
+    GLOBAL_SIMILARITY,
+    lengths,
+    Wide,
+)
 from convseq_ros.core.similarity.kernels.numpy_normalization import NORMALIZATION
 from convseq_ros.core.similarity.kernels.panel import (
     addresses,
@@ -40,6 +46,7 @@ class Reference:
     panel: Panel
     address: int  # of the panel
     blocks: int  # where they begin, in numbers of 4 bytes; 0 if there are none
+    length: float  # of the vector of all blocks
 
 
 def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
@@ -48,7 +55,8 @@ def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
     behind = np.zeros(0, np.float32) if blocks is None else blocks
     panel = empty_panel(shown.nbytes + behind.nbytes, np.uint8)
     panel[: shown.nbytes], panel[shown.nbytes :] = shown.view(np.uint8), behind.view(np.uint8)
-    return Reference(panel, address(panel), 0 if blocks is None else shown.nbytes // 4)
+    begin = 0 if blocks is None else shown.nbytes // 4
+    return Reference(panel, address(panel), begin, float(lengths(behind)))
 
 
 def pack_all(
@@ -62,26 +70,34 @@ def pack_all(
     if background is not None:
         background = np.ascontiguousarray(background, np.float32)
         behind = (-(-side // block)) ** 2 * REGION.numbers * 4
-    cells = np.stack(packed)
-    from_where = address(cells) + np.arange(len(cells), dtype=np.uint64) * cells[0].nbytes
+    cells = [np.ascontiguousarray(one) for one in packed]
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
     where = addresses(panels)
     _prepare(
-        from_where, len(packed), size, PACKED_UNIT, own.middle, own.side,
+        addresses(cells), len(packed), size, PACKED_UNIT, own.middle, own.side,
         own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
     )  # fmt: skip
-    made = zip(panels, where.tolist(), shown.tolist(), strict=True)
-    blocks = room // 4 if behind else 0
-    return [Reference(panel, at, blocks) if any_ else None for panel, at, any_ in made]
+    made = [panels[one] for one in np.flatnonzero(shown)]
+    if not scale:
+        for regions in (panel[:room].view(np.float32) for panel in made):
+            regions[:] = reference_floats(regions.reshape(-1, REGION.numbers)[: side**2])
+    blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
+    begin = room // 4 if behind else 0
+    found = iter(
+        [
+            Reference(panel, address(panel), begin, length)
+            for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
+        ]
+    )
+    return [next(found) if any_ else None for any_ in shown]
 
 
 def alike(
-    blocks: Blocks, side: int, references: Sequence[Reference], where: npt.NDArray[np.uint64]
+    query: Wide, references: Sequence[Reference], where: npt.NDArray[np.uint64]
 ) -> npt.NDArray[np.float32] | None:
     """Return global similarities, as the definition does; None if a reference has no blocks."""
     if not all(one.blocks for one in references):
         return None
-    count, begin = -(-side // GLOBAL_SIMILARITY.block), references[0].blocks
-    best, most = np.empty(len(references)), min(GLOBAL_SIMILARITY.most_shift, count - 1)
-    _lateral_products(blocks, count, most, where, begin, len(references), best)
-    return from_products(best)
+    best, begin = np.empty(len(references)), references[0].blocks
+    _lateral_products(query, *query.shape[:2], where, begin, len(references), best)
+    return from_products(best, query, np.array([one.length for one in references]))

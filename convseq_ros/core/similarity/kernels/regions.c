@@ -46,7 +46,7 @@ KERNEL(normalize)(const float *cells, intptr_t size, float middle, float side,
 }
 
 // Subtract the background from regions [side * side][32], to unit length, and add them up in
-// square blocks, [blocks][blocks][32].
+// square blocks, [blocks][blocks][32], in whole numbers, whose products are exact in any order.
 KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_t block,
                       float *sums)
 {
@@ -58,5 +58,7 @@ KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_
         for (int number = 0; number < NUMBERS; number++)
             sum[number] += own[number];
     }
+    for (intptr_t place = 0; place < blocks * blocks * NUMBERS; place++)
+        sums[place] = rintf(sums[place] * 0x1p17f); // as GLOBAL_SIMILARITY has it
     return 0;
 }

@@ -6,7 +6,7 @@ from math import isqrt
 
 from convseq_ros.core.compiled import array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.similarity.global_similarity import GLOBAL_SIMILARITY, rounded
+from convseq_ros.core.similarity.global_similarity import GLOBAL_SIMILARITY
 from convseq_ros.core.similarity.kernels.numpy_normalization import NORMALIZATION
 from convseq_ros.core.similarity.pair_score import Shown
 import numpy as np
@@ -34,7 +34,7 @@ def less_background(regions: Regions, background: Regions | None) -> Shown:
     shown, side, block = regions.copy(), isqrt(len(regions)), GLOBAL_SIMILARITY.block
     sums = np.zeros((-(-side // block),) * 2 + regions.shape[1:], np.float32)
     _subtract(shown, np.ascontiguousarray(background, np.float32), side, block, sums)
-    return shown, rounded(sums)
+    return shown, sums.ravel()
 
 
 def products(

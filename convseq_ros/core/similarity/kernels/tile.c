@@ -47,39 +47,12 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// Quantise a number to a signed byte, above an origin, which sums make up for.
-static inline int8_t quantised(float number, float scale, int origin)
-{
-    float whole = rintf(number * scale) - (float)origin;
-    return (int8_t)(whole > 127 ? 127 : whole < -127 ? -127 : whole);
-}
-
-// Tell regions of a query and of a reference in a tile, bytes of a query's number, and how many
+// Regions of a query and of a reference in a tile; how a query's bytes lie, see panel.py; how many
 // products a step of a tile adds to a vector of sums.
-KERNEL(shape)(int32_t shape[4])
-{
-    shape[0] = ROWS, shape[1] = COLUMNS, shape[2] = sizeof(QueryNumber);
-    shape[3] = LANES * NUMBERS / STEPS;
-    return 0;
-}
+SHOWN const int32_t CALL(shape)[] = {
+    ROWS, COLUMNS, sizeof(QueryNumber), QUERY_SCALE, OFFSET, LANES * NUMBERS / STEPS};
 
-// Lay out the regions [count][32] of a query as bytes. start: what its sums begin with.
-KERNEL(pack_query)(const float *regions, intptr_t count, float scale, int origin,
-                   QueryNumber *packed, int32_t *start)
-{
-    for (intptr_t place = 0; place < rounded_up(count, ROWS); place++) {
-        const float *own = regions + (place < count ? place : count - 1) * NUMBERS;
-        start[place] = 0;
-        for (int number = 0; number < NUMBERS; number++) {
-            int8_t byte = quantised(own[number], scale, 0);
-            packed[place * NUMBERS + number] = (QueryNumber)(byte * QUERY_SCALE);
-            start[place] += (origin - OFFSET) * byte;
-        }
-    }
-    return 0;
-}
-
-// Lay out the regions [count][32] of a reference as bytes.
+// Lay out the regions [count][32] of a reference as bytes, above an origin, which sums make up for.
 KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
                        int8_t *packed)
 {
@@ -88,24 +61,16 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
         int8_t *vectors = packed + place / COLUMNS * COLUMNS * NUMBERS;
         int half = place % COLUMNS / LANES, lane = place % LANES;
         int8_t bytes[NUMBERS];
-        for (int number = 0; number < NUMBERS; number++)
-            bytes[number] = (int8_t)(quantised(own[number], scale, origin) + OFFSET);
+        for (int number = 0; number < NUMBERS; number++) {
+            float whole = rintf(own[number] * scale) - (float)origin;
+            whole = whole > 127 ? 127 : whole < -127 ? -127 : whole;
+            bytes[number] = (int8_t)((int)whole + OFFSET);
+        }
         for (int four = 0; four < NUMBERS / 4; four++)
             for (int two = 0; two < 4; two += 2) // which lie beside each other in all layouts
                 memcpy(vectors + (four * 2 + half) * 4 * LANES + byte_place(lane, two),
                        bytes + 4 * four + two, 2);
     }
-    return 0;
-}
-
-// Lay out the regions [count][32] of a query, in tiles, or of a reference, in blocks.
-KERNEL(pack_floats)(const float *regions, intptr_t count, int reference, float *packed)
-{
-    intptr_t step = reference ? COLUMNS : 1, all = rounded_up(count, reference ? COLUMNS : ROWS);
-    for (intptr_t place = 0; place < all; place++)
-        for (int number = 0; number < NUMBERS; number++)
-            packed[(place / step * NUMBERS + number) * step + place % step] =
-                regions[(place < count ? place : count - 1) * NUMBERS + number];
     return 0;
 }
 
