@@ -90,10 +90,11 @@ _HOW = """\
 called once before it counts, and *times faster* is the median of the ratios, round by round.
 Where there are two threads, a fifth of a second lies between two sides: BLAS's threads wait for
 more work by spinning, and would take a core from the next side. Every part runs in a process of
-its own with as many BLAS threads as the column says. Images are drawn (`convseq_ros/simulation`):
-a street by day is the map, the same street in the evening the query. Maps of all sizes are written
-by the map's own writer from the day's descriptors, lap by lap; every lap but one is varied at
-random until it is another street. How often answers are right is another question:
+its own with as many BLAS threads as the column says; whole frames have one, as the commands and
+the node set it. Images are drawn (`convseq_ros/simulation`): a street by day is the map, the same
+street in the evening the query. Maps of all sizes are written by the map's own writer from the
+day's descriptors, lap by lap; every lap but one is varied at random until it is another street.
+How often answers are right is another question:
 [RESULTS.md](RESULTS.md) has it, from real images.
 
     make bench                                # everything, then this page

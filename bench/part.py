@@ -32,12 +32,15 @@ class Setting:
         Whether the process has no more cores than that.
     kernels : str
         The kind of kernels, as CONVSEQ_KERNELS has it: the best if empty, or numpy for none.
+    blas : int
+        Threads of BLAS: as many as may compute if 0, or 1, as the node and the commands have it.
 
     """
 
     threads: int = 1
     pinned: bool = False
     kernels: str = ''
+    blas: int = 0
 
 
 ONE, TWO, ONE_CORE = Setting(1), Setting(2), Setting(1, pinned=True)
@@ -45,7 +48,7 @@ PARTS = {
     'encoding': (ONE, Setting(1, kernels='numpy')),
     'pairs': (ONE, TWO),
     'rows': (ONE, TWO),
-    'frames': (ONE_CORE, Setting(1, pinned=True, kernels='numpy')),
+    'frames': (ONE_CORE, Setting(1, pinned=True, kernels='numpy'), Setting(2, False, 'numpy', 1)),
     'sequence': (ONE,),
     'memory': (ONE,),
     'stages': (ONE_CORE,),
@@ -64,7 +67,7 @@ def run(
     cores = sorted(os.sched_getaffinity(0))
     if setting.threads > len(cores):
         return [_failed(name, setting, f'needs {setting.threads} cores')]
-    environment = os.environ | {key: str(setting.threads) for key in BLAS}
+    environment = os.environ | {key: str(setting.blas or setting.threads) for key in BLAS}
     if setting.kernels:
         environment['CONVSEQ_KERNELS'] = setting.kernels
     command = [

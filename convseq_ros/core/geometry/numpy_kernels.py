@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
 
+from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
 import cv2
@@ -27,15 +28,15 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
     row, column = y + start[0] + away[i], x + start[1] + away[j]
     shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)  # by both images
-    sums = _blended(_tried(query, reference, start, shared))
+    sums = _blended(_tried(query, reference, start))
     norms = _blended(shared.astype(np.float32))
     means = np.divide(sums, norms, out=np.full_like(sums, -np.inf), where=shared)
     volume = np.ascontiguousarray(means.transpose(2, 3, 0, 1))
     back = np.full_like(volume, -np.inf)  # by the place in the reference
-    for down, right in np.ndindex(_SPAN, _SPAN):
-        rows, moved_rows = _overlap(side, start[0] + int(away[down]))
-        columns, moved_columns = _overlap(side, start[1] + int(away[right]))
-        back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
+    both = [[_overlap(side, side, middle + step) for step in away.tolist()] for middle in start]
+    for down, (rows, moved_rows) in enumerate(both[0]):
+        for right, (columns, moved_columns) in enumerate(both[1]):
+            back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
     ahead, known = _refined(volume, start)
     behind, found_back = _refined(back, start)
     y, x = np.nonzero(known)
@@ -71,30 +72,33 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
     return motion, np.hypot(*(moved - places @ motion.T).T)
 
 
-def _overlap(side: int, moved: int) -> tuple[slice, slice]:
-    """Return which rows of two images lie upon each other if one is moved: of both, its own."""
-    count = max(0, side - abs(moved))
+def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:
+    """Return which of some rows meet one of others, so far away, and which ones they meet."""
     first = max(0, -moved)
-    return slice(first, first + count), slice(first + moved, first + moved + count)
+    end = max(first, min(count, others - moved))
+    return slice(first, end), slice(first + moved, end + moved)
 
 
 def _tried(
-    query: Arranged, reference: Arranged, start: tuple[int, int], shared: npt.NDArray[np.bool_]
+    query: Arranged, reference: Arranged, start: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
     """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
-    # From one place to the next, and from one displacement to the next, is as far everywhere in
-    # memory: no table of indices is needed. What is not shared lies in another row, or in the room
-    # around all of them.
-    side = query.side
-    steps = side**3 + side, side**2 + 1, side, 1
-    first = (start[0] - FIELD.reach_cells) * side + start[1] - FIELD.reach_cells
-    margin = abs(first) + _SPAN * (side + 1)
-    room = np.empty(margin + side**4 + margin, np.float32)
-    whole = room[margin : margin + side**4].reshape(side**2, side**2)
-    np.matmul(query.regions, reference.regions.T, out=whole)
-    strides = [step * room.itemsize for step in steps]
-    tried = np.lib.stride_tricks.as_strided(room[margin + first :], shared.shape, strides)
-    return np.where(shared, tried, np.float32(0))
+    # The reference, moved by the first displacement that is tried, among zeros.
+    side, wide = query.side, query.side + _SPAN - 1
+    moved = np.zeros((wide, wide, REGION.numbers), np.float32)
+    (rows, own_rows), (columns, own_columns) = (
+        _overlap(wide, side, middle - FIELD.reach_cells) for middle in start
+    )
+    image = reference.regions.reshape(side, side, -1)
+    moved[rows, columns] = image[own_rows, own_columns]
+    # Of each row of the query all rows that it may meet.
+    shape = side, _SPAN * wide, REGION.numbers
+    bands = np.lib.stride_tricks.as_strided(moved, shape, moved.strides)
+    dots = query.regions.reshape(side, side, -1) @ bands.transpose(0, 2, 1)
+    steps = dots.reshape(side, side, _SPAN, wide).strides
+    # The farther right in a row, the farther right what it meets.
+    strides = steps[0], steps[1] + steps[3], steps[2], steps[3]
+    return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
 
 
 def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

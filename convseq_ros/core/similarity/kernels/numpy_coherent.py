@@ -3,6 +3,7 @@
 """Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from collections.abc import Sequence
+from functools import cache
 from threading import local
 from typing import Any
 
@@ -53,9 +54,8 @@ def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shi
     np.dot(query.regions, reference.T, out=similarity)
     # Turned first: an arg maximum down the columns takes five times as long.
     there, back = similarity.argmax(axis=1), cv2.transpose(similarity, turned).argmax(axis=1)
-    everywhere = np.arange(len(reference))
     votes = _votes(query.index, there, query.side)
-    votes += _votes(query.index[back], everywhere, query.side) * (len(there) / len(back))
+    votes += _votes(query.index[back], slice(None), query.side) * (len(there) / len(back))
     peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
     place = int(peak.argmax())
     row, column = divmod(place, peak.shape[1])
@@ -87,14 +87,19 @@ def _scratch(rows: int, columns: int) -> tuple[Regions, Regions]:
 
 
 def _votes(
-    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64], side: int
+    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64] | slice, side: int
 ) -> npt.NDArray[np.float64]:
     """Return how often each shift of rows and columns occurs, zero in the middle."""
-    span = 2 * side - 1
-    rows = end // side - start // side + side - 1
-    columns = end % side - start % side + side - 1
-    counts = np.bincount(rows * span + columns, minlength=span * span)
+    span, where = 2 * side - 1, _grid(side)
+    counts = np.bincount(where[end] - where[start] + where[-1], minlength=span * span)
     return counts.reshape(span, span).astype(np.float64)
+
+
+@cache
+def _grid(side: int) -> npt.NDArray[np.int64]:
+    """Return where regions lie in a grid of shifts, whose middle is where the last one lies."""
+    rows = np.arange(side)
+    return (rows[:, None] * (2 * side - 1) + rows).ravel()
 
 
 def _same(what: Any) -> Any:
