@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
 
+from functools import lru_cache
+
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
@@ -12,6 +14,7 @@ import numpy.typing as npt
 Volume = npt.NDArray[np.float32]  # (span, span, side, side), by displacement and place; or -inf
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
+_NORMS_KEPT = 16  # of the last common shifts, 370 kB each
 
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
@@ -24,16 +27,12 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     counts if it is not on the border of the search, and the best of where it leads to, seen from
     the reference, differs by at most 0.7 cells. Query and reference are of one size.
     """
-    side, away = query.side, np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
-    y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
-    row, column = y + start[0] + away[i], x + start[1] + away[j]
-    shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)  # by both images
-    sums = _blended(_tried(query, reference, start))
-    norms = _blended(shared.astype(np.float32))
+    side, away = query.side, range(-FIELD.reach_cells, FIELD.reach_cells + 1)
+    sums, (shared, norms) = _blended(_tried(query, reference, start)), _norms(side, start)
     means = np.divide(sums, norms, out=np.full_like(sums, -np.inf), where=shared)
     volume = np.ascontiguousarray(means.transpose(2, 3, 0, 1))
     back = np.full_like(volume, -np.inf)  # by the place in the reference
-    both = [[_overlap(side, side, middle + step) for step in away.tolist()] for middle in start]
+    both = [[_overlap(side, side, middle + step) for step in away] for middle in start]
     for down, (rows, moved_rows) in enumerate(both[0]):
         for right, (columns, moved_columns) in enumerate(both[1]):
             back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
@@ -60,16 +59,15 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
     counts 1 / (1 + (s / 2)^2)^2.
     """
     middle, sigma = (side - 1) / 2, MOTION.sigma_cells
-    places = np.column_stack(
-        (np.ones(len(found)), (found[:, :2].astype(np.float64) - middle) / side)
-    )
-    moved, motion = found[:, 2:4].astype(np.float64), initial_motion(start)
+    places, moved = np.ones((3, len(found))), np.array(found[:, 2:4].T, np.float64)
+    places[1:] = (found[:, :2].T.astype(np.float64) - middle) / side
+    motion = initial_motion(start)
     stiff = np.diag([1e-6, MOTION.stiffness, MOTION.stiffness])
     for _ in range(MOTION.rounds):
-        off = np.hypot(*(moved - places @ motion.T).T)
-        weighted = places * (1 / (1 + (off / sigma) ** 2) ** 2)[:, None]
-        motion = np.linalg.solve(weighted.T @ places + stiff, weighted.T @ moved).T
-    return motion, np.hypot(*(moved - places @ motion.T).T)
+        off = np.hypot(*(moved - motion @ places))
+        weighted = places / (1 + (off / sigma) ** 2) ** 2
+        motion = np.linalg.solve(weighted @ places.T + stiff, weighted @ moved.T).T
+    return motion, np.hypot(*(moved - motion @ places))
 
 
 def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:
@@ -99,6 +97,18 @@ def _tried(
     # The farther right in a row, the farther right what it meets.
     strides = steps[0], steps[1] + steps[3], steps[2], steps[3]
     return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
+
+
+@lru_cache(_NORMS_KEPT)
+def _norms(
+    side: int, start: tuple[int, int]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
+    """Return which places and displacements both images share, and the sums of their weights."""
+    away = np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
+    y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
+    row, column = y + start[0] + away[i], x + start[1] + away[j]
+    shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)
+    return shared, _blended(shared.astype(np.float32))
 
 
 def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 ONE = np.zeros(1, np.int64)  # session, which begins at 0
+Sums = npt.NDArray[np.float32]  # (2, R), scores, 0 where there is none, and how many, 0 or 1
 
 
 def peaks(
@@ -35,9 +36,9 @@ def peaks(
         where there is none.
 
     """
-    found = np.zeros((len(steps), 3))
+    found, sums = np.zeros((len(steps), 3)), _sums(rows)
     for velocity, own in enumerate(steps):
-        scores = whole_scores(rows, own, starts)
+        scores = _whole(sums, own, starts)
         scores = scores[np.isfinite(scores)]
         if scores.size:
             found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
@@ -48,24 +49,34 @@ def whole_scores(
     rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
 ) -> Row:
     """Return what `sequence_scores` does of whole windows, (R,), as `partial_scores` does."""
-    return _in_order([_whole_scores(*part) for part in _parts(rows, steps, starts)], steps)
+    return _whole(_sums(rows), steps, starts)
 
 
-def _whole_scores(rows: Sequence[Row | None], steps: npt.NDArray[np.intp]) -> Row:
-    newest, reach = rows[0], steps[-1]
+def _sums(rows: Sequence[Row | None]) -> list[Sums | None]:
+    """Return scores, and their counts, 0 and 0 where there is none; all rows of one length."""
+    zero = np.float32(0)
+    return [
+        None if row is None else np.array((np.where(known := np.isfinite(row), row, zero), known))
+        for row in _of_one_length(rows)
+    ]
+
+
+def _whole(sums: Sequence[Sums | None], steps: npt.NDArray[np.intp], starts: Indices) -> Row:
+    return _in_order([_whole_scores(*part) for part in _parts(sums, steps, starts)], steps)
+
+
+def _whole_scores(sums: Sequence[Sums | None], steps: npt.NDArray[np.intp]) -> Row:
+    newest, reach = sums[0], steps[-1]
     assert newest is not None
-    found = np.full(len(newest), -np.inf, np.float32)
-    if reach >= len(newest):
-        return found
-    total, known = np.zeros((2, len(newest) - reach), np.float32)
-    for row, step in zip(rows, steps, strict=True):
-        if row is not None:
-            met = row[reach - step : len(newest) - step]
-            there = np.isfinite(met)
-            total[: len(met)] += np.where(there, met, np.float32(0))
-            known[: len(met)] += there
-    scored = np.isfinite(newest[reach:]) & (known > 0) & (2 * known >= len(rows))
-    np.divide(total, known, out=found[reach:], where=scored)
+    size = newest.shape[1]
+    found = np.full(size, -np.inf, np.float32)
+    if reach < size:
+        total, known = both = np.zeros((2, size - reach), np.float32)
+        for row, step in zip(sums, steps, strict=True):
+            if row is not None:
+                both += row[:, reach - step : size - step]
+        scored = (newest[1, reach:] > 0) & (2 * known >= len(sums))
+        np.divide(total, known, out=found[reach:], where=scored)
     return found
 
 
@@ -92,39 +103,32 @@ def partial_scores(
     """
     if means is None:
         means = [0 if row is None else mean_score(row) for row in rows]
-    parts = _parts(rows, steps, starts)
+    parts = _parts(_of_one_length(rows), steps, starts)
     return _in_order([_partial_scores(*part, means) for part in parts], steps)
 
 
+def _of_one_length(rows: Sequence[Row | None]) -> list[Row | None]:
+    """Return rows as long as the newest; older ones of a map that grows are shorter."""
+    newest = rows[0]
+    assert newest is not None
+    nothing = np.full_like(newest, np.nan)
+    return [None if row is None else np.append(row, nothing[len(row) :]) for row in rows]
+
+
 def _parts(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices
-) -> Iterator[tuple[Sequence[Row | None], npt.NDArray[np.intp]]]:
-    """Yield what each session has of rows, and steps; read from the end if steps are negative."""
+    rows: Sequence[Row | Sums | None], steps: npt.NDArray[np.intp], starts: Indices
+) -> Iterator[tuple[list[Any], npt.NDArray[np.intp]]]:
+    """Yield what each session has of rows, and steps; from end to start if steps are negative."""
     ends = [*starts[1:].tolist(), None]
+    ahead = slice(None, None, -1 if steps[-1] < 0 else 1)
     for start, end in zip(starts.tolist(), ends, strict=True):
-        yield _ahead([None if row is None else row[start:end] for row in rows], steps)
+        own = [None if row is None else row[..., start:end][..., ahead] for row in rows]
+        yield own, abs(steps)
 
 
 def _in_order(found: Sequence[Row], steps: npt.NDArray[np.intp]) -> Row:
     """Return the scores of all sessions, in the order of the map."""
     return np.concatenate([scores[::-1] if steps[-1] < 0 else scores for scores in found])
-
-
-def _ahead(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp]
-) -> tuple[Sequence[Row | None], npt.NDArray[np.intp]]:
-    """Return rows and steps; read from their ends if steps were negative."""
-    newest = rows[0]
-    assert newest is not None
-    if steps[-1] >= 0:
-        return rows, steps
-    flipped: list[Row | None] = []
-    for row in rows:
-        whole = np.full(len(newest), np.nan, np.float32)
-        if row is not None:
-            whole[: len(row)] = row
-        flipped.append(None if row is None else whole[::-1])
-    return flipped, -steps
 
 
 def _partial_scores(
@@ -135,13 +139,11 @@ def _partial_scores(
     total, known = np.zeros((2, len(newest)), np.float32)
     for row, mean, step in zip(rows, means, steps.tolist(), strict=True):
         if row is not None:
-            met = total[step : step + len(row)]
-            own = row[: len(met)]
+            own = row[: max(0, len(row) - step)]
             there = np.isfinite(own)
             total[:step] += mean
-            met += np.where(there, own, mean)
-            known[step : step + len(row)] += there
-            total[step + len(row) :] += mean
+            total[step:] += np.where(there, own, mean)
+            known[step:] += there
     frames = sum(row is not None for row in rows)
     scored = np.isfinite(newest) & (2 * known >= len(rows))
     return np.where(scored, total / np.float32(frames), np.float32(-np.inf))
