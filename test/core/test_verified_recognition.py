@@ -14,6 +14,7 @@ from convseq_ros.config import (
 )
 from convseq_ros.core.compiled import available
 from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.decision.verified_evidence import VerifiedEvidence
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.geometry.verification import Verification
@@ -187,6 +188,22 @@ def test_a_match_belongs_to_the_neighbour_that_the_newest_frame_shows(scores, st
     given = Given(strengths, 0.0, row)
     assert VerifiedEvidence().placed(30, given) == where
     assert given.asked == [(1, [*range(27, 34)])]
+
+
+def test_a_track_whose_velocity_has_just_changed_is_looked_at_once_more():
+    # The newest frame shows what lies two places behind the end of the track.
+    rng, acceptance, placed = np.random.default_rng(1), Acceptance(Config()), {}
+    scores = rng.normal(0.05, 0.002, (40, 100)).astype(np.float32)
+    for frame in range(40):
+        scores[frame, [18 + frame, 20 + frame]] = 0.2, 0.3
+    for frame in range(16, 40):
+        best = 20 + frame
+        rows, velocity = list(scores[frame : frame - 10 : -1]), 0.5 if frame < 28 else 1.0
+        given = Given({best: 100.0, best - 2: 200.0}, 0.0, rows[0])
+        acceptance.update(frame, rows, np.arange(100), 10, velocity, given)
+        placed[frame] = best - acceptance.placed(best, AcceptanceConfig().min_evidence)
+    assert {placed[frame] for frame in range(16, 28)} == {2}  # another velocity than the map's
+    assert [placed[frame] for frame in range(28, 40)] == [2] * (TRACK.window // 2) + [0] * 8
 
 
 @pytest.mark.parametrize(

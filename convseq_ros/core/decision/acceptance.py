@@ -38,6 +38,7 @@ class Acceptance:
         self.places.reset()
         self._track, self._verified = TrackEvidence(self.places), VerifiedEvidence(self.places)
         self._frame, self._velocity, self._usable = 0, 1.0, 0
+        self._steady = TRACK.window  # frames since the velocity changed
         self._newest: FrameEvidence | None = None
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
@@ -59,6 +60,7 @@ class Acceptance:
 
         References from `session_start` on were seen on this drive.
         """
+        self._steady = self._steady + 1 if velocity == self._velocity else 0
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
         self.entered = None
         if not self.by_track:
@@ -147,11 +149,11 @@ class Acceptance:
         """
         Return the place that a match belongs to: the best, or one beside it.
 
-        A track of so much evidence at the map's velocity says where it ends. Any other may end
-        beside the place that the newest frame shows.
+        A track of so much evidence, at the map's velocity for half a window, says where it
+        ends. Any other may end beside the place that the newest frame shows.
         """
-        is_sure = self._velocity == 1.0 and (self._along(best) or 0.0) >= least
-        if is_sure or self._geometry is None:
+        is_steady = self._velocity == 1.0 and 2 * self._steady >= TRACK.window
+        if (is_steady and (self._along(best) or 0.0) >= least) or self._geometry is None:
             return best
         return self._verified.placed(best, self._geometry)
 
