@@ -116,7 +116,7 @@ class PlaceRecognizer:
         count = length or (len(buffer) if acceptance.verifies else None)
         # III-D: pair scores of the newest frames, for all references or those of a shortlist.
         rivals, own = config.acceptance.rival_distance, self.mapping.session_start
-        ends, velocity = search.propose(buffer, count, acceptance.window, usable, rivals)
+        ends, velocity = search.propose(buffer, count, acceptance, usable, rivals)
         acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer, own)
         if count is None:
             return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)

@@ -10,6 +10,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.acceptance import Acceptance
 from convseq_ros.core.decision.confidence import confidence
+from convseq_ros.core.decision.likeliest import LIKELIEST
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.verified_evidence import VERIFIED
 from convseq_ros.core.map.place import Place
@@ -94,7 +95,7 @@ class Sightings:
         before, count, sure = self.last, 1, own
         if before and (ago := self.keyframes - before.keyframe) < SIGHTING.silent_keyframes:
             # One that is not sure must lie on one way with the other, frame for frame.
-            off = VERIFIED.same_scene + math.floor(VERIFIED.drift * ago)
+            off = LIKELIEST.same_scene + math.floor(LIKELIEST.drift * ago)
             is_on_way = self._map.is_near(before.reference + ago, reference, off)
             agrees = self.agree(before, reference, odometry)
             if agrees and (is_on_way or (is_sure and before.is_sure)):

@@ -56,6 +56,32 @@ def test_one_to_one_is_kept_where_other_velocities_stand_out_hardly_more():
     assert set(found_in(rows)) == {1.0}
 
 
+def closely(best):
+    """Return what pair scores say: sequences of one velocity stand out."""
+    return lambda velocity: np.array([0.3 if velocity == best else 0.11, 0.1, 0.1])
+
+
+def test_a_velocity_that_is_seen_competes_by_pair_scores_and_stays_while_it_wins():
+    dark = np.random.default_rng(0).normal(0.1, 0.02, (K, REFERENCES)).astype(np.float32)
+    search, rows = VelocitySearch(), list(dark)[: VELOCITY.shortest - 1]
+    assert search.update(rows, closely(6.0)) == 1.0  # nobody has asked
+    assert search.update(rows, closely(1.0), seen=5.8) == 1.0
+    for _ in range(10):
+        found = search.update(rows, closely(6.0), seen=5.8)
+    assert found == search.update(rows, closely(6.0)) == 6.0
+    for _ in range(30):
+        found = search.update(rows, closely(1.0))
+    assert found == 1.0
+
+
+@pytest.mark.parametrize('seen', [-6.0, 20.0])
+def test_a_velocity_that_is_not_searched_is_not_asked_for(seen):
+    asked = []
+    search, rows = VelocitySearch(), [np.full(REFERENCES, 0.1, np.float32)]
+    assert search.update(rows, lambda one: asked.append(one) or np.ones(1), seen=seen) == 1.0
+    assert asked == []
+
+
 @pytest.mark.parametrize('velocity', [1.0, 2.0])
 @pytest.mark.parametrize('seed', range(5))
 def test_frames_of_unknown_streets_are_soon_outvoted(velocity, seed):

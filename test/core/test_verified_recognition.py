@@ -207,6 +207,22 @@ def test_a_track_whose_velocity_has_just_changed_is_looked_at_once_more():
 
 
 @pytest.mark.parametrize(
+    ('velocity', 'strengths', 'where'),
+    [
+        (1.0, {30: 180.0, 33: 200.0}, 30),
+        (0.5, {30: 180.0, 33: 200.0}, 33),  # better at all
+        (0.5, {30: 180.0, 34: 400.0}, 30),  # too far
+        (2.4, {30: 180.0, 37: 200.0, 33: 100.0}, 37),  # within 8 places
+    ],
+)
+def test_at_another_velocity_an_end_is_less_sure(velocity, strengths, where):
+    row = np.full(60, np.nan, np.float32)
+    row[[30, *strengths]] = 0.2
+    row[where] = 0.3
+    assert VerifiedEvidence().placed(30, Given(strengths, 0.0, row), velocity) == where
+
+
+@pytest.mark.parametrize(
     ('strengths', 'is_settled'),
     [
         ({30: 113.0, 31: 102.0, 27: 110.0}, True),

@@ -8,6 +8,7 @@ import math
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.confidence import balance, Judgement
 from convseq_ros.core.decision.geometry import Geometry
+from convseq_ros.core.decision.likeliest import LIKELIEST
 from convseq_ros.core.decision.margin import decide_by_margin
 from convseq_ros.core.decision.neighbourhood import Compare, Neighbourhood
 from convseq_ros.core.decision.track_evidence import FrameEvidence, TRACK, TrackEvidence
@@ -37,8 +38,7 @@ class Acceptance:
         """Forget the drive."""
         self.places.reset()
         self._track, self._verified = TrackEvidence(self.places), VerifiedEvidence(self.places)
-        self._frame, self._velocity, self._usable = 0, 1.0, 0
-        self._steady = TRACK.window  # frames since the velocity changed
+        self._frame, self._velocity, self._steady, self._usable = 0, 1.0, TRACK.window, 0
         self._newest: FrameEvidence | None = None
         self._geometry: Geometry | None = None
         self._session_start: int | None = None
@@ -60,7 +60,7 @@ class Acceptance:
 
         References from `session_start` on were seen on this drive.
         """
-        self._steady = self._steady + 1 if velocity == self._velocity else 0
+        self._steady = self._steady + 1 if velocity == self._velocity else 0  # frames
         self._frame, self._velocity, self._session_start = frame, velocity, session_start
         self.entered = None
         if not self.by_track:
@@ -71,8 +71,7 @@ class Acceptance:
         if self._newest is None or geometry is None or row is None:
             return
         self._geometry, self._usable = geometry, len(row)
-        found = geometry.verified(self._track.likely())
-        if not found:
+        if not (found := geometry.verified(self._track.likely())):
             return
         self._verified.update(found, rival_distance)
         self._track.verify(self._verified.beside_scores(self._newest.reference))
@@ -118,6 +117,12 @@ class Acceptance:
         """The map's own velocity, negative on a drive that meets its places in reverse order."""
         return math.copysign(1.0, self._velocity)
 
+    @property
+    def seen_velocity(self) -> float | None:
+        """How fast the likeliest places move along the map, while no track is followed."""
+        known = self._along(self._newest.reference) if self._newest else None
+        return None if (known or 0.0) >= LIKELIEST.track else self._verified.likeliest.velocity
+
     def _is_near(self, reference: int, other: int) -> bool:
         """Return whether two places may belong to one track, or to its looks."""
         return self.places.is_near(reference, other, TRACK.same_track)
@@ -127,7 +132,7 @@ class Acceptance:
         return self._session_start is not None and reference >= self._session_start
 
     def _entered(self) -> tuple[int, float] | None:
-        seen = self._verified.alone(self._frame, self._direction)
+        seen = self._verified.likeliest.alone(self._frame, self._direction)
         if seen is None:
             return None
         reference, evidence = seen
@@ -155,7 +160,7 @@ class Acceptance:
         is_steady = self._velocity == 1.0 and 2 * self._steady >= TRACK.window
         if (is_steady and (self._along(best) or 0.0) >= least) or self._geometry is None:
             return best
-        return self._verified.placed(best, self._geometry)
+        return self._verified.placed(best, self._geometry, self._velocity)
 
     def newest_score(self, reference: int) -> float:
         """Return the pair score of the newest frame with a likely place."""
@@ -190,8 +195,7 @@ class Acceptance:
         reason, evidence = self._doubt(best), self._evidence(best)
         if evidence is not None and evidence >= config.min_evidence:
             reason = Reason.ACCEPTED
-        known = [one for one in (self._along(best), evidence) if one is not None]
-        if not known:
+        if not (known := [one for one in (self._along(best), evidence) if one is not None]):
             return Judgement(reason)
         share = self._track.share(self._frame, best, self._velocity)
         return Judgement(reason, max(known), share, balance(self._verified.shown(best)))
@@ -204,9 +208,8 @@ class Acceptance:
             return Reason.INCONSISTENT
         if not newest.enough_rivals:
             return Reason.TOO_FEW_RIVALS
-        if self._verified.is_rivalled(best):
-            return Reason.AMBIGUOUS
-        return Reason.AMBIGUOUS if newest.margin < (self._track.scatter or 0.0) else Reason.WEAK
+        is_small = newest.margin < (self._track.scatter or 0.0)
+        return Reason.AMBIGUOUS if is_small or self._verified.is_rivalled(best) else Reason.WEAK
 
     def _is_unlike_own_drive(self, best: int) -> bool:
         """Return whether a place is verified too badly to be one that this drive has shown."""

@@ -9,11 +9,11 @@ their own scores and by geometry are evidence alone, as soon as they come.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.geometry import Geometry
+from convseq_ros.core.decision.likeliest import Likeliest, LikeliestPlaces
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.track_evidence import TRACK
 from convseq_ros.core.geometry.verification import NOTHING, Verification
@@ -25,10 +25,6 @@ class VERIFIED:
     """Chosen on drawn drives and on real images made dark (docs/GEOMETRY.md)."""
 
     least_strength: float = 30.0  # of unrelated images, in the middle of all sets
-    same_scene: int = 1  # references by which two frames of one place may differ ...
-    drift: float = 0.5  # ... and each frame between them adds so many: half to 1.5 times as fast
-    recent: int = 3  # newest frames over which strengths are averaged
-    frames: int = 5  # newest ones that are evidence alone
     # A lead by geometry, the square root of a strength, counts for so many scatters of a track ...
     scatters: float = 0.36
     chance: float = 0.5  # ... less these, by which a rival may well be verified worse
@@ -38,9 +34,8 @@ class VERIFIED:
     of_upper: float = 3.0
     beside: int = 3  # places from a match; the best scored of them is where it belongs ...
     better: float = 1.2  # ... if verified so many times as strongly (scripts/spacing.py)
-    # Deviations that count alone as much as a scatter in each frame of a track; and of that, what
-    # counts for a place of the same drive: identical lockers reach 33 deviations.
-    alone: float = 14.0
+    # Of what frames say alone, what counts for a place of the same drive: identical lockers reach
+    # 33 deviations.
     of_own_drive: float = 0.54
     as_good: float = 0.8  # of the best place's strength, with which a rival makes it ambiguous
     # Of the strength between a frame and the one before, that a place of the same drive has at
@@ -48,22 +43,12 @@ class VERIFIED:
     of_step: float = 0.4
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
-    """The likeliest place of one frame."""
-
-    frame: int  # its number
-    reference: int
-    evidence: float  # how much it stands out; at least 0
-    strength: float  # of its verification
-
-
 class VerifiedEvidence:
-    """Keeps what geometry says of the newest frame, and the likeliest places of the last five."""
+    """Keeps what geometry says of the newest frame, and the likeliest places of the last ones."""
 
     def __init__(self, neighbourhood: Neighbourhood | None = None) -> None:
         self._places = neighbourhood or Neighbourhood()
-        self._sightings: list[Sighting] = []
+        self.likeliest = LikeliestPlaces(self._places)
         self.found: Mapping[int, Verification] = {}
         self._rival_distance = 0
 
@@ -120,9 +105,16 @@ class VerifiedEvidence:
         near = self._near(reference, TRACK.same_track)
         return max(near, key=lambda one: one.strength, default=NOTHING)
 
-    def placed(self, best: int, geometry: Geometry) -> int:
-        """Return the place that the newest frame shows: the best, or one beside it."""
-        around = self._places.bounds.around(best, VERIFIED.beside)
+    def placed(self, best: int, geometry: Geometry, velocity: float = 1.0) -> int:
+        """
+        Return the place that the newest frame shows: the best, or one beside it.
+
+        At another velocity than the map's a sequence ends as many more beside it as it is faster,
+        and what is verified better at all is the place.
+        """
+        reach = math.ceil(VERIFIED.beside * max(1.0, abs(velocity)))
+        better = VERIFIED.better if abs(velocity) == 1.0 else 1.0
+        around = self._places.bounds.around(best, reach)
         geometry.score(1, np.array(around))
         scores = () if geometry.row is None else geometry.row
         near = [one for one in around if one != best and one < len(scores) and scores[one] >= 0]
@@ -132,7 +124,7 @@ class VerifiedEvidence:
         unknown = [one for one in (best, beside) if one not in self.found]
         self.found = {**self.found, **geometry.verified(unknown)}
         own, other = (_support(self.found.get(one, NOTHING)) for one in (best, beside))
-        return beside if other > VERIFIED.better * own else best
+        return beside if other > better * own else best
 
     def is_settled(self, reference: int, geometry: Geometry) -> bool:
         """Return whether no place is verified better that is further along its peak."""
@@ -158,55 +150,17 @@ class VerifiedEvidence:
 
     def see(self, frame: int, reference: int, deviations: float) -> None:
         """Take in the newest frame's likeliest place, and by how much its score stands out."""
-        kept = [one for one in self._sightings if one.frame > frame - VERIFIED.frames]
         strength, evidence = self.strength(reference) or 0.0, 0.0
         if (lead := self.lead(reference)) is not None:
             whole = deviations + VERIFIED.deviations * lead
             most = VERIFIED.of_upper * VERIFIED.deviations * self.upper_lead(reference)
             evidence = max(0.0, min(whole, most))
-        self._sightings = [*kept, Sighting(frame, reference, evidence, strength)]
-
-    def alone(self, frame: int, direction: float = 1.0) -> tuple[int, float] | None:
-        """
-        Return the newest frame's likeliest place, and how strongly the newest frames speak for it.
-
-        The most that any number of them, up to five, say: the sum of those on one way, over the
-        square root of how many they are; in units of the evidence of a track. The direction is -1
-        of a drive that meets the places in reverse order.
-        """
-        on_way = self._on_way(frame, direction)
-        if 0 not in on_way:
-            return None
-        total = most = 0.0
-        for past in range(VERIFIED.frames):
-            total += on_way[past].evidence if past in on_way else 0.0
-            most = max(most, total / math.sqrt(past + 1))
-        return on_way[0].reference, most / VERIFIED.alone
+        self.likeliest.add(Likeliest(frame, reference, evidence, strength))
 
     def recent_strength(self, frame: int, reference: int, direction: float = 1.0) -> float | None:
         """Return how strongly a place is verified by the newest frames, on average, if it is."""
-        on_way = self._on_way(frame, direction)
-        is_near = self._places.is_near
-        if 0 not in on_way or not is_near(reference, on_way[0].reference, TRACK.same_track):
-            return self.strength(reference, TRACK.same_track)
-        recent = [one.strength for past, one in on_way.items() if past < VERIFIED.recent]
-        return sum(recent) / len(recent)
-
-    def _on_way(self, frame: int, direction: float) -> dict[int, Sighting]:
-        """Return the likeliest places that a robot may have come along, by frames ago."""
-        if not self._sightings or self._sightings[-1].frame != frame:
-            return {}
-        newest = self._sightings[-1].reference
-        found: dict[int, Sighting] = {}
-        for end in (newest, *self._places.looks(newest)):
-            first, last = self._places.bounds.span(end)
-            for one in self._sightings:
-                past = frame - one.frame
-                off = abs(end - one.reference - direction * past)
-                is_own = first <= one.reference < last
-                if is_own and off <= VERIFIED.same_scene + VERIFIED.drift * past:
-                    found[past] = one
-        return found
+        recent = self.likeliest.recent_strength(frame, reference, direction)
+        return self.strength(reference, TRACK.same_track) if recent is None else recent
 
 
 def _support(found: Verification) -> float:

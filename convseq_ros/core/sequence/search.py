@@ -39,6 +39,18 @@ class Coarse(Protocol):
         """Be told what says which places will be read next."""
 
 
+class Decision(Protocol):
+    """What a decision asks for, and what it knows."""
+
+    @property
+    def window(self) -> int:
+        """Newest frames that must have scores."""
+
+    @property
+    def seen_velocity(self) -> float | None:
+        """References per frame, if the newest frames alone tell them."""
+
+
 class ExhaustiveSearch:
     """Scores every reference, as the paper does (III-D)."""
 
@@ -53,12 +65,12 @@ class ExhaustiveSearch:
         return None
 
     def propose(
-        self, buffer: QueryBuffer, length: int | None, _window: int, usable: int, _rivals: int
+        self, buffer: QueryBuffer, length: int | None, _of: Decision, usable: int, _rivals: int
     ) -> tuple[Indices, float]:
         """
         Score pairs of the newest frames; return sequence end indices (n,), and the velocity.
 
-        `length` is None if it is not yet known; the decision asks for scores of `window` frames;
+        `length` is None if it is not yet known; scores are those that a decision asks for;
         the first `usable` references may be matched; rivals lie more than `rivals` apart.
         """
         ends = np.arange(usable)
@@ -94,7 +106,7 @@ class ShortlistSearch(ExhaustiveSearch):
         self._shortlist.verify(ends, scores, is_known)
 
     def propose(
-        self, buffer: QueryBuffer, length: int | None, window: int, usable: int, rivals: int
+        self, buffer: QueryBuffer, length: int | None, of: Decision, usable: int, rivals: int
     ) -> tuple[Indices, float]:
         if length is None:
             return _NONE, 1.0
@@ -107,7 +119,7 @@ class ShortlistSearch(ExhaustiveSearch):
             buffer.score(length, ends, velocity)
             return buffer.approximate_scores(length, ends, velocity)
 
-        velocity = self._velocity.update(rows, closer, self._coarse.peaks)
+        velocity = self._velocity.update(rows, closer, self._coarse.peaks, of.seen_velocity)
         wanted = shortlist.asked(rows, rivals, velocity)
         scouting, entering = SHORTLIST.scouts, SHORTLIST.entered
         if self._frames <= SHORTLIST.first_frames:
@@ -119,7 +131,7 @@ class ShortlistSearch(ExhaustiveSearch):
         ends = shortlist.update(wanted, sums, rivals)
         # What was just entered is likely by the newest frame alone, by pair scores.
         scouts = shortlist.top(alone, rivals, scouting)
-        frames = max(length, window)
+        frames = max(length, of.window)
         self._coarse.expect(lambda: np.append(buffer.unscored(frames, ends, velocity), scouts))
         buffer.score(1, scouts)
         scores = buffer.approximate_scores(1, scouts)

@@ -3,6 +3,7 @@
 """How fast the query drives, compared with the map: the slope of the diagonals."""
 
 from collections.abc import Callable
+from typing import Any
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
@@ -23,6 +24,7 @@ class VELOCITY:
         1.0, 0.08, 0.1, 0.12, 0.14, 0.17, 0.2, 0.24, 0.29, 0.34, 0.41, 0.5, 0.57, 0.67, 0.8,
         1.25, 1.5, 1.75, 2.0, 2.4, 2.9, 3.5, 4.2, 5.0, 6.0,
     )  # fmt: skip
+    spacing: float = 0.25  # most between two of them, as a share
     shortest: int = 8  # frames of a sequence that tells a velocity
     fewest_sequences: int = 20  # that must find room in the map
     memory: int = 20  # frames over which the prominence is averaged
@@ -37,9 +39,7 @@ class ConstantVelocity:
 
     def reset(self) -> None: ...
 
-    def update(
-        self, _rows: Rows, _closer: Closer | None = None, _peaks: Peaks | None = None
-    ) -> float:
+    def update(self, _rows: Rows, *_: Any, **_of: Any) -> float:
         return 1.0
 
 
@@ -60,15 +60,21 @@ class VelocitySearch(ConstantVelocity):
     def reset(self) -> None:
         self._prominence: Values = np.zeros(len(self._velocities))
         self._closely: dict[float, float] = {}
+        self._last = 1.0
 
     def update(
-        self, rows: Rows, closer: Closer | None = None, peaks: Peaks | None = None
+        self,
+        rows: Rows,
+        closer: Closer | None = None,
+        peaks: Peaks | None = None,
+        seen: float | None = None,
     ) -> float:
         """
         Take in rows as for `sequence_scores`; return the velocity, references per frame.
 
-        In the better scores that `closer` leads to, one other than 1 or -1 must stand out, too.
-        `peaks` is what finds them, if not here.
+        In the better scores that `closer` leads to, one other than 1 or -1 must stand out, too;
+        one that is `seen` otherwise competes there, and so does what won before. `peaks` is what
+        finds them, if not here.
         """
         if len(rows) >= VELOCITY.shortest and rows[0] is not None:
             steps = np.array([diagonal(len(rows), one) for one in self._velocities])
@@ -82,17 +88,24 @@ class VelocitySearch(ConstantVelocity):
                 if not self._prominence.any():
                     self._prominence = now
                 self._prominence += (now - self._prominence) / VELOCITY.memory
-        velocity = self._velocities[int((self._weights * self._prominence).argmax())]
-        if velocity == 1.0 or closer is None:
+        likely = [self._velocities[int((self._weights * self._prominence).argmax())]]
+        if closer is None:
+            return likely[0]
+        if seen is not None:
+            off = abs(np.array(self._velocities) / seen - 1)
+            likely += [self._velocities[off.argmin()]] if off.min() < VELOCITY.spacing else []
+        likely.append(self._last)
+        if all(one == 1.0 for one in likely):
             self._closely.clear()
-            return velocity
+            return 1.0
         same = [one for one in self._velocities if abs(one) == 1.0]
-        for one in (asked := dict.fromkeys((*same, velocity))):
+        for one in (asked := dict.fromkeys((*same, *likely))):
             scores = closer(one)
             close = _prominence(scores[np.isfinite(scores)])
             before = self._closely.get(one, close)
             self._closely[one] = before + (close - before) / VELOCITY.close_memory
-        return max(asked, key=lambda one: _weight(one) * self._closely[one])
+        self._last = max(asked, key=lambda one: _weight(one) * self._closely[one])
+        return self._last
 
 
 def _weight(velocity: float) -> float:
