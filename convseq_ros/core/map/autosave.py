@@ -67,6 +67,7 @@ class Autosave(NoAutosave):
             self.reference_map = self._writer.reader.reference_map()
             self._file, self.size_mb = path.stat().st_ino, path.stat().st_size / 1e6
             self.committed = self._writer.committed
+            self._writer.linked = self.reference_map.links.rows
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
@@ -84,7 +85,7 @@ class Autosave(NoAutosave):
         until it worked.
         """
         uses_wait = self.reference_map.uses.wait and time.monotonic() >= self._uses_due_s
-        if uses_wait or self.committed < len(self.reference_map):
+        if uses_wait or self._is_behind(len(self.reference_map)):
             self._news.set()
         error, self._error = self._error, None
         if error:
@@ -126,7 +127,7 @@ class Autosave(NoAutosave):
 
     def _write(self) -> None:
         end = len(self.reference_map)
-        while self.committed < end:
+        while self._is_behind(end):
             self._refuse_replaced()
             stop = min(end, self.committed + _PLACES_AT_ONCE)
             self._writer.copy(self.reference_map, stop)
@@ -137,6 +138,11 @@ class Autosave(NoAutosave):
                 self.size_mb = self._path.stat().st_size / 1e6
         if self._end.is_set() or time.monotonic() >= self._uses_due_s:
             self._write_uses()
+
+    def _is_behind(self, end: int) -> bool:
+        """Return whether places, up to before `end`, or links of what is safe wait."""
+        links, linked = self.reference_map.links, self._writer.linked
+        return self.committed < end or bool(links.since(linked, self.committed))
 
     def _write_uses(self) -> None:
         self._uses_due_s = time.monotonic() + _USES_EVERY_S

@@ -12,6 +12,7 @@ from uuid import uuid4
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
+from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.opening import open_to_write
 from convseq_ros.core.map.place import Picture, Places
@@ -179,7 +180,9 @@ def _whole(parts: Sequence[Part]) -> ReferenceMap:
         return [found[one] for one in wanted]
 
     sessions, uses = [part.session for part in parts], Uses(_uses(every))
-    return ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions, uses=uses)
+    made = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions, uses=uses)
+    carry_links(every, made.links)
+    return made
 
 
 def _uses(every: Sequence[tuple[ReferenceMap, int]]) -> Iterator[tuple[int, Use]]:

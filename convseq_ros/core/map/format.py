@@ -4,9 +4,9 @@
 How a map is laid out in its SQLite file, format 4.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in their order. `places`, and `uses` in the maps that have them,
-are read when a map is opened; `pictures` and `images` when one is asked for. The cells are
-float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
+the places of one lie together, in their order. `places`, and, where a map has
+them, `uses` and `links` are read when it is opened; `pictures` and `images` when one is asked for.
+The cells are float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
 bit refuses an answer and never changes one.
 """
 
@@ -42,13 +42,15 @@ TABLES = {
     # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
     'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
     'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
+    # Of places that were looked up in what came before them; anchor is NULL of those not found.
+    'links': '(place INTEGER PRIMARY KEY, anchor INTEGER, crc32 INTEGER NOT NULL)',
     # Of places whose regions' depths are known, once one is.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
 _CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
 # Tables that only some maps have.
-FURTHER = {name: _CREATE.pop(name) for name in ('uses', 'depths')}
+FURTHER = {name: _CREATE.pop(name) for name in ('uses', 'links', 'depths')}
 SCHEMA = _CREATE
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')

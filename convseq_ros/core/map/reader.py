@@ -16,6 +16,7 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained, Rows
 from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
+from convseq_ros.core.map.link_rows import read_links
 from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -125,10 +126,13 @@ class MapReader:
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
                 are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
-            uses = self._uses(end)
-        settings = self.encoding, places, self.pictures, self.keyframes
-        made = ReferenceMap(*settings, self.settings.map_id, sessions, uses)
-        made.images.are_kept = are_kept
+            uses, settings = (
+                self._uses(end),
+                (self.encoding, places, self.pictures, self.keyframes),
+            )
+            made = ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+            made.images.are_kept = are_kept
+            read_links(self._database, self._path, made)
         return made
 
     def _count(self, rows: str, start: int, what: str = 'count(*)') -> int:

@@ -11,6 +11,7 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.depth import packed_depths
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.kept_image import kept_image, KeptImages
@@ -42,7 +43,7 @@ class ReferenceMap:
     an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
     `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
     is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place;
-    `images` are those that were kept.
+    `images` are those that were kept; `links` tell which places show the same.
     """
 
     def __init__(
@@ -66,6 +67,8 @@ class ReferenceMap:
         self._moving = Lock()
         # Where the camera was on the robot, of sessions that do not know; None: where it is now.
         self.usual_mount: Pose | None = None
+        self.links = Links(self.bounds.around)
+        self.problem = ''  # in one line: what is wrong with the file, and can be done without
         self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
 
     def __len__(self) -> int:
@@ -75,6 +78,11 @@ class ReferenceMap:
     def bounds(self) -> SessionBounds:
         """Where its sessions begin."""
         return self._places.bounds
+
+    @property
+    def is_linked(self) -> bool:
+        """Whether every place was looked up in what came before it."""
+        return self.links.known >= len(self)
 
     @property
     def global_descriptors(self) -> npt.NDArray[np.float16]:

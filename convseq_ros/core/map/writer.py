@@ -22,6 +22,7 @@ from convseq_ros.core.map.format import (
     SCHEMA,
     Settings,
 )
+from convseq_ros.core.map.link_rows import write_links
 from convseq_ros.core.map.opening import EMPTY, open_to_write
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
@@ -58,7 +59,7 @@ class MapWriter:
         append: bool | None = False,
         map_id: str = '',
     ) -> None:
-        self._path = path
+        self._path, self.linked = path, 0  # rows of the links of the map that is appended
         if append and not path.is_file():
             raise MapError(f'{path}: no such map to add to')
         with explained(path):
@@ -127,7 +128,7 @@ class MapWriter:
         self._sessions += 1
 
     def append(self, reference_map: ReferenceMap, end: int) -> None:
-        """Append the sessions and places of a map that are not here yet, up to before `end`."""
+        """Append what is not here yet of a map: sessions, places up to before `end`, links."""
         for session in reference_map.sessions[self._sessions :]:
             self.add_session(session)
         while (start := self._count) < end:
@@ -136,16 +137,21 @@ class MapWriter:
             for index, picture in zip(some, pictures, strict=True):
                 place, descriptors = reference_map.places[index], reference_map.global_descriptors
                 self.add(place, picture, descriptors[index])
+        if rows := reference_map.links.since(self.linked, self._count):
+            with explained(self._path):
+                self._database.begin()
+                write_links(self._database, rows)
+            self.linked += len(rows)
 
     def copy(self, reference_map: ReferenceMap, end: int) -> None:
         """Append and commit; of all that, nothing is done if it fails."""
-        before = self._sessions
+        before = self._sessions, self.linked
         try:
             self.append(reference_map, end)
             self.commit()
         except MapError:
             self._database.roll_back()
-            self._count, self._sessions = self.committed, before
+            self._count, (self._sessions, self.linked) = self.committed, before
             raise
 
     def keep_uses(self, rows: Sequence[tuple[int, Use]]) -> None:
