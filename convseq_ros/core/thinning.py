@@ -5,7 +5,8 @@
 from dataclasses import dataclass
 
 from convseq_ros.core.linking import recognised
-from convseq_ros.core.map.lifelong import known_as, Sieve
+from convseq_ros.core.map.lifelong import Sieve
+from convseq_ros.core.map.online import known_as
 from convseq_ros.core.map.reference_map import ReferenceMap
 
 

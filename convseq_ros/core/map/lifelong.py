@@ -10,14 +10,13 @@ from typing import Generic, TypeVar
 
 from convseq_ros.config import Config
 from convseq_ros.core.constants import constants
-from convseq_ros.core.map.online import OnlineMap, PreloadedMap
+from convseq_ros.core.map.online import known_as, OnlineMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame, Match, Reason
+from convseq_ros.core.types import Descriptor, Frame, Match
 
 Item = TypeVar('Item')
-Waiting = tuple[Frame, Descriptor, float]  # with the metres after which it was passed
-
-_KNOWN = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+# With what it was recognised as, and the metres after which it was passed.
+Waiting = tuple[Frame, Descriptor, Match | None, float]
 
 
 @constants
@@ -26,13 +25,6 @@ class KNOWN:
 
     enough: float = 0.8  # share of places near each other that are recognised: no more are needed
     window: int = 16  # places to either side over which that is asked, and that are kept for it
-
-
-def known_as(match: Match | None) -> int | None:
-    """Return the place that a match recognises, if it does."""
-    if match is None or match.reason not in _KNOWN or match.best is None:
-        return None
-    return match.best.reference_index
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +120,7 @@ class LifelongMap(OnlineMap):
         known = known_as(_match)
         if known is not None:
             self._map.uses.answered(known, frame.stamp_ns)
-        self._keep(self._sieve.put((frame, descriptor, self._travelled_m), known))
+        self._keep(self._sieve.put((frame, descriptor, _match, self._travelled_m), known))
 
     def finish(self) -> None:
         """Add what is new of the last places."""

@@ -8,6 +8,15 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
 
+_RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
+
+
+def known_as(match: Match | None) -> int | None:
+    """Return the place that a match recognises, if it does."""
+    if match is None or match.reason not in _RECOGNISED or match.best is None:
+        return None
+    return match.best.reference_index
+
 
 class PreloadedMap:
     """A map that does not grow: all of its places may be matched."""
@@ -64,17 +73,26 @@ class OnlineMap(PreloadedMap):
         return self._usable
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
-        """Add a frame to the map unless it could not be read, whatever it was recognised as."""
+        """Add a frame to the map unless it could not be read, and link it as it was recognised."""
         if frame.gray is not None:
             begins = len(self._map) == self.session_start
-            self._append(frame, descriptor, self._travelled_m, begins)
+            self._append(frame, descriptor, _match, self._travelled_m, begins)
 
-    def _append(self, frame: Frame, descriptor: Descriptor, passed_m: float, begins: bool) -> None:
+    def _append(
+        self,
+        frame: Frame,
+        descriptor: Descriptor,
+        match: Match | None,
+        passed_m: float,
+        begins: bool,
+    ) -> None:
         """Add a frame that was passed after so many metres, and with which a session may begin."""
         if begins:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
         self._passed_m.append(passed_m)
+        if match is not None:
+            self._map.links.note(len(self._map) - 1, known_as(match))
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
