@@ -55,8 +55,18 @@ def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--pose-frame', metavar='NAME', help='frame of its poses, if other sessions share it'
     )
+    add_no_links(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_settings(parser)
+
+
+def add_no_links(parser: argparse.ArgumentParser) -> None:
+    """Declare what leaves recognition out."""
+    parser.add_argument(
+        '--no-links',
+        action='store_true',
+        help='do not recognise places that are passed again: quicker, and vpr_node does it later',
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -87,6 +97,7 @@ def run(chosen: argparse.Namespace) -> int:
         session=chosen.session,
         pose_frame=chosen.pose_frame,
         config=chosen_settings(chosen),
+        links=not chosen.no_links,
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -116,6 +127,7 @@ def build(
     session: str | None = None,
     pose_frame: str | None = None,
     config: Config = Config(),
+    links: bool = True,
     tell: Callable[[str], None] | None = None,
 ) -> Built:
     """
@@ -145,6 +157,7 @@ def build(
             append or number > 0,
             called,
             pose_frame or source.pose_frame,
+            links,
         )
         try:
             with builder:

@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.build_map import add_settings, build, Built, chosen_settings
+from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.progress import progress
 from convseq_ros.config import Config
@@ -22,7 +22,8 @@ from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.jobs import done
 from convseq_ros.sources import recordings_in
 
-Job = tuple[Path, Path, str, str, str, str, Config]  # recording, map, four topics, settings
+# Recording, map, four topics, settings, whether with links.
+Job = tuple[Path, Path, str, str, str, str, Config, bool]
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +56,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar='TOPIC',
         help='depth images registered to the camera, of several to the first',
     )
+    add_no_links(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_cluster(parser)
     add_settings(parser)
@@ -63,6 +65,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Build what is not there yet, and say what came of each recording."""
     cluster, config = chosen_cluster(chosen), chosen_settings(chosen)
+    links = not chosen.no_links
     maps = _maps(chosen.folder, chosen.output)
     kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
     chosen.output.mkdir(parents=True, exist_ok=True)
@@ -75,7 +78,7 @@ def run(chosen: argparse.Namespace) -> int:
             failed[str(path)] = str(error)
             continue
         topics = chosen.topic, chosen.odom, chosen.camera_info, chosen.depth
-        jobs[str(path)] = recording.resolve(), path.resolve(), *topics, config
+        jobs[str(path)] = recording.resolve(), path.resolve(), *topics, config, links
     started, built = time.monotonic(), dict[str, Built]()
     if jobs:
         try:
@@ -122,6 +125,7 @@ def build_one(
     camera_info: str,
     depth: str,
     config: Config,
+    links: bool,
 ) -> tuple[Built, list[str]]:
     """Build a map, which is there whole or not at all; return what was built, and warnings."""
     warnings: list[str] = []
@@ -134,6 +138,7 @@ def build_one(
             camera_info=camera_info,
             depth=depth,
             config=config,
+            links=links,
             tell=warnings.append,
         )
     return built, [f'{recording.name}: {one}' for one in warnings]

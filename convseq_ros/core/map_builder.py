@@ -1,8 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Building a map file from frames: online mapping without recognition."""
+"""Building a map file from frames: online mapping, for the map alone."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Self
@@ -10,10 +11,11 @@ from typing import Self
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.frame_gate import FrameGate
+from convseq_ros.core.frame_gate import AnyOrder, FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Frame
 
@@ -27,6 +29,9 @@ class MapBuilder:
     second, and at the end, also when the work was interrupted. A new file is made unless `append`;
     no path makes a map in memory. MapError if a new file exists already, an existing one is
     missing, damaged, made with other settings or added to by another, or the disk is full.
+
+    Each place is recognised among those before it, as online mode does, for the map's `links`;
+    without them, nothing is recognised.
     """
 
     def __init__(
@@ -36,6 +41,7 @@ class MapBuilder:
         append: bool = False,
         name: str = '',
         frame: str = '',
+        links: bool = True,
     ) -> None:
         settings = config.encoding, config.keyframes
         self._autosave = NoAutosave()
@@ -47,6 +53,14 @@ class MapBuilder:
         self._config = config
         self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
         self._mapping = OnlineMap(self.reference_map, config, name, frame)
+        self._recognizer = self._make_recognizer() if links else None
+
+    def _make_recognizer(self) -> PlaceRecognizer:
+        online = replace(self._config.online, mode='online')
+        made = PlaceRecognizer(self.reference_map, replace(self._config, online=online))
+        # Whatever the stamps say, it is one session.
+        made.order, made.gate, made.mapping = AnyOrder(), self._gate, self._mapping
+        return made
 
     @property
     def added(self) -> int:
@@ -55,15 +69,22 @@ class MapBuilder:
 
     def process(self, frame: Frame) -> bool:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
-        frame = upright(frame, self.reference_map.encoding, self._config.robot)
-        if (gray := frame.gray) is None:
+        if frame.gray is None:
             return False
-        encode = partial(describe, gray, self.reference_map.encoding)
-        verdict = self._gate.update(frame.stamp_ns, frame.pose, encode, gray)
-        if verdict.reason is None:
-            self._mapping.add(frame, verdict.descriptor)
+        before = len(self.reference_map)
+        if self._recognizer:
+            self._recognizer.process(frame)
+        else:
+            self._add(upright(frame, self.reference_map.encoding, self._config.robot))
         self._autosave.save()
-        return verdict.reason is None
+        return len(self.reference_map) > before
+
+    def _add(self, frame: Frame) -> None:
+        if (gray := frame.gray) is not None:
+            encode = partial(describe, gray, self.reference_map.encoding)
+            verdict = self._gate.update(frame.stamp_ns, frame.pose, encode, gray)
+            if verdict.reason is None:
+                self._mapping.add(frame, verdict.descriptor)
 
     def __enter__(self) -> Self:
         return self
@@ -73,10 +94,13 @@ class MapBuilder:
 
 
 def build_map(
-    frames: Iterable[Frame], path: str | Path | None = None, config: Config = Config()
+    frames: Iterable[Frame],
+    path: str | Path | None = None,
+    config: Config = Config(),
+    links: bool = True,
 ) -> ReferenceMap:
-    """Build a map of frames in order, in a new file or in memory alone; fails as `MapBuilder`."""
-    with MapBuilder(Path(path) if path else None, config) as builder:
+    """Build a map of frames in order, in a new file or in memory alone; as `MapBuilder` does."""
+    with MapBuilder(Path(path) if path else None, config, links=links) as builder:
         for frame in frames:
             builder.process(frame)
     return builder.reference_map

@@ -56,7 +56,7 @@ class PlaceRecognizer:
         self._search = make_search(reference_map, config, coarse)
         self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
         self.closures = Closures(reference_map, self.matcher, config)
-        self._order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
+        self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map.places, config, self._acceptance)
         self._last: Match | None = None
 
@@ -77,12 +77,12 @@ class PlaceRecognizer:
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
-        if (order := self._order.update(frame.stamp_ns)) is Order.LATE:
+        if (order := self.order.update(frame.stamp_ns)) is Order.LATE:
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
         if order is Order.JUMPED_BACK:
             self.reset()
             self.mapping.reset()
-            self._order.update(frame.stamp_ns)
+            self.order.update(frame.stamp_ns)
             self.resets += 1
 
         def encode() -> Descriptor:  # III-B, III-C: entropy, histograms of gradients in cells
@@ -145,6 +145,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
-        before = self._order, self.gate, self.matcher, self.buffer, self._search
+        before = self.order, self.gate, self.matcher, self.buffer, self._search
         for stage in (*before, self._acceptance, self.closures, self.localizer):
             stage.reset()
