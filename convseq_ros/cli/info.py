@@ -9,6 +9,7 @@ import json
 import math
 from operator import attrgetter
 from pathlib import Path
+import sys
 from typing import Any
 
 from convseq_ros.cli.options import add_reading, chosen_reading
@@ -47,7 +48,11 @@ def run(chosen: argparse.Namespace) -> int:
         'bytes': file.stat().st_size,
         **reader.about(),
         **describe_places(opened),
+        'links': len(opened.links),
+        'linked': opened.is_linked,
     }
+    if opened.problem:
+        print(f'warning: {opened.problem}', file=sys.stderr)
     if chosen.why:
         facts['why'] = why(opened)
     if chosen.json:

@@ -1,16 +1,22 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Links between the sessions of a map: each is recognised in the others as a later drive is."""
+"""Places of a map that show the same: each is recognised in others as those of a drive are."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
+from convseq_ros.core.frame_gate import AnyOrder
+from convseq_ros.core.map.online import known_as, OnlineMap
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Match, RelativePose
+from convseq_ros.core.types import Descriptor, Frame, Match, RelativePose
+
+# Places are keyframes, one and all.
+_STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,14 +56,17 @@ def recognised(whole: ReferenceMap, session: int) -> Iterator[tuple[int, Match]]
     """
     own = [index for index, place in enumerate(whole.places) if place.session == session]
     others = selected(whole, _others(whole, session))
-    still = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
-    config = Config(encoding=others.encoding, motion=still)
-    recognizer = PlaceRecognizer(others, config)
+    recognizer = PlaceRecognizer(others, Config(encoding=others.encoding, motion=_STILL))
     for index in own:
-        place = whole.places[index]
-        camera = whole.sessions[session].camera
-        frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
-        yield index, recognizer.process(frame, whole_descriptor(whole.cells(index)))
+        yield index, recognizer.process(*_asked(whole, index))
+
+
+def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
+    """Return a place as what a drive sees."""
+    place = whole.places[index]
+    camera = whole.sessions[place.session].camera
+    frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
+    return frame, whole_descriptor(whole.cells(index))
 
 
 def _others(whole: ReferenceMap, session: int) -> list[int]:
@@ -73,3 +82,43 @@ def links_of(whole: ReferenceMap, session: int) -> Iterator[Link | None]:
             continue
         other, relative = others[found.reference_index], match.relative_pose
         yield Link(index, other, match.confidence, found.inliers, relative)
+
+
+class _DrivenMap(OnlineMap):
+    """Has the places of a map passed again, in their order; they are there, and none is added."""
+
+    def begin(self, start: int) -> None:
+        """Begin a session of the map, at its first place."""
+        self.reset()
+        self.session_start = self._usable = start
+
+    def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
+        """Pass the next place, and link it as it was recognised."""
+        self._map.links.note(self.session_start + len(self._passed_m), known_as(_match))
+        self._passed_m.append(self._travelled_m)
+
+
+def not_linked(whole: ReferenceMap) -> list[range]:
+    """Return the places of each session some of which were not looked up before."""
+    ends = pairwise([*whole.bounds.starts.tolist(), len(whole)])
+    return [range(*of) for of in ends if not all(map(whole.links.knows, range(*of)))]
+
+
+def link_map(whole: ReferenceMap, config: Config = Config()) -> Iterator[int]:
+    """
+    Look up the places of a map that is `not_linked` in what comes before them; yield each.
+
+    It is what online mode would have found on these drives. Others may use the map meanwhile.
+    """
+    seen = selected(whole, range(len(whole)))
+    seen.links = whole.links
+    online = replace(config.online, mode='online')
+    config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
+    recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
+    recognizer.order, recognizer.mapping = AnyOrder(), mapping
+    for session in not_linked(seen):
+        recognizer.reset()
+        mapping.begin(session.start)
+        for index in session:
+            recognizer.process(*_asked(whole, index))
+            yield index

@@ -66,10 +66,11 @@ class Session:
 
     @property
     def ignored(self) -> list[str]:
-        """What was asked for and does not count, a line each: the map says how far apart."""
+        """What does not count, a line each: damaged links, or a spacing that is not the map's."""
         asked, usual = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
         own = self.recognizer.reference_map.keyframes.spacing
-        return [
+        problem = self.recognizer.reference_map.problem
+        return [problem] * bool(problem) + [
             f'{name} {asked[name]} is ignored: {self.path} was made with {own[name]}; build the '
             'map again to change it'
             for name in own

@@ -4,9 +4,9 @@
 How a map is laid out in its SQLite file, format 4.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in their order. `places`, and, where a map has
-them, `uses` and `links` are read when it is opened; `pictures` and `images` when one is asked for.
-The cells are float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
+the places of one lie together, in their order. `places` are read when a map is opened, and so are
+`uses` and `links` where it has them; `pictures` and `images` when one is asked for. The cells are
+float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
 bit refuses an answer and never changes one.
 """
 

@@ -68,7 +68,8 @@ class OnlineMap(PreloadedMap):
         if pose and self._pose:
             self._travelled_m += math.dist(pose.position, self._pose.position)
         self._pose = pose or self._pose
-        while self._usable < len(self._map) and self._is_past(self._usable, stamp_ns):
+        passed = self.session_start + len(self._passed_m)
+        while self._usable < passed and self._is_past(self._usable, stamp_ns):
             self._usable += 1
         return self._usable
 
