@@ -27,6 +27,7 @@ def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> N
             left_out += _add(reference_map.links, rows)
             start = rows[-1][0] + 1
     except sqlite3.DatabaseError:
+        database.roll_back()  # what was read before is sound
         said = f'the links of places from {start} on are damaged'
     else:
         said = f'{left_out} links are damaged' if left_out else ''
@@ -49,16 +50,19 @@ def _add(links: Links, rows: Rows) -> int:
 
 
 def write_links(database: Database, rows: Sequence[Row]) -> None:
-    """Write links, in a transaction that is begun; those of a damaged table are given up."""
-    if not rows:
-        return
+    """Write links, in a transaction that is begun."""
+    database.rows(FURTHER['links'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
+    for row in rows:
+        database.rows('INSERT OR REPLACE INTO links VALUES (?, ?, ?)', (*row, row_crc(row)))
+
+
+def takes_links(database: Database) -> bool:
+    """Return whether a file takes further links: not if their table cannot be read."""
     try:
-        database.rows(FURTHER['links'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
-        for row in rows:
-            database.rows('INSERT OR REPLACE INTO links VALUES (?, ?, ?)', (*row, row_crc(row)))
-    except sqlite3.DatabaseError as error:
-        if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_CORRUPT:
-            raise
+        return not database.has('links') or database.number('SELECT count(*) FROM links') >= 0
+    except sqlite3.DatabaseError:
+        database.roll_back()
+        return False
 
 
 def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:

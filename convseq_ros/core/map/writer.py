@@ -22,7 +22,7 @@ from convseq_ros.core.map.format import (
     SCHEMA,
     Settings,
 )
-from convseq_ros.core.map.link_rows import write_links
+from convseq_ros.core.map.link_rows import takes_links, write_links
 from convseq_ros.core.map.opening import EMPTY, open_to_write
 from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
@@ -69,6 +69,7 @@ class MapWriter:
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)
+                self._takes_links = takes_links(self._database)
                 self._sessions = self._database.number('SELECT count(*) FROM sessions')
             except BaseException:
                 self.close()
@@ -140,7 +141,8 @@ class MapWriter:
         if rows := reference_map.links.since(self.linked, self._count):
             with explained(self._path):
                 self._database.begin()
-                write_links(self._database, rows)
+                if self._takes_links:
+                    write_links(self._database, rows)
             self.linked += len(rows)
 
     def copy(self, reference_map: ReferenceMap, end: int) -> None:

@@ -1,0 +1,351 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links between looks of one place: what they say, and that a map's file keeps them."""
+
+from contextlib import closing
+from dataclasses import replace
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+
+from convseq_ros.cli import main
+from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
+from convseq_ros.core.graph.links import LINKS, Links
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.editing import joined, parts_of, runs_of, write_parts
+from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import build_map, MapBuilder
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+ENCODING, SECOND = EncodingConfig(image_size_px=64), 10**9
+LAP, LAPS = 30, 3
+
+
+def linked(*pairs, starts=()):
+    links = Links(SessionBounds(starts).around)
+    for place, other in pairs:
+        links.add(place, other)
+    return links
+
+
+def test_a_look_takes_over_the_anchor_of_what_it_shows():
+    links = linked((100, 40), (200, 100), (300, 200), (301, 41))
+    assert [links.anchor(index) for index in (40, 100, 200, 300, 301, 7)] == [
+        40,
+        40,
+        40,
+        40,
+        41,
+        7,
+    ]
+    assert [*links] == [(100, 40), (200, 40), (300, 40), (301, 41)] and len(links) == 4
+
+
+def test_looks_are_places_whose_anchors_lie_within_two_of_one_another():
+    links = linked((100, 40), (101, 42), (102, 43), (200, 39), (300, 38), (400, 37))
+    # 101 is beside 100, anchors 37 and 43 are three places from 40.
+    assert links.looks(100) == (38, 39, 40, 41, 42, 200, 300)
+    assert links.looks(40) == (100, 101, 200, 300)
+    assert links.looks(7) == links.looks(150) == ()
+
+
+def test_places_of_another_session_are_never_beside_nor_around():
+    links = linked((50, 48), (52, 10), starts=(50,))
+    assert links.looks(48) == (50,)  # two places on, in another session
+    assert links.looks(50) == (46, 47, 48, 49)
+    assert links.looks(52) == (8, 9, 10, 11, 12)
+
+
+def test_who_was_an_anchor_takes_its_looks_along():
+    links = linked((20, 10), (30, 20), (40, 35), (50, 40), (35, 10))
+    assert {links.anchor(index) for index in (20, 30, 35, 40, 50)} == {10}
+    assert links.looks(10) == (20, 30, 35, 40, 50)
+
+
+def test_a_link_that_is_there_stays_and_a_later_place_is_no_look():
+    links = linked((20, 10), (20, 10), (20, 15))
+    assert [*links] == [(20, 10)] and links.rows == 1
+    for other in (20, 21, -1):
+        with pytest.raises(ValueError, match=f'place 20 .* place {other},'):
+            links.add(20, other)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 60), st.integers(0, 59)), max_size=60),
+    st.lists(st.integers(1, 60), max_size=3),
+)
+def test_anchors_are_first_looks_and_looks_are_those_of_all_places(drawn, starts):
+    bounds = SessionBounds(tuple(sorted(starts)))
+    links = Links(bounds.around)
+    for place, other in drawn:
+        links.note(place, other if other < place else None)
+    anchors = [links.anchor(index) for index in range(61)]
+    assert all(anchors[anchor] == anchor <= at for at, anchor in enumerate(anchors))
+    assert dict(links) == {at: anchor for at, anchor in enumerate(anchors) if at != anchor}
+    every = np.arange(61)
+    for at in range(61):
+        # Places that have not come yet do not count as looks: they follow `at` closely.
+        shown = bounds.near(np.array(anchors), anchors[at], LINKS.reach)
+        found = every[shown & ~bounds.near(every, at, LINKS.beside)]
+        assert links.looks(at) == (*(int(one) for one in found),)
+
+
+def cells(seed):
+    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
+
+
+def grow(reference_map, count):
+    for index in range(len(reference_map), len(reference_map) + count):
+        reference_map.add(Place(index), cells(index))
+
+
+def made(count, *pairs):
+    reference_map = ReferenceMap(ENCODING)
+    grow(reference_map, count)
+    for place, other in pairs:
+        reference_map.links.add(place, other)
+    return reference_map
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / 'map.db'
+
+
+def own(path):
+    return Autosave(path, ENCODING, KeyframeConfig())
+
+
+def test_links_outlive_the_program_and_a_map_is_linked_once_all_places_were_looked_up(path):
+    whole = made(200, (50, 10), (150, 50), (120, 10))
+    assert not whole.is_linked
+    save_map(whole, path)
+    opened = open_map(path)
+    assert [*opened.links] == [(50, 10), (120, 10), (150, 10)] and not opened.is_linked
+    for index in range(200):
+        whole.links.note(index, None)
+    save_map(whole, path)
+    opened = open_map(path)
+    assert [*opened.links] == [*whole.links] and opened.is_linked and not opened.problem
+
+
+def test_a_map_made_before_there_were_links_opens_and_was_never_linked(path):
+    save_map(made(20), path)
+    with closing(sqlite3.connect(path)) as database:
+        assert not database.execute("SELECT * FROM sqlite_master WHERE name = 'links'").fetchall()
+    opened = open_map(path)
+    assert not opened.is_linked and not len(opened.links) and not opened.problem
+
+
+def test_links_are_written_with_their_places_or_later_and_never_before(path):
+    autosave = own(path)
+    whole = autosave.reference_map
+    grow(whole, 20)
+    whole.links.add(15, 2)
+    autosave.flush()
+    assert [*open_map(path).links] == [(15, 2)]
+    whole.links.add(12, 3)  # of a place that is safe already
+    autosave.flush()
+    assert [*open_map(path).links] == [(12, 3), (15, 2)]
+    whole.links.add(22, 4)  # of one that is still to come
+    autosave.flush()
+    assert len(open_map(path).links) == 2
+    grow(whole, 5)
+    autosave.close()
+    assert [*open_map(path).links] == [(12, 3), (15, 2), (22, 4)]
+    again = own(path)
+    again.reference_map.links.add(24, 15)
+    again.close()
+    assert [*open_map(path).links] == [(12, 3), (15, 2), (22, 4), (24, 2)]
+
+
+GROW_UNTIL_KILLED = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+from test_links import grow, own
+autosave = own(Path({path!r}))
+whole = autosave.reference_map
+while True:
+    grow(whole, 5)
+    for place in range(len(whole) - 5, len(whole)):
+        whole.links.note(place, place % 5 or None if place > 5 else None)
+    autosave.save()
+    print(autosave.committed, flush=True)
+"""
+
+
+@pytest.mark.once
+def test_links_of_what_was_committed_outlive_being_killed(path):
+    program = GROW_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
+    run = [sys.executable, '-c', program]
+    with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        while int(process.stdout.readline()) < 200:
+            pass
+        process.send_signal(signal.SIGKILL)
+    opened = open_map(path)
+    assert len(opened) >= 200 and not opened.problem
+    assert all(place < len(opened) for place, _ in opened.links)
+    # The links of the last places may lack; what is there, is so in order.
+    expected = [(at, at % 5) for at in range(6, len(opened)) if at % 5]
+    assert [*opened.links] == expected[: len(opened.links)]
+    assert len(opened.links) >= len(expected) - 500
+
+
+@pytest.mark.parametrize(
+    'row',
+    [(15, 15), (15, 16), (15, -1), (15, 10**12), (15, 'text'), (20, 3), (-1, 3), (10**12, 0)],
+)
+def test_links_that_cannot_be_are_left_out_and_told_once(path, row, capsys):
+    whole = made(20, (12, 2), (18, 3))
+    save_map(whole, path)
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute('INSERT INTO links VALUES (?, ?, ?)', (*row, row_crc(row)))
+    opened = open_map(path)
+    assert [*opened.links] == [(12, 2), (18, 3)]
+    assert opened.problem == f'{path}: 1 links are damaged and left out; all else works'
+    assert main(['info', str(path)]) == 0
+    said = capsys.readouterr()
+    assert 'links        2' in said.out and said.err == f'warning: {opened.problem}\n'
+    session = Session(path, make_config({'image_size_px': 64}))
+    assert session.ignored[:1] == [opened.problem]
+
+
+def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_grows(path):
+    save_map(made(20, (12, 2), (18, 3)), path)
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute('UPDATE links SET anchor = 1 WHERE place = 12')
+        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
+        (size,) = database.execute('PRAGMA page_size')
+    assert [*open_map(path).links] == [(18, 3)]
+    content = bytearray(path.read_bytes())
+    content[(root[0] - 1) * size[0] : root[0] * size[0]] = bytes(size[0])
+    path.write_bytes(content)
+    opened = open_map(path)
+    assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
+    autosave = own(path)
+    grow(autosave.reference_map, 3)
+    autosave.reference_map.links.add(21, 4)
+    autosave.close()
+    opened = open_map(path)
+    assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
+
+
+def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
+    whole = ReferenceMap(ENCODING)
+    for session in range(3):
+        whole.begin_session(0)
+        for index in range(20):
+            whole.add(Place(index, session=session), cells(20 * session + index))
+    for place, other in ((25, 5), (45, 5), (26, 6), (50, 30)):
+        whole.links.add(place, other)
+    for index in range(60):
+        whole.links.note(index, None)
+    save_map(whole, path)
+    parts, other = parts_of(path), tmp_path / 'other.db'
+    write_parts(parts[1:], other, iter)  # the first session, with anchors, goes
+    left = open_map(other)
+    assert [*left.links] == [(25, 5), (30, 10)] and left.is_linked
+    thinned = [parts[0], *runs_of(parts[1], [range(20, 25), range(26, 40)]), parts[2]]
+    left = joined(thinned)[0].reference_map  # 25 goes
+    assert [*left.links] == [(25, 6), (44, 5), (49, 29)] and left.is_linked
+
+
+def test_what_comes_from_another_map_is_still_to_be_looked_up(tmp_path):
+    paths = [tmp_path / 'a.db', tmp_path / 'b.db']
+    for one in paths:
+        whole = made(20, (15, 3))
+        for index in range(20):
+            whole.links.note(index, None)
+        save_map(whole, one)
+    merged = joined([part for one in paths for part in parts_of(one)])[0].reference_map
+    assert [*merged.links] == [(15, 3), (35, 23)]
+    assert not merged.is_linked and not_linked(merged) == [range(20, 40)]
+
+
+def laps(image, seed=0):
+    """Return a drive of some laps."""
+    return [
+        Frame(index * SECOND, image(index % LAP, seed=seed + index)) for index in range(LAPS * LAP)
+    ]
+
+
+def config(**values):
+    return make_config({'image_size_px': 128, 'exclusion_s': 10.0, **values})
+
+
+def is_right(place, other):
+    return abs((place - other + LAP // 2) % LAP - LAP // 2) <= 2
+
+
+def test_a_map_that_was_built_has_the_places_and_links_of_one_grown_online(tmp_path, image):
+    offline, online, without = (tmp_path / name for name in ('built.db', 'grown.db', 'bare.db'))
+    build_map(laps(image), offline, config())
+    build_map(laps(image), without, config(), links=False)
+    session = Session(online, config(mode='online'))
+    for frame in laps(image):
+        session.recognizer.process(frame)
+    session.close()
+    built, grown, bare = map(open_map, (offline, online, without))
+    assert [*built.links] == [*grown.links] and len(built.links) > LAP / 2
+    assert built.is_linked and grown.is_linked
+    assert all(is_right(*pair) for pair in built.links)
+    for other in (grown, bare):
+        assert [*other.places] == [*built.places]
+        assert all((other.packed(at) == built.packed(at)).all() for at in range(len(built)))
+    assert not bare.is_linked and not bare.links.known
+
+
+def test_stamps_that_jump_back_make_no_other_places(image):
+    frames = [replace(one, stamp_ns=(at % LAP) * SECOND) for at, one in enumerate(laps(image))]
+    with_links, without = (build_map(frames, None, config(), links) for links in (True, False))
+    assert [*with_links.places] == [*without.places] and len(with_links.sessions) == 1
+
+
+def test_a_session_that_is_appended_is_looked_up_in_those_before(tmp_path, image):
+    path = tmp_path / 'map.db'
+    build_map(laps(image)[:LAP], path, config())
+    with MapBuilder(path, config(), append=True) as builder:
+        for frame in laps(image, 500)[:LAP]:
+            builder.process(frame)
+    opened = open_map(path)
+    assert opened.is_linked and len(opened.links) > LAP / 2
+    with MapBuilder(path, config(), append=True, links=False) as builder:
+        builder.process(laps(image)[0])
+    assert not open_map(path).is_linked
+
+
+def test_a_map_without_links_is_linked_afterwards(image):
+    bare = build_map(laps(image), None, config(), links=False)
+    assert not_linked(bare) == [range(len(bare))]
+    assert [*link_map(bare, config())] == [*range(len(bare))]
+    assert bare.is_linked and not not_linked(bare) and len(bare.links) > LAP / 2
+    assert all(is_right(*pair) for pair in bare.links)
+    assert [*link_map(bare, config())] == []
+
+
+def test_merging_links_maps_to_one_another_unless_told_otherwise(tmp_path, image):
+    paths = [str(tmp_path / f'{number}.db') for number in range(2)]
+    for number, one in enumerate(paths):
+        build_map(laps(image, 300 * number)[:LAP], one, config())
+    merged, bare = str(tmp_path / 'merged.db'), str(tmp_path / 'bare.db')
+    assert main(['merge', *paths, '-o', merged]) == 0
+    assert main(['merge', *paths, '-o', bare, '--no-links']) == 0
+    opened = open_map(merged)
+    assert opened.is_linked and len(opened.links) > LAP / 2
+    assert all(other < LAP <= place and is_right(place, other) for place, other in opened.links)
+    assert not open_map(bare).is_linked and not len(open_map(bare).links)
