@@ -13,6 +13,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Frame, Match, Pose
 from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.statistics import Statistics
 from convseq_ros.sources.depth import Depth
@@ -74,6 +75,7 @@ class Recognition:
         self._statistics = statistics
         self._logger = logger
         self._ros_is_up = ros_is_up
+        self._linking: MapLinking | None = None
 
     def handle(self, arrival: Arrival) -> None:
         """Answer one frame; errors are logged and counted."""
@@ -93,9 +95,16 @@ class Recognition:
         session.cameras.configure(self.session.cameras.config)
         self.close()
         self.session = session
+        self.link()
+
+    def link(self) -> None:
+        """Link the map, if it is not, while frames are answered."""
+        self._linking = MapLinking(self.session, self._logger)
 
     def close(self) -> None:
         """Complete the map's file."""
+        if self._linking:
+            self._linking.stop()
         try:
             self.session.close()
         except (ConvseqError, OSError) as error:

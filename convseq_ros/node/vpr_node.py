@@ -182,6 +182,7 @@ class VprNode(ManagedNode):
         if session.slow:
             self.get_logger().warning(session.slow)
         self.get_logger().info(f'kernel {session.kernel}, ready after {took_s:.1f} s')
+        self._recognition.link()
         try:
             self._answers.follow(session.recognizer.reference_map)
             self._warm.trigger()

@@ -3,6 +3,9 @@
 """Whatever happens to one frame, the next one is answered."""
 
 import gc
+from pathlib import Path
+import shutil
+import time
 from unittest.mock import Mock
 import weakref
 
@@ -11,6 +14,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from convseq_ros.config import make_config
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Pose, Reason
@@ -174,4 +178,37 @@ def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     setup.recognition.swap(Session(None, CONFIG))
     assert setup.recognition.session is not old
     assert setup.statistics.unkept == 1
+    setup.results.close()
+
+
+@pytest.mark.parametrize('mode', ['preloaded', 'online'])
+def test_a_map_without_links_is_linked_while_frames_are_answered(
+    setup, image, gray, map_path, mode, tmp_path
+):
+    path = Path(shutil.copy(map_path, tmp_path / 'map.db'))
+    config = make_config({'mode': mode, 'keyframe_overlap': 1.0})
+    setup.recognition.session = Session(path, config)
+    whole = setup.recognition.session.recognizer.reference_map
+    assert not whole.is_linked
+    setup.recognition.link()
+    setup.handle(image(gray, 1), 0)
+    deadline_s = time.monotonic() + 60
+    while not whole.is_linked:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    setup.recognition.close()
+    told = [call.args[0] for call in setup.logger.info.call_args_list]
+    assert told[0].startswith(f'linking 25 places of {path}') and len(told) == 11
+    assert f'linking {path}: 100 %' in told[-1] and not setup.logger.error.called
+    assert (path.read_bytes() == map_path.read_bytes()) == (mode == 'preloaded')
+    assert open_map(path).is_linked == (mode == 'online')
+    setup.results.close()
+
+
+def test_linking_ends_with_its_map(setup):
+    whole = setup.recognition.session.recognizer.reference_map
+    setup.recognition.link()
+    setup.recognition.swap(Session(None, CONFIG))
+    assert not whole.is_linked and not setup.logger.error.called
+    setup.recognition.close()
     setup.results.close()
