@@ -125,7 +125,7 @@ def build_one(
     camera_info: str,
     depth: str,
     config: Config,
-    links: bool,
+    links: bool = True,
 ) -> tuple[Built, list[str]]:
     """Build a map, which is there whole or not at all; return what was built, and warnings."""
     warnings: list[str] = []

@@ -9,6 +9,7 @@ from itertools import pairwise
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.frame_gate import AnyOrder
+from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.online import known_as, OnlineMap
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -32,7 +33,7 @@ class Link:
 
 def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
     """
-    Return some places of a map, in their order, with all its sessions.
+    Return some places of a map, in their order, with all its sessions, and their links.
 
     Its queries are places of the same map: upright already, and a keyframe each.
     """
@@ -44,7 +45,9 @@ def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
         return whole.pictures([indices[one] for one in wanted], with_images)
 
     encoding = replace(whole.encoding, image_rotation_deg=0)
-    return ReferenceMap(encoding, places, read, EVERY_FRAME, whole.map_id, whole.sessions)
+    made = ReferenceMap(encoding, places, read, EVERY_FRAME, whole.map_id, whole.sessions)
+    carry_links([(whole, index) for index in indices], made.links)
+    return made
 
 
 def recognised(whole: ReferenceMap, session: int) -> Iterator[tuple[int, Match]]:
@@ -108,7 +111,8 @@ def link_map(whole: ReferenceMap, config: Config = Config()) -> Iterator[int]:
     """
     Look up the places of a map that is `not_linked` in what comes before them; yield each.
 
-    It is what online mode would have found on these drives. Others may use the map meanwhile.
+    It goes by what the map keeps of them, of which every region counts as salient; else it is what
+    online mode does on these drives. Others may use the map meanwhile.
     """
     seen = selected(whole, range(len(whole)))
     seen.links = whole.links

@@ -5,6 +5,7 @@
 from collections.abc import Iterator
 
 from convseq_ros.config import Config
+from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
@@ -13,10 +14,11 @@ from convseq_ros.evaluation.geometry import Dots, Geometry
 
 
 def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:
-    """Return a map of the references from `first` to before `last`, in steps."""
+    """Return a map of the references from `first` to before `last`, in steps, and their links."""
     part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
     for index in range(first, last, step):
         part.add(whole.places[index], whole.packed(index))
+    carry_links([(whole, index) for index in range(first, last, step)], part.links)
     return part
 
 
