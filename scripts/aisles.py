@@ -3,13 +3,15 @@
 """
 Print how often one of two aisles that look alike is taken for the other.
 
-Usage: python scripts/aisles.py [--metres 250] [--streets 1 2] [--alike 0 0.5] [--threads 1], two
+Usage: python scripts/aisles.py [--metres 250] [--streets 1 2] [--alike 0] [--threads 1], two
 minutes a street and a share. Aisles A and B are drawn streets with houses of the same shapes, the
 given share of them painted alike, and the same lamps, but other trees, parked cars, signs and
 roads. They are mapped by day, and driven through again .4 m to the side, by day (odd streets) or
 in the evening, without odometry: B where only A is mapped; both again as they were mapped; and
 both the other way round, where nothing of the map is seen, but if B is `turned`, A back looks as
-B did, and B back as A did. Right is in the same aisle within 5 m.
+B did, and B back as A did. Right is in the same aisle within 5 m. With a share of 0, twins lead
+over other places by as much as alike aisles of a real office do; with .5, as a true place does
+between day and night.
 """
 
 import argparse
@@ -99,7 +101,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--metres', type=int, default=250)
     parser.add_argument('--streets', type=int, nargs='+', default=[1, 2])
-    parser.add_argument('--alike', type=float, nargs='+', default=[0.0, 0.5])
+    parser.add_argument('--alike', type=float, nargs='+', default=[0.0])
     parser.add_argument('--threads', type=int, default=0)
     chosen = parser.parse_args()
     config = make_config({'threads': chosen.threads})
