@@ -38,11 +38,23 @@ class Layout:
         The stretch begins at `index` times `STRETCH_M`.
     light : Light
         What falls on it.
+    lamps_seed : int, optional
+        Of the street whose lamps these are, if they are another's.
+    own : tuple of int and float
+        Another seed, and the share of surfaces that are painted by it.
 
     """
 
-    def __init__(self, seed: int, index: int, light: Light) -> None:
+    def __init__(
+        self,
+        seed: int,
+        index: int,
+        light: Light,
+        lamps_seed: int | None = None,
+        own: tuple[int, float] = (0, 0.0),
+    ) -> None:
         self._seed, self._index, self._light = seed, index, light
+        self._lamps_seed, self._own = seed if lamps_seed is None else lamps_seed, own
         self._count = 0
         self._start = index * STRETCH_M
         self._lamps = [at for near in (-1, 0, 1) for at in self._lamp_places(index + near)]
@@ -65,7 +77,7 @@ class Layout:
         seed: int | None = None,
     ) -> Panel:
         self._count += 1
-        seeds = (self._seed, self._index + 1_000_000, 99, self._count) if seed is None else (seed,)
+        seeds = (seed,) if seed is not None else self._paint_seeds()
         if gain is None:
             gain = (self._light.left if start[1] + end[1] > 0 else self._light.right) * 1.05
         return Panel(
@@ -83,8 +95,15 @@ class Layout:
             self._lamps,
         )
 
+    def _paint_seeds(self) -> tuple[int, ...]:
+        """Return what decides how the newest panel is painted."""
+        at = self._index + 1_000_000, 99, self._count
+        own_seed, share = self._own
+        is_own = share > 0 and np.random.default_rng((own_seed, *at, 1)).uniform() < share
+        return (own_seed if is_own else self._seed, *at)
+
     def _lamp_places(self, index: int) -> list[Point]:
-        rng = self._rng(1, index)
+        rng = np.random.default_rng((self._lamps_seed, index + 1_000_000, 1))
         return [
             (index * STRETCH_M + 24.0 * i + rng.uniform(2, 22), side * (KERB_M + 0.4 - 1.2))
             for i, side in enumerate(rng.permutation((-1.0, 1.0)))

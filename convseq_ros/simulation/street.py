@@ -75,17 +75,28 @@ class Street:
         How far it may be driven; what one sees goes on beyond.
     seed : int
         Decides the whole street.
+    things_seed : int, optional
+        Decides trees, parked cars, signs and the road instead: streets that differ in it alone are
+        twins, with the same houses and lamps.
+    alike : float
+        Share of the fronts and sides of houses that are painted as its twins' are; all have the
+        same shape.
 
     """
 
     length_m: float
     seed: int = 0
+    things_seed: int | None = None
+    alike: float = 1.0
 
     def __post_init__(self) -> None:
         if not self.length_m > 0:
             raise ConvseqError(f'length_m: {self.length_m} is not a street; make it positive')
-        if self.seed < 0:
-            raise ConvseqError(f'seed: {self.seed} is negative; choose 0 or more')
+        for name in ('seed', 'things_seed'):
+            if (seed := getattr(self, name) or 0) < 0:
+                raise ConvseqError(f'{name}: {seed} is negative; choose 0 or more')
+        if not 0 <= self.alike <= 1:
+            raise ConvseqError(f'alike: {self.alike} is not a share; choose 0 to 1')
 
     def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
         """Return where one is after a distance, so far to the left, turned so far from ahead."""
@@ -94,7 +105,10 @@ class Street:
 
     def stretch(self, index: int, light: Light) -> Stretch:
         """Return what stands between `index` and `index + 1` times `STRETCH_M`."""
-        layout = Layout(self.seed, index, light)
+        layout = own = Layout(self.seed, index, light)
+        if self.things_seed is not None:
+            layout = Layout(self.seed, index, light, own=(self.things_seed, 1 - self.alike))
+            own = Layout(self.things_seed, index, light, lamps_seed=self.seed)
         buildings = [*layout.second_row(), *layout.houses(1), *layout.houses(-1)]
-        things = [*layout.lamps(), *layout.plants(), *layout.parked(), *layout.signs()]
-        return Stretch(buildings, things, layout.ground)
+        things = [*layout.lamps(), *own.plants(), *own.parked(), *own.signs()]
+        return Stretch(buildings, things, own.ground)

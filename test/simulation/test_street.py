@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The street is the same whenever it is drawn, and nowhere the same twice."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 from convseq_ros.errors import ConvseqError
@@ -49,6 +50,26 @@ def test_what_is_out_of_sight_is_forgotten():
 def test_other_seed_gives_another_street(camera):
     one, other = (c.draw(120.0, -1.5, 0.0) for c in (camera, view(Street(500.0, 4))))
     assert difference(one, other) > 10
+
+
+@pytest.mark.parametrize('light', ['day', 'night'])
+def test_a_twin_has_the_same_houses_and_things_of_its_own(light):
+    street = Street(500.0, 3)
+    one, other, own = (
+        replace(street, things_seed=things, alike=alike).stretch(2, LIGHTS[light])
+        for things, alike in ((None, 1.0), (7, 1.0), (7, 0.5))
+    )
+
+    def told(panels, *names):
+        return [[getattr(panel, name) for name in names] for panel in panels]
+
+    shape, paint = ('start', 'end', 'top', 'lamps'), ('seed',)
+    assert told(one.buildings, *shape, *paint) == told(other.buildings, *shape, *paint)
+    assert told(one.things, 'start') != told(other.things, 'start')
+    assert one.things[0].lamps == other.things[-1].lamps
+    assert told(one.buildings, *shape) == told(own.buildings, *shape)
+    same = [a == b for a, b in zip(*(told(s.buildings, *paint) for s in (one, own)), strict=True)]
+    assert 0.3 < sum(same) / len(same) < 0.7
 
 
 def test_places_differ():
@@ -111,3 +132,9 @@ def test_far_texture_does_not_flicker(camera):
 def test_an_impossible_street_is_refused(length, seed):
     with pytest.raises(ConvseqError):
         Street(length, seed)
+
+
+@pytest.mark.parametrize('twin', [{'things_seed': -1}, {'alike': 1.5}, {'alike': float('nan')}])
+def test_an_impossible_twin_is_refused(twin):
+    with pytest.raises(ConvseqError):
+        Street(10.0, 1, **twin)

@@ -1,0 +1,134 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print what is recognised of a circuit that is driven in laps, and of another in the same hall.
+
+Usage: python scripts/laps.py --data FOLDER [--threads 1], some two minutes; FOLDER holds drive/,
+other/ and ground_truth.csv. Recall is right matches of the known keyframes: those whose place is
+known (from SIFT matches, 8 or more, of a frame at most 8 away) and is in the part of the map that
+may be matched. Right is within 40 of the true place, wrong beyond 100, of 840 in a lap; all of
+other/ is wrong. Maps are also driven through by the frames that they are made of, where it says
+all of it. `first`: frames from the first known one to the first right match.
+"""
+
+import argparse
+from collections.abc import Iterable
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+
+from convseq_ros import build_map, Config, Frame, PlaceRecognizer
+from convseq_ros.config import make_config
+from convseq_ros.sources.folder import ImageFolder
+
+LAP, RIGHT, WRONG = 840, 40, 100  # places
+MIN_MATCHES, REACH = 8, 8  # of a row of the truth, and how many frames away it holds
+FIRST_LAP, HALF = 1236, 2400  # the last frames of maps, by their names
+EXCLUSION_S = 10.0
+PASSED_OVER = ('between_keyframes', 'stationary', 'unreadable')
+
+
+@dataclass(slots=True)
+class Counts:
+    """What came of the keyframes of a drive."""
+
+    known: int = 0
+    right: int = 0
+    wrong: int = 0
+    accepted: int = 0
+    first: int | None = None
+
+    def __str__(self) -> str:
+        told = f'{self.right} of {self.known}' if self.known else ''
+        share = f'{self.right / self.known:.3f}' if self.known else ''
+        first = '' if self.first is None else self.first
+        return f'{told} | {share} | {self.wrong} | {self.accepted} | {first}'
+
+
+def number(frame: Frame) -> int:
+    """Return which frame of the source this is."""
+    return int(Path(frame.source).stem)
+
+
+def read_truth(path: Path) -> dict[int, int]:
+    """Return places on the first lap by the numbers of frames."""
+    with path.open(newline='') as rows:
+        sure = [row for row in csv.DictReader(rows) if int(row['matches']) >= MIN_MATCHES]
+    return {int(row['frame']): int(row['place']) for row in sure}
+
+
+def place(truth: dict[int, int], frame: Frame) -> int | None:
+    """Return where a frame was taken, if that is known."""
+    here = number(frame)
+    near = min(truth, key=lambda known: abs(known - here))
+    return (truth[near] + here - near) % LAP if abs(here - near) <= REACH else None
+
+
+def off(one: int, other: int) -> int:
+    """Return how far apart two places are, the shorter way round."""
+    return abs((one - other + LAP // 2) % LAP - LAP // 2)
+
+
+def count(
+    mapped: list[Frame], asked: Iterable[Frame], where: dict[int, int | None], config: Config
+) -> Counts:
+    """Recognise frames in a map of others, or in their own past; `where` is empty for nowhere."""
+    recognizer = PlaceRecognizer(build_map(mapped, None, config), config)
+    counts, began, own = Counts(), 0, config.online.grows
+    for index, frame in enumerate(asked):
+        match, here = recognizer.process(frame), where.get(frame.stamp_ns)
+        if match.reason in PASSED_OVER or (own and number(frame) <= FIRST_LAP):
+            continue
+        until_ns = frame.stamp_ns - own * round(EXCLUSION_S * 1e9)
+        there = (
+            where.get(one.stamp_ns)
+            for one in recognizer.reference_map.places
+            if not own or one.stamp_ns <= until_ns
+        )
+        known = here is not None and any(at is not None and off(at, here) <= RIGHT for at in there)
+        began = began if counts.known else index
+        counts.known += known
+        if not (accepted := match.accepted):
+            continue
+        counts.accepted += 1
+        if not where:
+            counts.wrong += 1
+        found = where.get(accepted.reference_stamp_ns)
+        if here is None or found is None:
+            continue
+        counts.wrong += off(here, found) > WRONG
+        if known and off(here, found) <= RIGHT:
+            counts.right += 1
+            counts.first = index - began if counts.first is None else counts.first
+    return counts
+
+
+def main() -> int:
+    """Map, recognise, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path, required=True)
+    parser.add_argument('--threads', type=int, default=0)
+    chosen = parser.parse_args()
+    settings = {'threads': chosen.threads}
+    config = make_config(settings)
+    online = make_config({**settings, 'mode': 'online', 'exclusion_s': EXCLUSION_S})
+    drive, other = (list(ImageFolder(chosen.data / name)) for name in ('drive', 'other'))
+    truth = read_truth(chosen.data / 'ground_truth.csv')
+    where = {frame.stamp_ns: place(truth, frame) for frame in drive}
+    lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
+    print('| map | query | right of known | recall | wrong | accepted | first |')
+    print('|---|---|---|---|---|---|---|')
+    for name, mapped, query, asked, known, how in (
+        ('first lap', lap, 'all of the drive', drive, where, config),
+        ('first lap', lap, 'what follows', drive[len(lap) :], where, config),
+        ('first lap', lap, f'other circuit, {len(other)} frames', other, {}, config),
+        ('online', [], 'from the second lap on', drive, where, online),
+        (f'up to {HALF}', half, 'what follows', drive[len(half) :], where, config),
+    ):
+        print(f'| {name} | {query} | {count(mapped, asked, known, how)} |', flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
