@@ -85,13 +85,11 @@ setup(
         'onnx': ['onnxruntime'],
         'watch': ['rich>=13'],  # convseq watch
         'fleet': ['distributed>=2026.1'],  # convseq fleet
-        'index': ['faiss-cpu>=1.8'],  # maps of more than `index_above` places
         'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
             'distributed>=2026.1',
-            'faiss-cpu>=1.8',
             'hypothesis>=6.98',
             'onnx',
             'onnxruntime',

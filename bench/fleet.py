@@ -4,7 +4,8 @@
 Measure a fleet: `python -m bench.fleet frames --places 100000` or `... build`.
 
 `frames` makes maps in a temporary folder, 17 kB a place, and deletes them: one holds a drawn
-street, which is driven again in the evening, the others its images with other global descriptors.
+street, which is driven again in the evening, the others its images mirrored, with other global
+descriptors.
 `build` draws short recordings and builds their maps on one worker and on two.
 """
 
@@ -23,9 +24,9 @@ from typing import Any
 from convseq_ros import Config, Frame, PlaceRecognizer
 from convseq_ros.cli import main as convseq
 from convseq_ros.cli.fleet_build import build_one
-from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config
+from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.place import Picture, Place, Places
+from convseq_ros.core.map.place import Packed, Picture, Place, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
@@ -48,11 +49,16 @@ KINDS = 2000  # places of the first map whose images others repeat
 SPREAD = 0.02  # by which their global descriptors differ from those
 
 
+def mirrored(known: ReferenceMap, indices: Sequence[int]) -> list[Packed]:
+    """Return cells of places as a mirror shows them: of no place of the map."""
+    return [np.flip(one, 1).copy() for one in known.packed_of(indices)]
+
+
 def write_like(first: Path, path: Path, count: int, seed: int) -> int:
     """Write a map of so many places that look much like those of another map; return the count."""
     known, rng = open_map(first), np.random.default_rng(seed)
     kinds = rng.choice(len(known), min(KINDS, len(known)), replace=False).tolist()
-    packed, descriptors = known.packed_of(kinds), known.global_descriptors[kinds]
+    packed, descriptors = mirrored(known, kinds), known.global_descriptors[kinds]
     part = path.with_suffix('.part')
     part.unlink(missing_ok=True)
     with MapWriter(part, EncodingConfig(), EVERY_FRAME) as writer:
@@ -71,7 +77,7 @@ def write_like(first: Path, path: Path, count: int, seed: int) -> int:
 def open_thin(first: Path, count: int) -> None:
     """Have this process open maps of so many places that have no file, but cells of the first."""
     known = open_map(first)
-    cells = known.packed_of(range(KINDS))
+    cells = mirrored(known, range(KINDS))
 
     def opened(path: Path) -> ReferenceMap:
         if not path.name.startswith('thin-'):
@@ -134,28 +140,24 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         if not merged.exists():
             names = [str(path) for path in (first, *paths)]
             with redirect_stdout(sys.stderr):
-                convseq(['merge', *names, '-o', str(merged)])
+                convseq(['merge', *names, '-o', str(merged), '--no-links'])
         one = PlaceRecognizer(open_map(merged), Config())
-    config = make_config({'index_above': chosen.index_above})
     with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
         before = client.run(resident_mb)
         if chosen.thin:
             client.run(open_thin, first, each)
         started = time.monotonic()
-        session = FleetSession(client, [first, *paths], config, 300.0)
+        session = FleetSession(client, [first, *paths], Config(), 300.0)
         opened_s = time.monotonic() - started
-        read, ask = [0], session.fleet.pictures
-        rounds, ask_some = [0], session.fleet._ask_some
+        read, rounds, ask_some = [0], [0], session.fleet._ask_some
 
-        def counted(indices, *more):
-            read[0] += len(indices)
-            return ask(indices, *more)
-
-        def asked(*what):
+        def asked(method, what):
             rounds[0] += 1
-            return ask_some(*what)
+            if method == 'pictures':
+                read[0] += sum(len(some) for _, (own, _) in what for some in own.values())
+            return ask_some(method, what)
 
-        session.fleet.pictures, session.fleet._ask_some = counted, asked
+        session.fleet._ask_some = asked
         took_ms, right, accepted, beside_ms, differ = [], 0, 0, [], 0
         for index, gray in enumerate(material.read_queries(folder)):
             started = time.perf_counter()
@@ -264,7 +266,6 @@ def main() -> int:
     parser.add_argument(
         '--thin', action='store_true', help='frames: no files but of the first map'
     )
-    parser.add_argument('--index-above', type=int, default=1_000_000)
     parser.add_argument('--threads', action='store_true', help='frames: workers of this process')
     parser.add_argument('--folder', type=Path, help='for the maps, which are kept then')
     parser.add_argument('--draw-only', action='store_true', help='make the maps, measure later')

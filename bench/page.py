@@ -49,10 +49,9 @@ _ABOUT = {
         'From gray image to answer, all stages, on one core, `matching: coherent`, k = 10. The '
         'released script describes its k frames again for every answer and repeats the row k '
         'times; its cost is **computed** from its steps, taken in turn with our frames: '
-        'k x encoding + k x (R - k + 1) x pair. Above R = 1,000, frames that compare the whole '
-        'map were measured before they were k: the sequence stage adds what its own table says. '
-        '*Right*: the best candidate lies within two references of the place that the image '
-        'shows. Maps lie in the file cache.'
+        'k x encoding + k x (R - k + 1) x pair. The first frames of a drive, which look at more '
+        'places, do not count. *Right*: the best candidate lies within two references of the '
+        'place that the image shows. Maps lie in the file cache.'
     ),
     'stages': (
         'Where the time goes, on average, on one core; what a stage calls of another counts there.'
@@ -62,7 +61,7 @@ _ABOUT = {
         'scene (`keyframe_overlap`), what a glance does not settle is described and compared.'
     ),
     'avx2': 'The same with the kernels of processors that have AVX2 and no more.',
-    'sequence': 'Sums of kept pair scores along diagonals.',
+    'sequence': "Sums of kept pair scores along diagonals, as the paper's decision has them.",
     'memory': (
         'In processes of their own, with default parameters; resident after {frames} frames.'
     ),
@@ -162,8 +161,7 @@ _ADVICE = """\
 ## Limits
 
 * Coarse scores take one short product for every place. Above about a million places that alone
-  would fill a frame's time: share the map among machines, or an index is needed, which
-  [up to a million loses more than it saves](FLEET.md#above-a-million-places).
+  would fill a frame's time: share the map among machines, as [a fleet](FLEET.md) does.
 * Measured on one machine. Its instructions are named above; ARM is computed, not measured, and a
   processor older than AVX2 has no compiled kernels.
 * The released script was not run: it needs Python 2. Its steps were restated and timed here.

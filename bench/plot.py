@@ -3,6 +3,7 @@
 """The pictures of cost against map size, and of a frame by its stages."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,8 @@ _LINES = {
 _CAMERAS_HZ = {10: 0.85, 30: 0.15}  # and where along the axis they are named
 _LOWEST_MS = 4.0
 _STAGE_COLORS = (
-    '#1f6fb2', '#6fa8dc', '#9fc5e8', '#2e8b57', '#d08a1d', '#e7b75f', '#c0392b', '#8e5ba6',
-    '#5b6b7a', '#b8c4ce',
+    '#1f6fb2', '#6fa8dc', '#9fc5e8', '#2e8b57', '#8cc9a1', '#d08a1d', '#e7b75f', '#c0392b',
+    '#8e5ba6', '#c9a6d6', '#7a5c3e', '#5b6b7a', '#b8c4ce',
 )  # fmt: skip
 
 
@@ -101,7 +102,7 @@ def draw_stages(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
     figure = new_figure(9, 1.6 + 0.8 * len(sizes))
     axes = figure.add_axes((0.13, 0.2, 0.62, 0.62))
     ends = dict.fromkeys(sizes, 0.0)
-    for stage, color in zip(stages, _STAGE_COLORS, strict=False):
+    for stage, color in zip(stages, cycle(_STAGE_COLORS), strict=False):
         took = {row['what']: row['value'] for row in known if row['side'] == stage}
         widths = [took.get(size, 0.0) for size in sizes]
         lefts = [ends[size] for size in sizes]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
-from convseq_ros.localization_config import LocalizationConfig
 from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import ReadingConfig
@@ -74,23 +73,13 @@ class MatchingConfig(Checked):
         'of the drive, and weighs in the global similarity.',
     )
     shortlist_length: int = parameter(
-        50, 'Number of map places that get a full sequence score per frame, .6 of it while '
-        'matches are accepted; shortlist only.',
+        40, 'Number of map places that get a pair score per frame because the drive so far makes '
+        'them likely; a quarter more are likely by the newest frame. Shortlist only.',
         unit='places', low=3, high=1000,
     )
-    index_above: int = parameter(
-        1_000_000, 'Of a preloaded map with more places, an index (faiss) names those that global '
-        'descriptors make likely; 0 looks at all of them in maps of any size; shortlist only.',
-        unit='places', low=0, high=1_000_000_000,
-    )
-    velocity_search: bool = parameter(
-        True, 'Coherent matching also finds drives whose frames lie up to 12 times denser or 6 '
-        'times sparser than the places of the map, and makes up for dropped frames, which gaps '
-        'between stamps tell.',
-    )
     both_directions: bool = parameter(
-        False, 'With velocity_search, also finds drives that meet the places of the map in '
-        'reverse order: in reverse gear, or with a rear camera on the way back.',
+        False, 'A drive may also meet the places of the map in reverse order: in reverse gear, or '
+        'with a rear camera on the way back.',
     )
     kernel: str = parameter(
         'auto', 'Implementation of pair scores: int8 and float32 are compiled C, numpy is not; '
@@ -148,18 +137,14 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto', 'How a match is accepted: margin compares the newest sequence with its best '
-        'rival, track sums up the last 30 frames; auto is track with coherent matching, margin '
-        'with regional.',
-        choices=('auto', 'margin', 'track'),
+        'auto', 'How a match is accepted: belief accepts a place that is nearly sure after all '
+        'frames so far, margin a sequence that scores more than its best rival (the paper has no '
+        'such rule); auto is belief with coherent matching, margin with regional.',
+        choices=('auto', 'belief', 'margin'),
     )
-    min_evidence: float = parameter(
-        1.7, 'Track rule: a match is accepted if the last 30 frames stand out, on average, by '
-        'this many times the scatter of other places.', low=0.0, high=1000.0, dynamic=True,
-    )
-    verification: bool = parameter(
-        True, 'Track rule: the few likeliest places of a frame are verified by where its regions '
-        'lie in them; what is verified far better than any other place is found sooner.',
+    min_confidence: float = parameter(
+        0.9, 'Belief: a match is accepted if the probability that it is right is at least this. '
+        'Lower is bolder, higher is safer.', low=0.0, high=1.0, dynamic=True,
     )
     min_margin: float = parameter(
         0.003, 'Margin rule: a match is accepted if it scores this much more than its best rival.',
@@ -184,7 +169,7 @@ class MotionConfig(Checked):
 
     stationary_overlap: float = parameter(
         0.985, 'Without odometry, the robot stands still while frames are more similar than this '
-        'to the last that moved; 1 never says so. Coherent matching only.', low=0.0, high=1.0,
+        'to the last that moved; 1 never says so. Not with the margin rule.', low=0.0, high=1.0,
     )
     stationary_m: float = parameter(
         0.05, 'With odometry, the robot stands still while it is nearer than this to the last '
@@ -249,8 +234,19 @@ class Config:
     robot: RobotConfig = RobotConfig()
     online: OnlineConfig = OnlineConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
-    localization: LocalizationConfig = LocalizationConfig()
     reading: ReadingConfig = ReadingConfig()
+
+    def __post_init__(self) -> None:
+        if self.acceptance.acceptance_rule == 'belief' and self.matching.matching != 'coherent':
+            raise ConfigError(
+                f'acceptance_rule: belief needs matching: coherent, not {self.matching.matching}'
+            )
+
+    @property
+    def believes(self) -> bool:
+        """Whether the belief decides, not the margin of the newest sequence."""
+        rule, matching = self.acceptance.acceptance_rule, self.matching.matching
+        return rule == 'belief' or (rule == 'auto' and matching == 'coherent')
 
 
 def _groups(kind: type) -> dict[str, type]:

@@ -12,8 +12,19 @@ from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
 
-# What parameters were called before; such names are refused with the one that they have now.
-RENAMED = {'remove_layout': 'subtract_background', 'speed_search': 'velocity_search'}
+# Parameters that are gone, or have another name now: what to do instead.
+RETIRED = {
+    'remove_layout': "it is now called 'subtract_background'; use that name",
+    'speed_search': 'other velocities are always found; leave it out',
+    'velocity_search': 'other velocities are always found; leave it out',
+    'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
+    'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
+    'index_above': 'large maps need no index; leave it out',
+    'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
+    'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
+}
+# Choices that are gone, by parameter and choice.
+RETIRED_CHOICES = {('acceptance_rule', 'track'): 'set belief instead, or leave it out'}
 
 
 def parameter(
@@ -69,6 +80,8 @@ class Parameter:
                 f'{self.name}: expected {self.type.__name__}, got {value!r}; '
                 f'the default is {self.default!r}'
             )
+        if instead := RETIRED_CHOICES.get((self.name, str(value))):
+            raise ConfigError(f'{self.name}: {value!r} is gone: {instead}')
         if self.choices and value not in self.choices:
             raise ConfigError(f'{self.name}: {value!r} is not one of {", ".join(self.choices)}')
         if isinstance(value, float) and not math.isfinite(value):
@@ -131,14 +144,14 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
     """
     known = list(known)
     for name in names:
-        refuse_renamed(name)
+        refuse_retired(name)
         if name not in known:
             near = difflib.get_close_matches(str(name), known, n=1)  # in YAML, 5 is a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
             raise ConfigError(f'unknown parameter {name!r}; {advice}')
 
 
-def refuse_renamed(name: str) -> None:
-    """Refuse a name that a parameter had before: ConfigError with the one that it has now."""
-    if name in RENAMED:
-        raise ConfigError(f'parameter {name!r} is now called {RENAMED[name]!r}; use that name')
+def refuse_retired(name: str) -> None:
+    """Refuse a name that a parameter had before: ConfigError that says what to set instead."""
+    if name in RETIRED:
+        raise ConfigError(f'parameter {name!r} is gone: {RETIRED[name]}')

@@ -36,9 +36,8 @@ drives against their own past, the latest frames left out; drives that are calle
 backwards revisit nothing. *Known*: queries that have a right reference; *in reach*: those whose
 whole sequence of k frames lies in the map, over which *recall* is taken (the first frames after
 the map is entered can be recognised sooner, by half of the sequence: *of all known*). *Slip*: the
-right place, 3 to 5 frames off. *False*: another place. How acceptance works and its constants were
-chosen on the drawn drives of `scripts/fit_acceptance.py` and on Gardens Point and corridor made
-dark or noisy, none of which is reported here; the sets below were looked at meanwhile.
+right place, 3 to 5 frames off. *False*: another place.
+The constants of the belief were fitted by `scripts/fit_observation.py`.
 """
 AGREEMENT = """\
 ## Does a shortlist decide as whole rows do?
@@ -49,11 +48,10 @@ decision as with every reference scored: no match, or one within two references.
 RELIABILITY = """\
 ## How much is a confidence worth?
 
-All frames of the sets above that got a confidence, at the shipped defaults. *Right*: the best
-candidate shows the right place, slips included. *As shipped*: with the two constants of the
-package, which lie between what fits drawn drives whose houses repeat and what fits real images
-made dark; neither is among these sets. *From other places*: both constants fitted on the other
-places only, for each set anew.
+All frames of the sets above that got a confidence, at the shipped defaults (by the margin rule
+there is none). *Right*: the best candidate shows the right place, slips included. *As shipped*:
+the share of the belief that the place and its looks hold. *From other places*: after a logistic
+fit on the other places only, for each set anew.
 """
 UNKNOWN = """\
 ## What the paper reports

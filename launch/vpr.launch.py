@@ -7,6 +7,7 @@ import sys
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
+from convseq_ros.parameter import RETIRED
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
@@ -70,6 +71,9 @@ def _refuse_unknown() -> None:
     here = [at for at, word in enumerate(sys.argv) if Path(word).name == Path(__file__).name]
     words = sys.argv[here[0] :] if here else []  # another launch file has arguments of its own
     given = [word for word in words if ':=' in word]
+    names = [word.partition(':=')[0] for word in given]
+    if gone := [name for name in names if name in RETIRED]:
+        raise ValueError(f'parameter {gone[0]!r} is gone: {RETIRED[gone[0]]}')
     unknown = [word for word in given if word.partition(':=')[0] not in ARGUMENTS]
     if unknown:
         raise ValueError(

@@ -111,7 +111,7 @@ def main() -> int:
     parser.add_argument('--threads', type=int, default=0)
     chosen = parser.parse_args()
     settings = {'threads': chosen.threads}
-    config = make_config(settings)
+    config = make_config({**settings, 'exclusion_s': EXCLUSION_S})
     online = make_config({**settings, 'mode': 'online', 'exclusion_s': EXCLUSION_S})
     drive, other = (list(ImageFolder(chosen.data / name)) for name in ('drive', 'other'))
     truth = read_truth(chosen.data / 'ground_truth.csv')

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Who may import what, and how long and how labelled a file is."""
+"""Who may import what, and how labelled a file is."""
 
 import ast
 from collections.abc import Iterator
@@ -21,10 +21,6 @@ SCRIPTS = [
     for path in sorted((REPOSITORY / folder).rglob('*.py'))
 ]
 HEADER = ['# Copyright 2026 The convseq_ros authors', '# SPDX-License-Identifier: Apache-2.0']
-MOST_LINES = 300
-# Kernels apart, a file of the core is one noun that fits on few screens, the algorithm on one.
-MOST_LINES_OF_CORE = 220
-MOST_LINES_OF_THE_ALGORITHM = 150
 OPTIONAL = (
     'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml',
     'zstandard',
@@ -135,18 +131,6 @@ def test_no_module_of_the_core_imports_itself_in_a_circle():
 
 def test_no_import_is_for_types_alone():
     assert not [relative(path) for path in MODULES if 'TYPE_CHECKING' in path.read_text()]
-
-
-def most_lines(path: Path) -> int:
-    if path.name == 'recognizer.py':
-        return MOST_LINES_OF_THE_ALGORITHM
-    of_core = PACKAGE / 'core' in path.parents and 'kernels' not in relative(path)
-    return MOST_LINES_OF_CORE if of_core else MOST_LINES
-
-
-def test_a_module_is_short():
-    lines = {path: len(path.read_text().splitlines()) for path in MODULES}
-    assert not {relative(path): count for path, count in lines.items() if count > most_lines(path)}
 
 
 def tells_of_itself(path: Path) -> bool:

@@ -4,9 +4,11 @@
 
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+import re
 
 from convseq_ros.cli import main
 from convseq_ros.cli.config import all_parameters, markdown, yaml
+from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import (
     AcceptanceConfig,
     Config,
@@ -21,7 +23,7 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.method_name import parse_method
 from convseq_ros.evaluation.methods import make_method
 from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import parameters, RENAMED
+from convseq_ros.parameter import parameters, RETIRED
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -71,6 +73,8 @@ def test_an_unknown_name_is_refused_with_the_nearest_known_one():
         ('max_length', True, 'expected int, got True'),
         ('overlap_threshold', 'high', "expected float, got 'high'"),
         ('image_size_px', 500, 'multiple of 16'),
+        ('acceptance_rule', 'track', "'track' is gone: set belief instead, or leave it out"),
+        ('acceptance_rule', 'sum', "'sum' is not one of auto, belief, margin"),
         ('max_length', 14, 'ascending order'),
     ],
 )
@@ -112,17 +116,36 @@ def test_the_page_of_parameters_lists_them_as_the_code_does():
     assert page.read_text(encoding='utf-8') == markdown(all_parameters()) + '\n'
 
 
-@pytest.mark.parametrize(('old', 'new'), RENAMED.items())
-def test_a_name_that_a_parameter_had_before_is_refused_with_the_new_one(old, new):
-    assert new in {item.name for item in core_parameters()}
-    with pytest.raises(ConfigError, match=f'{old}. is now called .{new}'):
-        make_config({old: True})
-    with pytest.raises(ConfigError, match=f'{old}. is now called .{new}'):
-        make_method(parse_method(f'convseq+{old}=true'), make_config({}))
+@pytest.mark.parametrize(('name', 'instead'), RETIRED.items())
+def test_a_parameter_that_is_gone_is_refused_with_what_to_set_instead(name, instead, tmp_path):
+    assert name not in {item.name for item in all_parameters()}
+    told = re.escape(f"parameter '{name}' is gone: {instead}")
+    with pytest.raises(ConfigError, match=told):
+        make_config({name: True})
+    with pytest.raises(ConfigError, match=told):
+        make_method(parse_method(f'convseq+{name}=true'), make_config({}))
+    path = tmp_path / 'old.yaml'
+    path.write_text(f'/**:\n  ros__parameters:\n    {name}: 2\n')
+    with pytest.raises(ConfigError, match=told):
+        read_parameter_file(path)
 
 
-@pytest.mark.parametrize('written', [['--remove-layout', 'false'], ['--remove-layout=false']])
-def test_an_option_of_an_old_name_is_refused_with_the_new_one(written, capsys):
+@pytest.mark.parametrize('instead', RETIRED.values())
+def test_what_to_set_instead_is_one_line_and_there(instead):
+    names = {item.name for item in all_parameters()}
+    told = [word.strip("',:;") for word in instead.split()]
+    assert '\n' not in instead and all(word in names for word in told if '_' in word)
+
+
+@pytest.mark.parametrize('name', RETIRED)
+@pytest.mark.parametrize('form', ['--{} 2', '--{}=2'])
+def test_an_option_that_is_gone_is_refused_with_what_to_set_instead(name, form, capsys):
+    written = form.format(name.replace('_', '-')).split()
     assert main(['replay', 'drive', '--map', 'map.db', *written]) == 1
     told = capsys.readouterr().err
-    assert told.count('\n') == 1 and "'remove_layout' is now called 'subtract_background'" in told
+    assert told == f"convseq replay: parameter '{name}' is gone: {RETIRED[name]}\n"
+
+
+def test_a_folder_may_have_the_name_of_a_parameter_that_is_gone(capsys):
+    assert main(['info', 'verification']) == 1
+    assert 'is gone' not in capsys.readouterr().err

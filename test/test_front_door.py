@@ -189,6 +189,11 @@ def test_an_unknown_launch_argument_is_an_error(launched):
         launched('ros2 launch convseq_ros vpr.launch.py map_pth:=map.db')
 
 
+def test_a_parameter_that_is_gone_is_an_error_that_says_what_to_set_instead(launched):
+    with pytest.raises(ValueError, match="'min_evidence' is gone: set min_confidence instead"):
+        launched('ros2 launch convseq_ros vpr.launch.py map_path:=map.db min_evidence:=2')
+
+
 def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(monkeypatch, launched):
     launched('ros2 launch mine robot.launch.py map_path:=map.db')
     with pytest.raises(AssertionError):

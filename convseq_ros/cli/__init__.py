@@ -10,7 +10,7 @@ import sys
 
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
-from convseq_ros.parameter import refuse_renamed
+from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
 
 # Read when NumPy is imported, which a command does. On a busy machine two BLAS threads wait for
@@ -57,8 +57,8 @@ def main(args: Sequence[str] | None = None) -> int:
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
     )
     try:
-        for argument in chosen.arguments:
-            refuse_renamed(argument.partition('=')[0].removeprefix('--').replace('-', '_'))
+        for option in (one for one in chosen.arguments if one.startswith('--')):
+            refuse_retired(option.partition('=')[0].removeprefix('--').replace('-', '_'))
         if hasattr(command, 'describe'):
             command.describe(own)
             return int(command.run(own.parse_args(chosen.arguments)))

@@ -30,7 +30,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Link as `convseq link` does in one map that is merged from all, a session a job."""
+    """Link as `convseq link` does in all maps merged with no links added, a session a job."""
     paths, parts = list[Path](), list[Part]()
     for path in maps_in(chosen.map):
         try:

@@ -10,7 +10,7 @@ from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import of_roll_pitch_yaw
-from convseq_ros.core.sequence.search import Coarse
+from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
 
 _SURER = tuple(LocalizationState)  # the later the surer
@@ -39,7 +39,7 @@ class Cameras:
         for number, source in enumerate(sources[1:], 1):
             own = PlaceRecognizer(reference_map, of_camera(config, number), coarse=coarse())
             own.mapping = FollowedMap(reference_map, self.first.mapping)
-            own.closures.share(self.first.closures)
+            own.decider.share(self.first.decider)
             self.recognizers[source] = own
         if len(sources) > 1:
             x, y, z, *turn = config.robot.of_camera(0).mount

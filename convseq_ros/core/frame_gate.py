@@ -130,12 +130,11 @@ class FrameGate:
     def __init__(
         self, config: Config, keyframes: KeyframeConfig, similarity: PaperSimilarity
     ) -> None:
-        by_image = config.matching.matching == 'coherent'
+        by_image = config.believes
         self._similarity, self._blank = similarity, blank_descriptor(config.encoding)
         self._standstill = Standstill(config.motion, by_image, similarity)
         self._overlap = Overlap(config.encoding.saliency_threshold, config.matching.kernel)
-        counts = by_image and config.matching.velocity_search
-        self._drops = FrameDropDetector(FRAME_DROPS.memory if counts else 0)
+        self._drops = FrameDropDetector(FRAME_DROPS.memory if by_image else 0)
         self._keyframes, self._by_scene = keyframes, keyframes.keyframe_overlap < 1.0
         self._glances = NearnessByGlance()
         self._interval_ns = round(GATE.earliest * keyframes.keyframe_interval_s * 1e9)

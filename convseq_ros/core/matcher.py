@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
-from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
@@ -132,17 +131,6 @@ class Matcher:
                 found[index] = verify(query.arranged, reference, shift)
         return found
 
-    def compared(self, index: int, others: Sequence[int]) -> dict[int, Verification]:
-        """Return what geometry says of a reference and others, as `verified` of a query."""
-        pair, cells = self._exact.pair, self._map.cells(index)
-        if not (pair.project and pair.subtract and self._to_verify and cells.any()):
-            return {}
-        shown = pair.subtract(
-            pair.project(self._background.normalize(cells)), self._background.of_map
-        )
-        query = self._fast.pair.extract(whole_descriptor(cells), self._least_bits, shown)
-        return self.verified(Features(query, None, arranged(shown[0])), others)
-
     def arranged(self, index: int) -> Arranged | None:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""
         return self._to_verify.of([index])[0] if self._to_verify else None
@@ -163,5 +151,5 @@ class Matcher:
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
     """Return the matcher that a configuration asks for."""
     kept = _KEPT if config.matching.search == 'shortlist' else None
-    threshold, verifies = config.encoding.saliency_threshold, config.acceptance.verification
-    return Matcher(reference_map, config.matching, threshold, kept, verifies)
+    threshold = config.encoding.saliency_threshold
+    return Matcher(reference_map, config.matching, threshold, kept, verifies=True)

@@ -6,9 +6,8 @@ from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.closures import Closures
-from convseq_ros.core.decision.acceptance import Acceptance
-from convseq_ros.core.decision.candidates import decided, why_none
-from convseq_ros.core.decision.confidence import Judgement
+from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.make_decider import make_decider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
@@ -17,9 +16,9 @@ from convseq_ros.core.map.lifelong import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
+from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.length import choose_length
-from convseq_ros.core.sequence.query_buffer import is_partial, QueryBuffer
-from convseq_ros.core.sequence.search import Coarse, make_search
+from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
 
@@ -52,12 +51,11 @@ class PlaceRecognizer:
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
         self.matcher = matcher or make_matcher(reference_map, config)
-        self.buffer = QueryBuffer(self.matcher, is_partial(config), reference_map.bounds)
-        self._search = make_search(reference_map, config, coarse)
-        self._acceptance = Acceptance(config, reference_map, self.matcher.compared)
+        self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
+        self.decider = make_decider(reference_map, config, coarse)
         self.closures = Closures(reference_map, self.matcher, config)
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
-        self.localizer = Localizer(reference_map.places, config, self._acceptance)
+        self.localizer = Localizer(reference_map)
         self._last: Match | None = None
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
@@ -70,10 +68,10 @@ class PlaceRecognizer:
 
         Departures from the paper: (1) in online mode the frame is added to the map afterwards; (2)
         frames between keyframes are told the same again, (3) as is a robot that stands still; (4)
-        dropped frames hold their places; (5) another velocity than the map's is followed.
+        dropped frames hold their places.
         """
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
-        return self.localizer.update(match, frame.pose, self.mapping.session_start, self.config)
+        return self.localizer.update(match, self.mapping.session_start, self.config)
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
@@ -101,38 +99,27 @@ class PlaceRecognizer:
         return measured(match, frame, self.reference_map)
 
     def _recognize(self, answer: partial[Match], frame: Frame, verdict: Verdict) -> Match:
-        skipped, config = partial(answer, Status.SKIPPED), self.config
-        buffer, search, acceptance = self.buffer, self._search, self._acceptance
+        config, buffer = self.config, self.buffer
         # III-A: the newest frame joins the rolling buffer; dropped ones hold their places.
-        most = max(config.sequence.window, acceptance.window)
+        most = max(2, config.sequence.window)
         buffer.hold_places(verdict.missing, self._blank, most)
         usable = self.mapping.update(frame.stamp_ns, frame.pose)
-        self.closures.move(frame)
-        buffer.append(verdict.descriptor, usable, search.update, most)
+        buffer.append(verdict.descriptor, usable, most)
         if (features := buffer.newest.features) is None or not usable:
-            return skipped(self.mapping.nothing_usable if features else Reason.UNINFORMATIVE)
-        # III-E, III-F: information gain and entropy choose the length k; ours: or what there is.
+            why = self.mapping.nothing_usable if features else Reason.UNINFORMATIVE
+            return answer(Status.SKIPPED, why)
+        # III-E, III-F: information gain and entropy choose the length k.
         length = choose_length(buffer.descriptors, self._similarity, config.sequence)
-        count = length or (len(buffer) if acceptance.verifies else None)
-        # III-D: pair scores of the newest frames, for all references or those of a shortlist.
-        rivals, own = config.acceptance.rival_distance, self.mapping.session_start
-        ends, velocity = search.propose(buffer, count, acceptance, usable, rivals)
-        acceptance.update(buffer.frame, buffer.rows, ends, rivals, velocity, buffer, own)
-        if count is None:
-            return skipped(Reason.WARMING_UP, pairs_scored=buffer.pairs_scored)
-        # III-G: sums along diagonals; the best sequences are the candidates.
-        scores = buffer.best_scores(count, ends, velocity)
-        # Ours: is the best one a match? The paper always says yes.
-        asked = ends, scores, self.reference_map.places, config.acceptance
-        (found, said), pairs = decided(acceptance, *asked, count), buffer.pairs_scored
-        said = said or Judgement(why_none(usable, count, velocity, buffer.bounds))
-        search.verify(ends, scores, said.reason is Reason.ACCEPTED)
-        if not found or not (length or said.reason is Reason.ACCEPTED):
-            why = said.reason if length else Reason.WARMING_UP
-            return skipped(why, (), length or 0, pairs)
-        # Ours: where was the robot against the place? Odometry may deny that it was there.
-        match = answer(Status.REJECTED, said.reason, found, count, pairs, said.confidence)
-        return self.closures.update(match, frame, features, own, config.acceptance, said.evidence)
+        # III-D, III-G, or the belief: which places are likely, and is the best one a match?
+        own = self.mapping.session_start
+        asked = Query(frame, buffer, usable, own, config, length, verdict.missing)
+        said, pairs = self.decider.decide(asked), buffer.pairs_scored
+        if not said.candidates:
+            return answer(Status.SKIPPED, said.reason, (), said.length, pairs)
+        found = said.candidates, said.length, pairs, said.confidence
+        match = answer(Status.REJECTED, said.reason, *found, implausible_m=said.implausible_m)
+        # Ours: where was the robot against the place? Matches are kept apart in time.
+        return self.closures.complete(match, frame, features, config.acceptance)
 
     def _again(self, answer: partial[Match], reason: Reason) -> Match:
         """Answer once more as for the last keyframe; this is none, so no match."""
@@ -145,6 +132,6 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
-        before = self.order, self.gate, self.matcher, self.buffer, self._search
-        for stage in (*before, self._acceptance, self.closures, self.localizer):
+        stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.closures
+        for stage in (*stages, self.localizer):
             stage.reset()

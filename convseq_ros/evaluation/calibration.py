@@ -39,8 +39,7 @@ def fitted(said: Values, right: Flags) -> tuple[float, float]:
 
     Notes
     -----
-    A confidence that is such a function of some evidence stays one, so a fit to what was said is a
-    fit to the evidence.
+    A belief that is too sure, or too timid, by some factor of its log odds is put right by it.
 
     """
     features = np.column_stack((np.ones(len(said)), _log_odds(said)))

@@ -21,7 +21,7 @@ from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.ranking import SequenceScorer
 from convseq_ros.evaluation.recognition import pair_scores, with_known
-from convseq_ros.parameter import refuse_renamed, Value
+from convseq_ros.parameter import refuse_retired, Value
 import numpy as np
 import numpy.typing as npt
 
@@ -116,7 +116,7 @@ def make_method(name: MethodName, config: Config) -> Method:
         raise ConfigError(f'method {name.label}: expected {expected}')
     core = {item.name: item for item in core_parameters()}
     for option in name.options:
-        refuse_renamed(option)
+        refuse_retired(option)
         if option not in kind.options and option not in core:
             raise ConfigError(
                 f'method {name.label}: unknown option {option!r}; known: '
@@ -130,6 +130,9 @@ def make_method(name: MethodName, config: Config) -> Method:
     length = kind.length if name.length is None else name.length
     if length is not None:
         values.setdefault('fixed_length', length)
+    if values.get('fixed_length'):
+        # So many frames decide, by their margin; the belief would go by all frames so far.
+        values.setdefault('acceptance_rule', 'margin')
     return Method(name, kind, with_known(config, {**kind.settings, **values}))
 
 

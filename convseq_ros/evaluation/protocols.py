@@ -245,7 +245,7 @@ def _given(
 
 
 def _leaves_the_map(method: Method) -> bool:
-    return method.kind.recognizer and method.config.matching.matching == 'coherent'
+    return method.kind.recognizer and method.config.believes
 
 
 def _moved(match: Match, offset: int) -> Match:

@@ -38,7 +38,7 @@ def rank_references(
     scorer : callable, optional
         Another way of scoring, such as SeqSLAM's trajectories.
     partial_windows : bool
-        Whether a window may leave the map, as the recogniser's may with coherent matching.
+        Whether a window may leave the map, as those of the belief may.
 
     Returns
     -------

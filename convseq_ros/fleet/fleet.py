@@ -5,20 +5,20 @@
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import accumulate
+from dataclasses import dataclass, field
+from itertools import accumulate, count
 from pathlib import Path
 import time
 from typing import Any
-from uuid import uuid4
 
-from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.centred import usual_of
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.scores import FleetScores
-from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Pictures, Question
+from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Question
 import numpy as np
 
 _TRIES = 3  # of a question, each with a new worker
@@ -68,7 +68,8 @@ class Fleet:
     Maps that the workers of a `distributed.Client` hold, in the order given.
 
     What cannot be opened, or fails later, is `missing`, by its path and with the reason; the rest
-    answers. FleetError if nothing can be opened, or a question takes longer than `timeout_s`.
+    answers. `reference_map` is the map that they make together, with their links. FleetError if
+    nothing can be opened, or a question takes longer than `timeout_s`.
     """
 
     client: Any
@@ -77,7 +78,6 @@ class Fleet:
     missing: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._key = str(uuid4())
         names, sizes = [], []
         for path in self.paths:
             names.append(str(path.resolve()))
@@ -90,7 +90,6 @@ class Fleet:
             )
             if some
         ]
-        self._of = {path: worker for worker in self._workers for path in worker.paths}
         abouts: dict[str, About] = {}
         for answer in self._ask_all('about', [()] * len(self._workers)):
             found, lost = answer or ({}, {})
@@ -109,24 +108,29 @@ class Fleet:
             raise FleetError(f'no map of {len(names)} can be opened: {why}')
         starts = accumulate((about.count for about in abouts.values()), initial=0)
         *self._starts, self.count = starts
-        self._abouts = abouts
         self.offsets = dict(zip(abouts, self._starts, strict=True))
-        sessions = accumulate((len(about.sessions) for about in abouts.values()), initial=0)
-        self._first_sessions = dict(zip(abouts, sessions, strict=False))
+        self._cameras = count()
+        sums = np.asarray(sum(about.sums for about in abouts.values()))
+        self._usual = usual_of(sums, self.count)
+        self.reference_map = self._made(abouts)
 
-    def reference_map(self) -> ReferenceMap:
+    def _made(self, abouts: Mapping[str, About]) -> ReferenceMap:
         """Return the map that they make together; what is large is read from workers."""
-        first = next(iter(self._abouts.values()))
-        sessions = [one for about in self._abouts.values() for one in about.sessions]
-        places: Any = _Places(self)
-        settings = first.encoding, places, places.pictures, first.keyframes
-        return ReferenceMap(*settings, sessions=sessions)
+        first, sessions = next(iter(abouts.values())), list[MapSession]()
+        places = Places(cell_shape(first.encoding.image_size_px))
+        for about in abouts.values():
+            places.take(about.columns, len(sessions))
+            sessions += about.sessions
+        read = _Pictures(self.pictures)
+        made = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+        for path, about in abouts.items():
+            for place, anchor in about.links:
+                made.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
+        return made
 
-    def scores(self, reference_map: ReferenceMap, index_above: int) -> FleetScores:
-        """Return what knows their coarse scores, given the map that they make."""
-        sums = sum(about.sums for about in self._abouts.values())
-        usual = usual_of(np.asarray(sums), self.count), self._key
-        return FleetScores(self.ask, reference_map.pictures, *usual, self.count, index_above)
+    def scores(self, both: bool) -> FleetScores:
+        """Return what knows the coarse scores of one camera more."""
+        return FleetScores(self.ask, self._usual, both, next(self._cameras))
 
     def ask(self, question: Question) -> Answer:
         """Ask all shards."""
@@ -137,44 +141,27 @@ class Fleet:
         found = self._ask_all('answer', [(question, some) for some in offsets])
         return merged([one for one in found if one is not None], question)
 
-    def bounds(self) -> SessionBounds:
-        """Return where their sessions begin."""
-        return SessionBounds(
-            tuple(
-                self.offsets[path] + start
-                for path, about in self._abouts.items()
-                for start in about.starts.tolist()
-            )
-        )
-
-    def pictures(
-        self, indices: Sequence[int], with_images: bool = False
-    ) -> Mapping[int, tuple[Place, Picture]]:
-        """Return places and pictures, by their numbers; blank ones of a shard that is missing."""
-        paths, asked = [*self._abouts], dict[str, list[int]]()
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> dict[int, Picture]:
+        """Return what is large of places, by their numbers; blank of a shard that is missing."""
+        paths, asked = [*self.offsets], dict[str, list[int]]()
         for index in indices:
             asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
-        found = dict[int, tuple[Place, Picture]]()
-        questions: list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]
-        questions = [(worker, ({}, with_images)) for worker in self._workers]
-        for path, some in asked.items():
-            own = questions[self._workers.index(self._of[path])][1][0]
-            own[path] = [one - self.offsets[path] for one in some]
-        replies = dict[str, Pictures | str]()
-        for reply in self._ask_some('pictures', [one for one in questions if one[1][0]]):
+        questions = list[tuple[_Worker, tuple[dict[str, list[int]], bool]]]()
+        for worker in self._workers:
+            here = [path for path in worker.paths if path in asked]
+            if here:
+                own = {path: [one - self.offsets[path] for one in asked[path]] for path in here}
+                questions.append((worker, (own, with_images)))
+        replies = dict[str, list[Picture] | str]()
+        for reply in self._ask_some('pictures', questions):
             replies |= reply or {}
+        found = dict[int, Picture]()
         for path, some in asked.items():
-            sessions, reply = self._first_sessions[path], replies.get(path)
-            if not isinstance(reply, Pictures):
-                self.missing.setdefault(path, reply or f'{path}: its worker is gone')
-                shape = ReferenceMap(self._abouts[path].encoding).cell_shape
-                blank = Place(0, session=sessions), Picture(np.zeros(shape, np.float16))
-                found |= dict.fromkeys(some, blank)
-                continue
-            each = zip(reply.packed, reply.thumbnails, reply.images, reply.depths, strict=True)
-            for index, place, what in zip(some, reply.places, each, strict=True):
-                place = replace(place, session=place.session + sessions)
-                found[index] = place, Picture(*what)
+            reply = replies.get(path, f'{path}: its worker is gone')
+            if isinstance(reply, str):
+                self.missing.setdefault(path, reply)
+                reply = [Picture(np.zeros(self.reference_map.cell_shape, np.float16))] * len(some)
+            found |= zip(some, reply, strict=True)
         return found
 
     def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
@@ -217,33 +204,19 @@ class Fleet:
         return found
 
 
-class _Places(Sequence[Place]):
-    """The places of a fleet; the last that were asked for, and with images, are remembered."""
+class _Pictures:
+    """Reads pictures; the last that were asked for, and with images, are remembered."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet, self.bounds = fleet, fleet.bounds()
-        self._kept = {whole: OrderedDict[int, tuple[Place, Picture]]() for whole in _KEPT}
+    def __init__(self, read: Callable[[Sequence[int], bool], dict[int, Picture]]) -> None:
+        self._read = read
+        self._kept = {whole: OrderedDict[int, Picture]() for whole in _KEPT}
 
-    def __len__(self) -> int:
-        return self._fleet.count
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[each] for each in range(len(self))[index]]
-        return self._found([range(len(self))[index]])[0][0]
-
-    def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return what is large of places."""
-        return [picture for _, picture in self._found(indices, with_images)]
-
-    def _found(
-        self, indices: Sequence[int], with_images: bool = False
-    ) -> list[tuple[Place, Picture]]:
+    def __call__(self, indices: Sequence[int], with_images: bool) -> list[Picture]:
         kept = self._kept[with_images]
-        missing = [index for index in dict.fromkeys(indices) if index not in kept]
         found = {index: kept[index] for index in indices if index in kept}
+        missing = [index for index in dict.fromkeys(indices) if index not in kept]
         if missing:
-            found |= self._fleet.pictures(missing, with_images)
+            found |= self._read(missing, with_images)
         for index, one in found.items():
             kept[index] = one
             kept.move_to_end(index)

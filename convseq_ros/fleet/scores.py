@@ -1,80 +1,45 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coarse scores of a fleet: what `CoarseScores` is to one map."""
+"""Coarse scores of a query and all places of a fleet; what `CoarseScores` is to one map."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
-from uuid import uuid4
+from dataclasses import replace
 
 from convseq_ros.core.sequence.centred import Usual
 from convseq_ros.core.sequence.coarse_scores import DriveMean
-from convseq_ros.core.sequence.coarse_sums import Asked, Sums
-from convseq_ros.core.sequence.diagonals import Values
+from convseq_ros.core.similarity.kernels.numpy_halves import Floats
 from convseq_ros.core.types import Descriptor, Indices
-from convseq_ros.fleet.shard import Answer, Direction, Question
+from convseq_ros.fleet.shard import Answer, KEPT, Question
 import numpy as np
-
-_KEPT_MEANS = 128  # of rows; a sequence has 100 at most
-
-Rows = Sequence[Any]  # of directions, newest first; None for an uninformative frame
 
 
 class FleetScores:
-    """Asks all shards; a row is its direction, and is sent whole with every question."""
+    """Asks all shards, by the direction of the newest frame; of a camera, by its number."""
 
     def __init__(
-        self,
-        ask: Callable[[Question], Answer],
-        read: Callable[[Sequence[int]], Any],
-        usual: Usual,
-        usual_key: str,
-        count: int,
-        index_above: int = 0,
+        self, ask: Callable[[Question], Answer], usual: Usual, both: bool, camera: int
     ) -> None:
-        self._ask, self._read, self._usual, self._count = ask, read, usual, count
-        self._drive, self._key = DriveMean(len(usual.mean)), str(uuid4())
-        self._index_above = index_above
-        self._usual_key = usual_key  # of all cameras that ask a fleet
-        self._frames, self._means = 0, dict[str, np.float32]()
+        self._ask, self._usual, self._both, self._camera = ask, usual, both, camera
+        self._mean, self._drive, self._frame = DriveMean(len(usual.mean)), 0, 0
+        self._directions = deque[Floats](maxlen=KEPT)
 
     def reset(self) -> None:
         """Forget the drive."""
-        self._drive.reset()
-        self._means.clear()
+        self._mean.reset()
+        self._directions.clear()
+        self._drive, self._frame = self._drive + 1, 0
 
-    def update(self, descriptor: Descriptor, _usable: int | None = None) -> Direction:
-        """Take in a query, each once; return what stands for its scores with all references."""
-        self._frames += 1
-        numbers = self._drive.update(descriptor, self._usual)
-        return Direction(f'{self._key}/{self._frames}', numbers, self._count)
+    def update(self, descriptor: Descriptor, _usable: int) -> None:
+        """Take in a query, each once; it may show every place, as fleets do not grow."""
+        self._directions.append(self._mean.update(descriptor, self._usual))
+        self._frame += 1
 
-    def peaks(self, rows: Rows, steps: Values) -> Values:
-        """Return what `kernels.peaks` does of all shards."""
-        answer = self._asked(rows, steps)
-        highest, total, count = (
-            np.zeros((3, len(steps))) if answer.peaks is None else answer.peaks.T
-        )
-        return np.column_stack((highest, total / np.maximum(count, 1), count))
-
-    def sums(self, asked: Sequence[Asked]) -> list[Sums]:
-        """Return the sums along diagonals that are asked for."""
-        for one in asked:
-            for row in one.rows:
-                if row is not None and row.key not in self._means:
-                    self._asked([row], None)
-        return [*self._ask(self._question(asked=asked, means=dict(self._means))).sums]
-
-    def expect(self, places: Callable[[], Indices]) -> None:
-        """Have places read in one go that are asked for in several."""
-        self._read(places().tolist())
-
-    def _asked(self, rows: Rows, steps: Values | None) -> Answer:
-        """Ask for peaks, and get the mean of the newest row with it."""
-        answer = self._ask(self._question(rows=rows, steps=steps))
-        for key, (total, count) in answer.totals.items():
-            self._means[key] = np.float32(total / count if count else 0.0)
-        self._means = dict([*self._means.items()][-_KEPT_MEANS:])
-        return answer
-
-    def _question(self, **what: Any) -> Question:
-        return Question(self._usual_key, self._usual, index_above=self._index_above, **what)
+    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+        """Return what `Coarse` says; who lacks frames of the drive is told them."""
+        drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
+        asked = Question(self._usual, self._both, *drive, last, along, newest, passed)
+        answer = self._ask(asked)
+        if answer.lacks:
+            answer = self._ask(replace(asked, directions=[*self._directions]))
+        return np.union1d(answer.along.places, answer.newest.places)

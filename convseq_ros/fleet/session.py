@@ -36,13 +36,9 @@ class FleetSession:
             mode = config.online.mode
             raise FleetError(f'mode {mode}: maps of a fleet do not grow; leave it out')
         self.fleet = Fleet(client, paths, timeout_s)
-        reference_map = self.fleet.reference_map()
-        self.cameras = Cameras(
-            reference_map,
-            config,
-            sources,
-            partial(self.fleet.scores, reference_map, config.matching.index_above),
-        )
+        reference_map = self.fleet.reference_map
+        coarse = partial(self.fleet.scores, config.matching.both_directions)
+        self.cameras = Cameras(reference_map, config, sources, coarse)
         self.recognizer = self.cameras.first
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m

@@ -24,7 +24,7 @@ FRAMES = 30
 # A frame is 1 m after the last one: by odometry alone, every other one stands still.
 CONFIG = make_config({
     'matching': 'coherent', 'search': 'shortlist', 'kernel': 'numpy', 'fixed_length': 3,
-    'acceptance_rule': 'margin', 'stationary_m': 1.5,
+    'stationary_m': 1.5,
 })  # fmt: skip
 
 

@@ -5,8 +5,7 @@
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import CoarseScores
-from convseq_ros.core.sequence.shortlist import Shortlist
+from convseq_ros.core.sequence.coarse_scores import CoarseScores, EveryPlace, top
 import numpy as np
 import pytest
 
@@ -29,6 +28,12 @@ def standardised(numbers):
     return (numbers - mean) / variance**0.125, mean, variance
 
 
+def row_of(coarse, query, usable=None):
+    """Return what the newest query scores, once it is taken in."""
+    coarse.update(query, usable)
+    return coarse.row
+
+
 def cosines(references, query):
     return references @ query / (np.linalg.norm(references, axis=1) * np.linalg.norm(query))
 
@@ -38,7 +43,7 @@ def test_scores_are_the_cosines_of_what_is_unusual_in_the_map_and_on_the_drive(
 ):
     coarse = CoarseScores(reference_map)
     queries = [described(place, 1) for place in (5, 6, 7)]
-    rows = [coarse.update(query) for query in queries]
+    rows = [row_of(coarse, query) for query in queries]
     own = np.array([global_descriptor(query.cells) for query in queries], float)
     references, mean, variance = standardised(reference_map.global_descriptors.astype(float))
     away = own[2] - (2 * mean + own.sum(axis=0)) / 5
@@ -52,9 +57,10 @@ def test_only_what_is_usable_is_scored(reference_map, described):
     for index in range(30):
         part.add(reference_map.places[index], reference_map.packed(index))
     query = described(8, 1)
-    row = CoarseScores(reference_map).update(query, 30)
-    assert (row == CoarseScores(part).update(query)).all()
-    assert CoarseScores(reference_map).update(query, 0).shape == (0,)
+    row = row_of(CoarseScores(reference_map), query, 30)
+    assert (row == row_of(CoarseScores(part), query)).all()
+    nothing = CoarseScores(reference_map)
+    assert row_of(nothing, query, 0).shape == (0,) and nothing.best(40, 10).shape == (0,)
 
 
 def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
@@ -62,16 +68,16 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     coarse = CoarseScores(growing)
     rows = []
     for place in range(PLACES):
-        rows.append(coarse.update(described(place, 1)))
+        rows.append(row_of(coarse, described(place, 1)))
         assert rows[-1].shape == (place,)
         growing.add(reference_map.places[place], reference_map.packed(place))
-    late, fresh = coarse.update(described(40, 1)), CoarseScores(growing).update(described(40, 1))
+    late = row_of(coarse, described(40, 1))
+    fresh = row_of(CoarseScores(growing), described(40, 1))
     assert late.argmax() == fresh.argmax() == 40
-    rows = [coarse.update(described(place, 1), 60) for place in (50, 51)]
-    rows.append(coarse.update(described(52, 1)))
-    shortlist = Shortlist(12)
-    asked = shortlist.asked(rows[::-1], 10)
-    assert 52 in shortlist.update(asked, *coarse.sums([asked]), 10)
+    coarse.reset()
+    for place, usable in ((50, 60), (51, 60), (52, None)):
+        assert row_of(coarse, described(place, 1), usable).argmax() == place
+    assert 52 in coarse.best(3, 0)
 
 
 def test_the_mean_follows_a_map_that_grows(described):
@@ -96,7 +102,7 @@ def test_references_at_the_mean_tell_nothing(described):
     lonely = ReferenceMap()
     for index in range(3):
         lonely.add(Place(index), pack_cells(described(4).cells))
-    assert (CoarseScores(lonely).update(described(4)) == 0).all()
+    assert (row_of(CoarseScores(lonely), described(4)) == 0).all()
 
 
 def test_a_session_is_seen_from_what_it_usually_shows(described):
@@ -114,3 +120,43 @@ def test_a_session_is_seen_from_what_it_usually_shows(described):
     assert row.argmax() == len(town) + 7
     # Less what the session usually shows, which the map's mean, as 20 places, draws near.
     assert abs(row[len(town) :].mean()) < 0.3 * row.max()
+
+
+def test_the_likeliest_are_those_along_the_drive_and_those_of_the_newest_frame(
+    reference_map, described
+):
+    coarse = CoarseScores(reference_map)
+    for place in range(20, 26):
+        coarse.update(described(place, 1))
+    coarse.update(described(60, 1))  # one frame of another place
+    along, newest = set(coarse.best(2, 0).tolist()), set(coarse.best(0, 2).tolist())
+    assert 26 in along and 60 in newest
+    assert set(coarse.best(2, 2).tolist()) == along | newest
+    passed = coarse.best(2, 2, [range(55, 65), range(20, 30)])
+    assert not {*range(55, 65), *range(20, 30)} & set(passed.tolist()) and len(passed) > 1
+    assert (np.diff(coarse.best(40, 10)) > 0).all()
+    coarse.reset()
+    coarse.update(described(60, 1))
+    assert coarse.best(1, 1).tolist() == [60]
+
+
+def test_the_paper_scores_every_place(described):
+    every = EveryPlace()
+    assert every.best(3, 1).tolist() == []
+    every.update(described(4), 7)
+    assert every.best(3, 1).tolist() == [*range(7)]
+
+
+@pytest.mark.parametrize('count', [0, 1, 30, 64 * 33, 64 * 34, 64 * 40 + 7, 9000])
+def test_the_best_are_found_without_sorting_all(count):
+    rng = np.random.default_rng(count)
+    for scores in (rng.normal(size=count), rng.integers(0, 4, count).astype(float)):
+        scores = scores.astype(np.float32)
+        scores[rng.integers(0, max(1, count), count // 3)] = -np.inf
+        found = top(scores, 33)
+        assert len(found) == len(set(found.tolist())) == min(33, np.isfinite(scores).sum())
+        expected = np.sort(scores)[::-1][: len(found)]
+        assert (scores[found] == expected).all()
+        passed = [range(0, count // 2), range(-5, 3)]
+        assert (top(scores, 33, passed) >= count // 2).all()
+        assert len(top(scores, 0)) == 0

@@ -88,7 +88,8 @@ coarse = CoarseScores(reference_map)
 for index in range(3000):
     reference_map.cells(index * 6)
     if index % 100 == 0:
-        row = coarse.update(query)
+        coarse.update(query)
+row = coarse.row
 print(json.dumps([len(row), int(row.argmax()) % 50, opened - before, resident() - opened]))
 """
 

@@ -14,7 +14,7 @@ import pytest
 pytestmark = pytest.mark.once
 
 SIZE = {'width_px': 160, 'height_px': 120}
-LOST, LOCALISED = LocalizationState.LOST, LocalizationState.LOCALISED
+LOCALISED = LocalizationState.LOCALISED
 
 
 def drawn(street, **how):
@@ -46,9 +46,7 @@ def seen(recognizer, frames, odometry):
 
 
 @pytest.mark.parametrize('has_odometry', [True, False])
-def test_carried_away_it_is_lost_within_five_frames_and_found_again(
-    recognizer, evening, has_odometry
-):
+def test_carried_away_it_is_found_again_within_four_frames(recognizer, evening, has_odometry):
     recognizer.reset()
     frames = evening[0] + evening[1]
     # Odometry goes on from where the robot was lifted, and has an origin of its own.
@@ -56,11 +54,9 @@ def test_carried_away_it_is_lost_within_five_frames_and_found_again(
     told = seen(recognizer, frames, ways if has_odometry else [None] * len(frames))
     here, there = told[:9], told[9:]
     assert here[0][0] is not LOCALISED and (LOCALISED in [state for state, _ in here[:4]])
-    assert LOST in [state for state, _ in there[:5]]
     assert there[-1][0] is LOCALISED
-    lost = next(number for number, (state, _) in enumerate(there) if state is LOST)
-    right = [off_m for state, off_m in here + there[lost:] if state is LOCALISED]
-    assert len(right) >= 6 and max(right) <= 3.0
+    right = [off_m for state, off_m in here + there[3:] if state is LOCALISED]
+    assert len(right) >= 10 and max(right) <= 3.0
 
 
 def test_outside_the_map_it_is_never_localised(recognizer):

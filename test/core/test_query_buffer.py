@@ -40,12 +40,12 @@ class Approximate:
 
 
 def append(buffer, descriptor=SHOWN):
-    buffer.append(descriptor, REFERENCES, lambda *_: None, most=10)
+    buffer.append(descriptor, REFERENCES, most=10)
 
 
 def filled(scores):
     matcher = Approximate(scores)
-    buffer = QueryBuffer(matcher, partial=False)
+    buffer = QueryBuffer(matcher)
     for _ in range(len(scores)):
         append(buffer)
         buffer.score(len(buffer), np.arange(REFERENCES))
@@ -98,44 +98,8 @@ def test_each_pair_is_scored_once():
     assert buffer.pairs_scored == REFERENCES
 
 
-@pytest.mark.parametrize('frames', [1, 4, 5])
-def test_only_the_better_half_of_the_diagonals_is_scored_to_their_old_ends(frames):
-    scores = drawn(3, frames)
-    scores[-1, 30] = 0.5
-    buffer = QueryBuffer(Approximate(scores), partial=True)
-    for _ in range(frames):
-        append(buffer)
-    ends = np.arange(20, 34, 2)
-    buffer.score_promising(frames, ends)
-    newest = -(-frames // 2)
-    scored = [
-        sum(np.isfinite(one.row[end - back]) for back, one in enumerate(buffer.outward))
-        for end in ends
-    ]
-    assert scored[5] == frames
-    assert sorted(scored) == [newest] * 3 + [frames] * 4
-    assert buffer.pairs_scored == sum(scored)
-
-
-def test_sequences_that_lack_no_scores_are_scored_to_their_old_ends():
-    buffer = QueryBuffer(Approximate(drawn(3, 5)), partial=False)
-    for _ in range(5):
-        append(buffer)
-    buffer.score_promising(5, np.arange(20, 34, 2))
-    assert buffer.pairs_scored == 7 * 5
-
-
-def test_a_frame_that_shows_nothing_has_no_scores_and_no_coarse_ones():
-    buffer, asked = QueryBuffer(Approximate(drawn(0, 2)), partial=False), []
-    buffer.append(SHOWN, 30, lambda *given: asked.append(given), most=10)
-    buffer.append(NOTHING, 30, lambda *given: asked.append(given), most=10)
-    assert asked == [(SHOWN, 30)] and buffer.row is None
-    assert [one.row is None for one in buffer.outward] == [True, False]
-    assert np.isnan(buffer.outward[1].row).tolist() == [True] * 30
-
-
 def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
-    buffer = QueryBuffer(Approximate(drawn(0, 13)), partial=False)
+    buffer = QueryBuffer(Approximate(drawn(0, 13)))
     for _ in range(13):
         append(buffer)
     assert len(buffer) == 10 and buffer.frame == 13
@@ -145,10 +109,19 @@ def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
 
 
 def test_missing_frames_hold_their_places_up_to_a_long_gap():
-    buffer = QueryBuffer(Approximate(drawn(0, 2)), partial=False)
+    buffer = QueryBuffer(Approximate(drawn(0, 2)))
     append(buffer)
     buffer.hold_places(BUFFER.longest_gap, NOTHING, 10)
     assert len(buffer) == buffer.frame == 1 + BUFFER.longest_gap
     assert [one.features for one in buffer.outward] == [None] * BUFFER.longest_gap + [0]
     buffer.hold_places(BUFFER.longest_gap + 1, NOTHING, 10)
     assert len(buffer) == 0 and buffer.frame == 2 + 2 * BUFFER.longest_gap
+
+
+def test_a_frame_that_shows_nothing_has_no_scores():
+    buffer = QueryBuffer(Approximate(drawn(0, 2)))
+    buffer.append(SHOWN, 30, most=10)
+    buffer.append(NOTHING, 30, most=10)
+    assert buffer.row is None
+    assert [one.row is None for one in buffer.outward] == [True, False]
+    assert np.isnan(buffer.outward[1].row).tolist() == [True] * 30

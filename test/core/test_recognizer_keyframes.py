@@ -107,10 +107,15 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, ima
 
 def test_a_growing_map_holds_keyframes_and_recognises_them(image):
     grown = ReferenceMap(SMALL, keyframes=BY_TIME)
-    matches = show(PlaceRecognizer(grown, ONLINE), image, [*range(PLACES)] * 2)
-    assert [place.stamp_ns for place in grown.places] == [*range(0, 180 * STEP_NS, 3 * STEP_NS)]
-    second = [match for match in matches[PLACES + 30 :: 3]]
-    assert [match.accepted.reference_index for match in second] == [*range(10, 30)]
+    lap = (
+        150  # of which 50 are places; of 30, too few would be other places than one and its looks
+    )
+    matches = show(PlaceRecognizer(grown, ONLINE), image, [*range(lap)] * 2)
+    stamps_ns = range(0, 2 * lap * STEP_NS, 3 * STEP_NS)
+    assert [place.stamp_ns for place in grown.places] == [*stamps_ns]
+    second = matches[lap + 9 :: 3]
+    assert [match.accepted.reference_index for match in second] == [*range(3, 50)]
+    assert [*grown.links][-47:] == [(50 + index, index) for index in range(3, 50)]
 
 
 def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(image):

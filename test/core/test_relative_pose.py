@@ -6,7 +6,6 @@ from dataclasses import replace
 import math
 
 from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
-from convseq_ros.core.closures import Closures
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -18,15 +17,13 @@ from convseq_ros.core.pose.relative_pose import FAR, RelativePoses
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
+from convseq_ros.core.types import Candidate, Pose, Reason
 from convseq_ros.robot_config import RobotConfig
-from convseq_ros.simulation.drive import draw, Drive
-from convseq_ros.simulation.street import Street
 import cv2
 import numpy as np
 import pytest
 
-from test.core.measured_pose import drawn_street, measured, off, SIZE
+from test.core.measured_pose import drawn_street, measured, off
 
 
 @pytest.fixture(scope='module')
@@ -178,36 +175,12 @@ def test_a_match_that_odometry_denies_is_implausible(street):
     reasons = []
     for number, frame in enumerate(street[1]):
         # After 14 frames odometry says that the robot drives away to the side, faster and faster.
-        aside = Pose((0.0, max(0, number - 14) ** 2 * 8.0, 0.0), frame.pose.orientation)
+        x, _, z = frame.pose.position
+        aside = Pose((x, max(0, number - 14) ** 2 * 80.0, z), frame.pose.orientation)
         match = recognizer.process(replace(frame, pose=aside))
         reasons.append(match.reason)
         assert (match.implausible_m is not None) == (match.reason is Reason.IMPLAUSIBLE)
-    assert Reason.IMPLAUSIBLE in reasons[14:] and Reason.IMPLAUSIBLE not in reasons[:14]
-
-
-@pytest.mark.parametrize('has_poses', [True, False])
-def test_what_no_pose_explains_needs_more_evidence(street, has_poses):
-    """The street seen the other way lies alike, but its regions do not move as one lens does."""
-    mapped = [one if has_poses else replace(one, pose=None) for one in street[0]]
-    reference_map, config = build_map(mapped, config=Config(keyframes=EVERY_FRAME)), Config()
-    back = Drive(num_frames=1, start_m=40.0, speed_mps=0.0, heading_deg=180.0, **SIZE)
-    turned = next(iter(draw(Street(120.0, 5), back))).frame
-    matcher = make_matcher(reference_map, config)
-
-    def said(query, index, evidence):
-        features = matcher.extract(describe(query.gray))
-        found = (Candidate(index, 0, 1.0),)
-        match = Match(0, 0, Status.REJECTED, Reason.ACCEPTED, found)
-        alone, limits = replace(query, pose=None), config.acceptance
-        closures = Closures(reference_map, matcher, config)
-        return closures.update(match, alone, features, len(reference_map), limits, evidence)
-
-    least, enough = (times * config.acceptance.min_evidence for times in (1.0, 2.0))
-    right, wrong = said(street[1][9], 11, least), said(turned, 11, least)
-    assert right.accepted and right.relative_pose.explains
-    assert wrong.reason is Reason.UNVERIFIED and wrong.accepted is None
-    assert not said(turned, 11, enough).relative_pose.explains
-    assert said(replace(turned, camera=None), 11, least).accepted
+    assert Reason.IMPLAUSIBLE in reasons[15:] and Reason.IMPLAUSIBLE not in reasons[:15]
 
 
 def test_a_refused_match_delays_no_other(street):
@@ -226,4 +199,6 @@ def test_a_refused_match_delays_no_other(street):
     accepted = [number for number, one in enumerate(driven()) if one is Reason.ACCEPTED]
     assert len(accepted) > 2 and min(np.diff(accepted)) > 1
     refused = accepted[1]
-    assert driven(refused)[refused : refused + 2] == [Reason.IMPLAUSIBLE, Reason.ACCEPTED]
+    # Odometry that is back is a jump, too; after it the interval has long passed.
+    found = driven(refused)[refused : refused + 3]
+    assert found == [Reason.IMPLAUSIBLE, Reason.WEAK, Reason.ACCEPTED]

@@ -57,3 +57,16 @@ def test_the_published_methods_match_as_published():
         method = make_method(parse_method(kind), config)
         assert method.config.matching.matching == 'regional'
         assert method.config.matching.search == 'exhaustive'
+
+
+@pytest.mark.parametrize('text', ['convseq-k1', 'convseq@single', 'convseq@k1', 'convseq-k10'])
+def test_so_many_frames_are_decided_by_their_margin(text):
+    config = make_method(parse_method(text), Config()).config
+    assert config.sequence.fixed_length == (10 if '10' in text else 1) and not config.believes
+    asked = make_method(parse_method(f'{text}+acceptance_rule=belief'), Config()).config
+    assert asked.believes
+
+
+@pytest.mark.parametrize('text', ['convseq', 'convseq@dynamic', 'convseq+max_length=20'])
+def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
+    assert make_method(parse_method(text), Config()).config.believes

@@ -4,8 +4,6 @@
 
 from dataclasses import replace
 
-from convseq_ros.core.decision.candidates import best_candidates
-from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
@@ -20,8 +18,8 @@ import pytest
 @pytest.mark.parametrize('matching', ['regional', 'coherent'])
 def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_length, matching):
     asked = {'fixed_length': fixed_length, 'matching': matching, 'search': 'exhaustive'}
-    # Given scores have no geometry.
-    config = with_known(quick, asked | {'verification': False})
+    # Given scores have no geometry, so the margin decides.
+    config = with_known(quick, asked | {'acceptance_rule': 'margin'})
     material = street.open()
     query, reference = material.drives(config.encoding)
     said = recognize(material, config)
@@ -29,17 +27,15 @@ def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_le
     given = match_given(rows, query, reference.reference_map, config)
     lengths = [match.sequence_length for match in said.matches]
     assert [match.sequence_length for match in given] == lengths
-    scores = rank_references(rows, query, lengths, partial_windows=matching == 'coherent')
-    places = reference.reference_map.places
-    of_single = fixed_length == 1 and matching == 'coherent'
-    asked = places, config.acceptance, SessionBounds(), of_single
-    ranked = [best_candidates(np.arange(24), row, *asked) for row in scores]
+    scores = rank_references(rows, query, lengths)
     assert sum(length > 0 for length in lengths) > 15
-    for match, other, candidates in zip(said.matches, given, ranked, strict=True):
+    for match, other, ranked in zip(said.matches, given, scores, strict=True):
         expected = [(item.reference_index, item.score) for item in match.candidates]
-        for found in (other.candidates, candidates):
-            assert [(item.reference_index, item.score) for item in found] == expected
+        assert [(item.reference_index, item.score) for item in other.candidates] == expected
         assert (other.status, other.reason) == (match.status, match.reason)
+        if match.candidates:
+            assert (int(ranked.argmax()), float(ranked.max())) == expected[0]
+        assert all(ranked[index] == score for index, score in expected)
 
 
 def without_pixels(match):

@@ -3,15 +3,17 @@
 """A fleet of maps answers as one map would that was made of all."""
 
 import gc
-from importlib.util import find_spec
 import json
 import os
+from pathlib import Path
 import shutil
 import signal
 import socket
 
 from convseq_ros.cli import main
 from convseq_ros.config import Config, make_config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.session import FleetSession
@@ -21,14 +23,11 @@ import pytest
 FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
 FIXED = '--fixed-length', '10'
-FLAGS = (), FIXED, (*FIXED, '--both-directions', 'true'), ('--matching', 'regional')
-# As few places as there are all have their exact scores.
-INDEXED = pytest.param(
-    ('--index-above', '1'), marks=pytest.mark.skipif(not find_spec('faiss'), reason='needs faiss')
-)
+BOTH = '--both-directions', 'true'
+FLAGS = (), BOTH, (*FIXED, '--acceptance-rule', 'margin'), ('--matching', 'regional')
 
 
-@pytest.mark.parametrize('more', [*FLAGS, INDEXED])
+@pytest.mark.parametrize('more', FLAGS)
 def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, capsys, more):
     maps, one, again = drives
     tables = [tmp_path / name for name in ('one.csv', 'fleet.csv')]
@@ -44,9 +43,24 @@ def test_a_fleet_answers_every_frame_as_one_map(drives, scheduler, tmp_path, cap
         del row['duration_ms']
     assert rows[0] == rows[1]
     accepted = {int(row['reference_index']) for row in rows[0] if row['reference_index']}
-    if not more or more[0] == '--fixed-length':
+    if more in ((), BOTH):
         assert accepted & {*range(FRAMES, 2 * FRAMES)}
         assert accepted & {*range(2 * FRAMES, 3 * FRAMES)}
+
+
+def test_looks_that_are_linked_in_a_map_are_so_in_a_fleet(drives, client, tmp_path, answers_of):
+    maps, _, again = drives
+    paths = [shutil.copy(path, tmp_path) for path in sorted(maps.glob('*.db'))]
+    assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
+    one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
+    one.parent.mkdir()
+    assert main(['merge', *parts, '-o', str(one), '--no-links']) == 0
+    session, merged = FleetSession(client, [*map(Path, paths)], Config()), open_map(one)
+    linked = [*session.fleet.reference_map.links]
+    assert linked == [*merged.links] and len(linked) > FRAMES // 2
+    assert [*session.fleet.reference_map.places] == [*merged.places]
+    expected = answers_of(PlaceRecognizer(merged, Config()), again)
+    assert answers_of(session.recognizer, again) == expected
 
 
 def listening():

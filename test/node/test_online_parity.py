@@ -28,7 +28,7 @@ TURNED_PX = 40
 PARAMETERS = {
     'mode': 'online', 'exclusion_s': 0.5, 'exclusion_m': 3.0, 'fixed_length': 2,
     'rival_distance': 2, 'matching': 'coherent', 'search': 'exhaustive', 'kernel': 'numpy',
-    'acceptance_rule': 'margin', 'velocity_search': False, 'stationary_m': 0.1,
+    'acceptance_rule': 'margin', 'stationary_m': 0.1,
 }  # fmt: skip
 
 

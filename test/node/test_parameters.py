@@ -102,7 +102,8 @@ def test_a_whole_number_will_do_for_a_float(declared, text):
     [
         ('min_margim:=0.1', "unknown parameter 'min_margim'; did you mean min_margin?"),
         ('nonsense.deep:=1', "unknown parameter 'nonsense.deep'"),
-        ('speed_search:=false', "'speed_search' is now called 'velocity_search'; use that name"),
+        ('verification:=false', "'verification' is gone: the belief always verifies; leave it"),
+        ('min_evidence:=2.0', "'min_evidence' is gone: set min_confidence instead"),
         ('min_margin:=1.5', 'min_margin: 1.5 is outside 0 .. 1'),
         ('queue_size:=0', 'queue_size: 0 is outside 1 .. 10000'),
         ('queue_size:=many', "queue_size: expected int, got 'many'"),

@@ -21,7 +21,7 @@ from convseq_ros.sources.storage import open_storage
 def mapped(tmp_path_factory):
     """Return a drive and its map, with poses."""
     folder = tmp_path_factory.mktemp('mapped')
-    shots = draw(Street(60.0, seed=3), Drive(num_frames=15, width_px=160, height_px=120))
+    shots = draw(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(folder / 'drive', shots)
     assert main(['build-map', str(folder / 'drive'), str(folder / 'm.db'), '--odom', '/odom']) == 0
     return folder
@@ -46,7 +46,7 @@ def test_the_recording_tells_what_the_table_does(mapped, tmp_path):
     accepted = sum(row['status'] == 'accepted' for row in rows)
     counts = {name: topic.count for name, topic in storage.topics.items()}
     assert accepted and counts['/vpr_node/pose'] == counts['/vpr_node/loop_closure'] == accepted
-    assert counts['/vpr_node/debug_image'] == counts['/vpr_node/markers'] == 15
+    assert counts['/vpr_node/debug_image'] == counts['/vpr_node/markers'] == 30
 
 
 def test_a_viewer_that_is_missing_is_named(mapped, tmp_path, monkeypatch, capsys):

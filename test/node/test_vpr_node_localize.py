@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the robot is: asked for, published when it changes, and why it is not known."""
 
+from itertools import pairwise
 import threading
 
 import pytest
@@ -16,19 +17,23 @@ from convseq_ros.node import map_services, whereabouts
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
+import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool, Trigger
 
 SECOND = 1_000_000_000
+BELIEF = {'matching': 'coherent'}
+UNKNOWN = None
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture
 def show(client, street, image):
-    """Return a way to show places of the street, one after another, each with an answer."""
+    """Return a way to show places of the street, or an unknown one, each with an answer."""
     heard, camera, shown = [], [], []
+    noise = np.random.default_rng(99).integers(0, 256, (50, *street[0].shape), np.uint8)
 
     def show(*places):
         if not camera:
@@ -36,7 +41,8 @@ def show(client, street, image):
             camera.append(client.camera(Image))
         for place in places:
             shown.append(place)
-            camera[0].publish(image(street[place], len(shown) * SECOND))
+            gray = noise[len(shown)] if place is UNKNOWN else street[place]
+            camera[0].publish(image(gray, len(shown) * SECOND))
             client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
 
     return show
@@ -81,31 +87,57 @@ def test_the_state_is_latched_and_one_initial_pose_is_published_each_time(
     client, vpr, map_path, show
 ):
     vpr(
-        '-r', 'initialpose:=/amcl/initialpose', map_path=map_path, fixed_length=1,
-        publish_initial_pose='true', lost_keyframes=2,
+        '-r', 'initialpose:=/amcl/initialpose', map_path=map_path, publish_initial_pose='true',
+        **BELIEF,
     )  # fmt: skip
-    show(1, 2, 3, 4, 21, 22, 23, 24)
+    show(1, 2, 3, 4, *[UNKNOWN] * 8, 20, 21, 22, 23)
     # Whoever comes late hears the last state, and the last pose.
     late = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
     poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
     client.wait_for(lambda: late and poses)
     assert late[0].message == 'localised' and late[0].level == DiagnosticStatus.OK
-    assert {item.key: item.value for item in late[0].values}['problem'] == ''
-    assert poses[0].pose.pose.position.x == 23.0
+    values = {item.key: item.value for item in late[0].values}
+    assert values['problem'] == '' and float(values['quality']) >= 0.9
+    assert poses[0].pose.pose.position.x >= 20.0
     assert poses[0].header.frame_id == 'map' and poses[0].pose.covariance[0] > 0
     assert len(poses) == 1
 
 
 def test_every_change_of_the_state_is_published(client, vpr, map_path, show):
-    vpr(map_path=map_path, fixed_length=1, lost_keyframes=2, publish_initial_pose='true')
+    vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
     told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
     poses = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
     client.wait_for(lambda: told)
-    show(1, 2, 3, 4, 21, 22, 23, 24)
-    client.wait_for(lambda: len(told) == 5 and len(poses) == 2)
-    states = ['lost', 'candidate', 'localised', 'lost', 'localised']
-    assert [each.message for each in told] == states
-    assert [pose.pose.pose.position.x for pose in poses] == [2.0, 23.0]
+    show(1, 2, 3, 4, *[UNKNOWN] * 8, 20, 21, 22, 23)
+    client.wait_for(lambda: len(poses) == 2 and told[-1].message == 'localised')
+    states = [each.message for each in told]
+    assert all(one != next_one for one, next_one in pairwise(states))
+    assert states[:3] == ['lost', 'candidate', 'localised'] and states.count('localised') == 2
+    assert 'lost' in states[3:]
+    assert poses[0].pose.pose.position.x in (1.0, 2.0)
+    assert poses[1].pose.pose.position.x in (20.0, 21.0, 22.0)
+
+
+def test_a_robot_that_is_put_elsewhere_gets_another_initial_pose(client, vpr, map_path, show):
+    vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
+    told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
+    poses = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
+    client.wait_for(lambda: told)
+    show(1, 2, 3, 4, 20, 21, 22, 23)
+    client.wait_for(lambda: poses and told[-1].message == 'localised')
+    assert [each.message for each in told].count('localised') == 2
+    client.wait_for(lambda: len(poses) == 2)
+    assert poses[1].pose.pose.position.x >= 20.0
+
+
+def test_by_the_margin_the_newest_frame_alone_tells(client, vpr, map_path, show):
+    vpr(map_path=map_path, fixed_length=1, min_margin=0.05)
+    told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
+    client.wait_for(lambda: told)
+    show(1, 2, UNKNOWN, UNKNOWN, 21)
+    client.wait_for(lambda: len(told) == 4)
+    assert [each.message for each in told] == ['lost', 'localised', 'lost', 'localised']
+    assert 'quality' not in {item.key for item in told[-1].values}
 
 
 def test_many_who_wait_take_no_threads_and_too_many_are_told(
@@ -177,9 +209,9 @@ def test_a_call_while_a_map_is_opened_is_answered_by_the_new_map(
     futures = ask()
     free.set()
     client.wait_for(loading.done)
-    show(8, 9)
+    show(8)
     (answer,) = answers(client, futures)
     assert answer.success
     assert answer.message == (
-        'place 4, quality not known; no pose: the map has none; build it with --odom or --poses'
+        'place 3, quality not known; no pose: the map has none; build it with --odom or --poses'
     )

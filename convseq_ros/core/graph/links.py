@@ -14,7 +14,7 @@ Row = tuple[int, int | None]  # a place and its anchor; None if no earlier place
 class LINKS:
     """Of looks of one place (belief.md, section 5)."""
 
-    reach: int = 2  # places between two anchors whose looks show one place
+    reach: int = 8  # places between two anchors whose looks show one place; 2 leave gaps
     beside: int = 8  # places of a drive within which they follow one another, and are no looks
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is kept of a place: numbers in memory, and a picture that is read when it is needed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 import sys
@@ -120,8 +120,26 @@ class Places(Sequence[Place]):
         sound = (exponents != _NOT_FINITE).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))
         if not sound.all():
             raise ValueError(f'reference {len(self) + sound.argmin()} has numbers without a value')
-        self._begin_sessions(block['session'])
         self.descriptors.extend(descriptors)
+        self._add(block)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """All that is known of places but their descriptors, (R, ...) each, quick to pickle."""
+        rows = self._rows.view
+        names = 'stamp_ns', 'pose', 'session'
+        return {'source': rows['source'].tolist()} | {name: rows[name].copy() for name in names}
+
+    def take(self, columns: Mapping[str, Any], first_session: int) -> None:
+        """Add such places, of another map; their sessions count from one of these on."""
+        block = np.empty(len(columns['source']), _ROW)
+        for name, column in columns.items():
+            block[name] = column
+        block['session'] += first_session
+        self._add(block)
+
+    def _add(self, block: npt.NDArray[Any]) -> None:
+        self._begin_sessions(block['session'])
         self._rows.extend(block)
 
     def _begin_sessions(self, sessions: npt.NDArray[np.integer[Any]]) -> None:

@@ -60,8 +60,7 @@ class ReferenceMap:
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.uses = uses or Uses()
         self.cell_shape = cell_shape(encoding.image_size_px)
-        self._places = Places(self.cell_shape) if places is None else places
-        self.places: Sequence[Place] = self._places
+        self.places = Places(self.cell_shape) if places is None else places
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
@@ -77,7 +76,7 @@ class ReferenceMap:
     @property
     def bounds(self) -> SessionBounds:
         """Where its sessions begin."""
-        return self._places.bounds
+        return self.places.bounds
 
     @property
     def is_linked(self) -> bool:
@@ -87,7 +86,7 @@ class ReferenceMap:
     @property
     def global_descriptors(self) -> npt.NDArray[np.float16]:
         """Of all places, shape (R, n); not to be written to."""
-        return self._places.descriptors.view
+        return self.places.descriptors.view
 
     def add_frame(
         self,
@@ -126,7 +125,7 @@ class ReferenceMap:
             self.begin_session(place.stamp_ns)
         self.images.are_kept |= image is not None or depths is not None
         self._in_memory.append(Picture(packed, thumbnail, image, depths))
-        self._places.append(place, known_descriptor)
+        self.places.append(place, known_descriptor)
 
     def begin_session(
         self, start_ns: int, camera: Camera | None = None, name: str = '', frame: str | None = None

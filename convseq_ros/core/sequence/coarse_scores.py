@@ -2,17 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse scores: how alike a query and all references are by their global descriptors."""
 
-from collections.abc import Callable, Sequence
-import weakref
+from collections.abc import Sequence
+from typing import Protocol
 
-from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.centred import Centred, COARSE, sums_of, Usual, usual_of
-from convseq_ros.core.sequence.coarse_sums import all_sums, Asked, Sums
-from convseq_ros.core.sequence.diagonals import Rows, Values
-from convseq_ros.core.sequence.indexed import centred
-from convseq_ros.core.sequence.numpy_kernels import mean_score
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves
 from convseq_ros.core.types import Descriptor, Indices, Row
 import numpy as np
@@ -42,62 +38,149 @@ class DriveMean:
         return usual.direction(away, variance)
 
 
+@constants
+class TRACK:
+    """Of the sums along the way; by recall of the right place on drawn and real sets."""
+
+    memory: float = 0.8  # of what a place's predecessors have, per keyframe
+    reach: int = 3  # places that a drive may pass in a keyframe
+    group: int = 64  # scores of which only the best is looked at first
+
+
+class Coarse(Protocol):
+    """What names the places that a query may show: of one map, or of many shards."""
+
+    def reset(self) -> None:
+        """Forget the drive."""
+
+    def update(self, descriptor: Descriptor, usable: int) -> None:
+        """Take in a query, each once, and how many of the first references it may show."""
+
+    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+        """
+        Return the likeliest places, ascending, none of those to be passed over.
+
+        So many by the drive up to the newest query, and so many by that query alone.
+        """
+
+
+class EveryPlace:
+    """Names all places, as the paper does (III-D)."""
+
+    _usable = 0
+
+    def reset(self) -> None:
+        """Forget nothing."""
+
+    def update(self, _descriptor: Descriptor, usable: int) -> None:
+        """Take in how many references a query may show."""
+        self._usable = usable
+
+    def best(self, _along: int, _newest: int, _passed: Sequence[range] = ()) -> Indices:
+        """Return all places."""
+        return np.arange(self._usable)
+
+
+class Track:
+    """
+    Sums of coarse scores along the way that a drive may have come, one for each place.
+
+    A place has its own score, and of what the best of the places just before it had, most. So one
+    pass over the row finds what a sequence finds, at all velocities up to `reach`; in `both`
+    directions those just after it count as well. Sums stay within a session.
+    """
+
+    def __init__(self, both: bool) -> None:
+        self._both = both
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self.sums: Row = np.zeros(0, np.float32)
+
+    def update(self, row: Row, starts: Indices) -> None:
+        """Take in the scores of the newest query (R,); sessions begin at `starts`."""
+        before, old = self.sums, len(self.sums)
+        if not old:
+            self.sums = row.copy()
+            return
+        if len(row) > old:
+            before = np.append(before, np.full(len(row) - old, before.min(), np.float32))
+        best, bounds = before.copy(), starts[1:]
+        for step in range(1, TRACK.reach + 1):
+            earlier, later = before[:-step], before[step:]
+            if len(bounds):  # nothing is passed on from one session to another
+                apart = np.zeros(len(row), np.bool_)
+                for back in range(step):
+                    apart[bounds[bounds + back < len(row)] + back] = True
+                earlier = np.where(apart[step:], -np.inf, earlier)
+                later = np.where(apart[step:], -np.inf, later)
+            np.maximum(best[step:], earlier, out=best[step:])
+            if self._both:
+                np.maximum(best[:-step], later, out=best[:-step])
+        best *= TRACK.memory
+        best += row
+        self.sums = best
+
+
 class CoarseScores:
     """
     Scores a query against all references: 1.5 ms and 50 MB at 100,000, in proportion to the map.
 
     The means of the session and of the drive are taken off: what night, season or the kind of
     surroundings does to every image counts for nothing. Numbers are divided by the fourth root of
-    their standard deviation in both, as those that lamps change most would speak for all. If there
-    are more references than `index_above`, and it is not 0, they must not grow, and an index names
-    the likely ones (docs/FLEET.md).
+    their standard deviation in both, as those that lamps change most would speak for all.
     """
 
-    def __init__(self, reference_map: ReferenceMap, index_above: int = 0) -> None:
-        self._map, self._index_above = reference_map, index_above
+    def __init__(self, reference_map: ReferenceMap, both: bool = False) -> None:
+        self._map, self._track = reference_map, Track(both)
         numbers = reference_map.global_descriptors.shape[1]
         self._sums, self._counted = np.zeros((2, numbers)), 0
         self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
         nothing = reference_map.global_descriptors[:0], np.zeros(1, np.int64)
         self._centred = Centred(self._usual, *nothing)
-        self._means: dict[int, np.float32] = {}  # of rows that are there, by their identities
-        if index_above:  # which takes longer than a frame may
-            self._follow_map(reference_map.global_descriptors, reference_map.bounds.starts)
+        self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
 
     def reset(self) -> None:
+        """Forget the drive."""
         self._drive.reset()
+        self._track.reset()
 
-    def update(self, descriptor: Descriptor, usable: int | None = None) -> Row:
-        """Take in a query, each once; return its cosines, (usable,), with the first references."""
+    def update(self, descriptor: Descriptor, usable: int | None = None) -> None:
+        """Take in a query, each once; `row` is then as long as what it may show."""
         references, starts = self._map.global_descriptors[:usable], self._map.bounds.starts
         self._follow_map(references, starts)
         direction = self._drive.update(descriptor, self._usual)
-        row = self._centred.row(references, starts, direction)
-        self._means[id(row)] = mean_score(row)
-        weakref.finalize(row, self._means.pop, id(row)).atexit = False
-        return row
+        self.row = self._centred.row(references, starts, direction)
+        self._track.update(self.row, starts)
 
-    def peaks(self, rows: Rows, steps: Values) -> Values:
-        """Return what `kernels.peaks` does."""
-        found: Values = kernels_of(__package__).peaks(rows, steps, self._map.bounds.starts)
-        return found
-
-    def sums(self, asked: Sequence[Asked]) -> list[Sums]:
-        """Return all sums along diagonals."""
-        bounds = self._map.bounds
-        return [all_sums(one, bounds, [*map(self._mean, one.rows)]) for one in asked]
-
-    def _mean(self, row: Row | None) -> np.float32 | None:
-        known = self._means.get(id(row))
-        return mean_score(row) if known is None and row is not None else known
-
-    def expect(self, places: Callable[[], Indices]) -> None:
-        """Do nothing: they are at hand."""
+    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+        """Return what `Coarse` says."""
+        return np.union1d(top(self._track.sums, along, passed), top(self.row, newest, passed))
 
     def _follow_map(self, references: Halves, starts: Indices) -> None:
         if len(references) > COARSE.averaged_anew * self._counted:
             self._sums += sums_of(references[self._counted :])
             self._counted = len(references)
             self._usual = usual_of(self._sums, self._counted)
-            self._centred = centred(self._usual, references, starts, self._index_above)
+            self._centred = Centred(self._usual, references, starts)
         self._centred.follow(references, starts)
+
+
+def top(scores: Row, count: int, passed: Sequence[range] = ()) -> Indices:
+    """Return where the best so many scores are, the best first, none in what is passed over."""
+    if passed:
+        scores = scores.copy()
+        for some in passed:
+            scores[max(0, some.start) : max(0, some.stop)] = -np.inf
+    if not count:
+        return np.zeros(0, np.int64)
+    groups = len(scores) // TRACK.group
+    if groups > count:
+        # So many groups have a score that is no worse than this one.
+        best = scores[: groups * TRACK.group].reshape(TRACK.group, groups).max(axis=0)
+        likely = np.flatnonzero(scores >= np.partition(best, groups - count)[groups - count])
+    else:
+        likely = np.arange(len(scores))
+    found = likely[np.argsort(-scores[likely], kind='stable')][:count]
+    return found[np.isfinite(scores[found])]

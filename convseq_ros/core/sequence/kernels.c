@@ -1,11 +1,10 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Mean scores along the diagonals of a sequence of frames, at several velocities.
+// Mean scores along the diagonals of a sequence of frames.
 
 enum {
     ENDS = 512, // of diagonals at a time: what rows hold of them stays in the nearest cache
     STRIDE = 64, // of them at once, whose sums stay in registers
-    SUMS = 16, // of a mean, whatever the vectors' width, so that all processors add alike
 };
 
 // Add up the pairs on diagonals, by their ends, if all are known and in their session, with room
@@ -57,49 +56,6 @@ static void add_up(const float *const *rows, const intptr_t *lengths, const intp
             known[place] += score == score ? 1 : otherwise;
         }
     }
-}
-
-// Raise the highest scores at each velocity, and add up their sum and number: of diagonals that lie
-// in their session, from `reaches` before their end or, negative, to after it, with so many known
-// pairs at least. steps: [velocities][frames]; highest, counts: [velocities][SUMS]; expected:
-// zeros; bounds: where sessions begin, and the last one ends.
-KERNEL(peaks)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-              const float *expected, const int64_t *bounds, const intptr_t *reaches,
-              intptr_t velocities, intptr_t frames, intptr_t fewest, float *restrict highest,
-              double *totals, int32_t *restrict counts)
-{
-    float sums[ENDS + STRIDE];
-    int32_t known[ENDS + SUMS];
-    for (intptr_t session = 0, block = 0; block < lengths[0];) {
-        intptr_t start = bounds[session], end = bounds[session + 1];
-        intptr_t last = block + ENDS < end ? block + ENDS : end;
-        for (intptr_t velocity = 0; velocity < velocities; velocity++) {
-            intptr_t reach = reaches[velocity], least = reach > 0 ? start + reach : start;
-            intptr_t most = reach < 0 ? end + reach : end, first = block > least ? block : least;
-            intptr_t ends = (last < most ? last : most) - first;
-            float total[SUMS] = {0}, *top = highest + velocity * SUMS;
-            int32_t *count = counts + velocity * SUMS;
-            if (ends <= 0)
-                continue;
-            add_up(rows, lengths, steps + velocity * frames, expected, start, end, frames, first,
-                   ends, sums, known);
-            memset(known + ends, 0, SUMS * sizeof *known);
-            memset(sums + ends, 0, SUMS * sizeof *sums);
-            for (intptr_t place = 0; place < ends; place += SUMS)
-                for (int sum = 0; sum < SUMS; sum++) {
-                    int is_scored = known[place + sum] >= fewest;
-                    float score = sums[place + sum] / (float)known[place + sum];
-                    top[sum] = is_scored && score > top[sum] ? score : top[sum];
-                    total[sum] += is_scored ? score : 0;
-                    count[sum] += is_scored;
-                }
-            for (int sum = 0; sum < SUMS; sum++)
-                totals[velocity] += (double)total[sum];
-        }
-        session += last == end;
-        block = last;
-    }
-    return 0;
 }
 
 // Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs. What

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores along diagonals at several velocities, in C: kernels.c; `numpy_kernels` has the same."""
+"""Scores along diagonals, in C: kernels.c; `numpy_kernels` has the same."""
 
 from collections.abc import Sequence
 import ctypes
@@ -12,44 +12,17 @@ from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
-_SUMS = 16  # parts of what is told of each velocity, as in kernels.c
 _SIZES = array(np.intp)
 _ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4'), array('i8')  # the last: session bounds
-_peaks = kernel('peaks', *_ROWS, _SIZES, SIZE, SIZE, SIZE, array('f4'), array('f8'), array('i4'))
 _scores_along = kernel('scores_along', *_ROWS, SIZE, SIZE, SIZE, SIZE, array('f4'))
 
 
-def peaks(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
-) -> npt.NDArray[np.float64]:
-    """Return what the twin of `numpy_kernels` does, to 1e-6."""
-    there, shown, lengths = _shown(rows)
-    highest = np.full((len(steps), _SUMS), -np.inf, np.float32)
-    totals, counts = np.zeros(len(steps)), np.zeros((len(steps), _SUMS), np.int32)
-    reaches, met = np.ascontiguousarray(steps[:, -1]), np.ascontiguousarray(steps[:, there])
-    expected, fewest = np.zeros(len(shown), np.float32), max(1, -(-len(rows) // 2))
-    _peaks(
-        _addresses(shown), lengths, met, expected, _bounds(starts, lengths), reaches, *met.shape,
-        fewest, highest, totals, counts,
-    )  # fmt: skip
-    count = counts.sum(axis=1)
-    found = np.column_stack((highest.max(axis=1), totals / np.maximum(count, 1), count))
-    found[count == 0] = 0
-    return found
-
-
 def partial_scores(
-    rows: Sequence[Row | None],
-    steps: npt.NDArray[np.intp],
-    starts: Indices = ONE,
-    means: Sequence[Any] | None = None,
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
 ) -> Row:
     """Return what the twin of `numpy_kernels` does, to 1e-6."""
     there, shown, lengths = _shown(rows)
-    if means is None:
-        expected = np.array([mean_score(row) for row in shown], np.float32)
-    else:
-        expected = np.array([means[frame] for frame in there], np.float32)
+    expected = np.array([mean_score(row) for row in shown], np.float32)
     scores, fewest = np.empty(len(shown[0]), np.float32), -(-len(rows) // 2)
     given = _addresses(shown), lengths, steps[there], expected, _bounds(starts, lengths)
     _scores_along(*given, len(shown), fewest, 0, False, scores)

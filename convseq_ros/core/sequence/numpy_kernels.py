@@ -13,43 +13,12 @@ ONE = np.zeros(1, np.int64)  # session, which begins at 0
 Sums = npt.NDArray[np.float32]  # (2, R), scores, 0 where there is none, and how many, 0 or 1
 
 
-def peaks(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
-) -> npt.NDArray[np.float64]:
-    """
-    Return the highest and the mean of a sequence's scores at each velocity, and their count.
-
-    Parameters
-    ----------
-    rows : sequence of k ndarrays of float32, shape (R,), or None
-        Pair scores, newest first, which is not None; NaN for none, older rows may be shorter.
-    steps : ndarray of intp, shape (V, k)
-        How many references before its end each diagonal meets each frame, newest first, or
-        negative, how many after it.
-    starts : ndarray of int64, shape (S,)
-        Where sessions begin, ascending, the first at 0; no diagonal leaves its own.
-
-    Returns
-    -------
-    ndarray of float64, shape (V, 3)
-        Of the diagonals inside a session whose newest pair has a score, and half of all pairs; 0
-        where there is none.
-
-    """
-    found, sums = np.zeros((len(steps), 3)), _sums(rows)
-    for velocity, own in enumerate(steps):
-        scores = _whole(sums, own, starts)
-        scores = scores[np.isfinite(scores)]
-        if scores.size:
-            found[velocity] = scores.max(), scores.mean(dtype=np.float64), scores.size
-    return found
-
-
 def whole_scores(
     rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
 ) -> Row:
     """Return what `sequence_scores` does of whole windows, (R,), as `partial_scores` does."""
-    return _whole(_sums(rows), steps, starts)
+    parts = _parts(_sums(rows), steps, starts)
+    return _in_order([_whole_scores(*part) for part in parts], steps)
 
 
 def _sums(rows: Sequence[Row | None]) -> list[Sums | None]:
@@ -59,10 +28,6 @@ def _sums(rows: Sequence[Row | None]) -> list[Sums | None]:
         None if row is None else np.array((np.where(known := np.isfinite(row), row, zero), known))
         for row in _of_one_length(rows)
     ]
-
-
-def _whole(sums: Sequence[Sums | None], steps: npt.NDArray[np.intp], starts: Indices) -> Row:
-    return _in_order([_whole_scores(*part) for part in _parts(sums, steps, starts)], steps)
 
 
 def _whole_scores(sums: Sequence[Sums | None], steps: npt.NDArray[np.intp]) -> Row:
@@ -81,10 +46,7 @@ def _whole_scores(sums: Sequence[Sums | None], steps: npt.NDArray[np.intp]) -> R
 
 
 def partial_scores(
-    rows: Sequence[Row | None],
-    steps: npt.NDArray[np.intp],
-    starts: Indices = ONE,
-    means: Sequence[Any] | None = None,
+    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices = ONE
 ) -> Row:
     """
     Return what `sequence_scores` does of partial windows, (R,), for all references.
@@ -92,17 +54,16 @@ def partial_scores(
     Parameters
     ----------
     rows : sequence of k ndarrays of float32, shape (R,), or None
-        As for `peaks`.
+        Pair scores, newest first, which is not None; NaN for none, older rows may be shorter.
     steps : ndarray of intp, shape (k,)
-        As one row of those of `peaks`.
+        How many references before its end the diagonal meets each frame, newest first, or
+        negative, how many after it.
     starts : ndarray of int64, shape (S,)
-        As for `peaks`; the mean of a row is that of all sessions.
-    means : sequence of k floats, optional
-        Of the rows, if they are parts of longer ones.
+        Where sessions begin, ascending, the first at 0; no diagonal leaves its own, and the mean
+        of a row is that of all sessions.
 
     """
-    if means is None:
-        means = [0 if row is None else mean_score(row) for row in rows]
+    means = [0 if row is None else mean_score(row) for row in rows]
     parts = _parts(_of_one_length(rows), steps, starts)
     return _in_order([_partial_scores(*part, means) for part in parts], steps)
 

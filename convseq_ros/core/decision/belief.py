@@ -1,0 +1,159 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The belief: a discrete Bayes filter over places, velocities and *elsewhere*.
+
+One step a keyframe: `predict` moves the mass as the robot may have moved, `update` multiplies it
+by what the frame shows. Only places that hold mass, or were looked at, are kept, so a step costs
+what they are, whatever the size of the map.
+
+Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suenderhauf and Milford
+2020 (an off-map state).
+"""
+
+from dataclasses import dataclass
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.decision.motion import MOTION, MotionModel
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Indices
+import numpy as np
+import numpy.typing as npt
+
+Values = npt.NDArray[np.float64]
+_WIDEST = 20.0  # places: of a sigma of the motion that is followed to its ends
+
+
+@constants
+class BELIEF:
+    """Shares of the mass a keyframe; engineering, insensitive between half and twice."""
+
+    entering: float = 0.02  # of elsewhere, that enters the map, evenly over its places
+    leaving: float = 0.0005  # of each place, that leaves the map
+    jumping: float = 1e-4  # of all, that is anywhere in the map: kidnapped, or odometry is wrong
+    looks: float = 0.1  # of a place, that goes on from its other looks
+    least: float = 1e-9  # of all; a place with less holds none
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """How likely the newest frame shows each place; all others together hold nothing."""
+
+    places: Indices  # (n,), ascending
+    mass: Values  # (n,), with `elsewhere` 1 in sum
+    elsewhere: float
+
+    def of(self, wanted: npt.NDArray[np.bool_]) -> float:
+        """Return the mass of some places, a mask (n,)."""
+        return float(self.mass[wanted].sum())
+
+
+class Belief:
+    """Holds the mass, and moves it; at first all is elsewhere."""
+
+    def __init__(self, reference_map: ReferenceMap, motion: MotionModel) -> None:
+        self._map, self.motion = reference_map, motion
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive: the robot is elsewhere."""
+        self.motion.reset()
+        self._places: Indices = np.zeros(0, np.int64)
+        self._mass: Values = np.zeros((len(self.motion.velocities), 0))
+        self._elsewhere = 1.0
+
+    @property
+    def posterior(self) -> Posterior:
+        """What is believed now."""
+        return Posterior(self._places, self._mass.sum(axis=0), self._elsewhere)
+
+    def likeliest(self, count: int, least: float = 1e-3) -> list[int]:
+        """Return the likeliest places, best first, each with some of the mass."""
+        mass = self._mass.sum(axis=0)
+        order = np.argsort(-mass, kind='stable')[:count]
+        return self._places[order[mass[order] > least]].tolist()
+
+    def velocity(self, place: int) -> float:
+        """Return the likeliest velocity at a place, in places a keyframe; 1 if it has no mass."""
+        at = int(np.searchsorted(self._places, place))
+        if at == len(self._places) or self._places[at] != place:
+            return 1.0
+        return float(self.motion.velocities[self._mass[:, at].argmax()])
+
+    def predict(self, usable: int) -> None:
+        """Move the mass; what runs off its session, or the usable places, is elsewhere."""
+        if not len(self._places):
+            return
+        places, mass = self._with_looks(usable)
+        moved, sigmas = self.motion.moved(places)
+        reach = math.ceil(3 * min(sigmas.max(), _WIDEST))
+        near = np.rint(moved)[..., None] + np.arange(-reach, reach + 1)
+        weights = np.exp(-0.5 * ((near - moved[..., None]) / sigmas[..., None]) ** 2)
+        weights /= weights.sum(axis=2, keepdims=True)
+        spans = self._map.bounds.spans(places)
+        firsts, stops = (np.broadcast_to(one, places.shape)[:, None] for one in spans)
+        there = (near >= firsts) & (near < np.minimum(stops, usable))
+        weights *= there * mass[..., None]
+        kept = weights > BELIEF.least
+        self._places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
+        rows = np.broadcast_to(np.arange(len(mass))[:, None, None], kept.shape)[kept]
+        count = len(self._places)
+        flat = np.bincount(rows * count + where, weights[kept], len(mass) * count)
+        own = flat.reshape(len(mass), count)
+        changed = (1 - MOTION.changing) * own + MOTION.changing * own.mean(axis=0)
+        self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
+        self._elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
+
+    @property
+    def places(self) -> Indices:
+        """Places that hold mass, (n,), ascending."""
+        return self._places
+
+    def update(self, places: Indices, log_ratios: Values, entry: Values, usable: int) -> None:
+        """
+        Multiply the mass by how likely places (n,), ascending, show what the frame shows.
+
+        Parameters
+        ----------
+        places : ndarray of int64, shape (n,)
+            All that hold mass, and perhaps others.
+        log_ratios : ndarray of float64, shape (n,)
+            Log of how many times likelier the frame is at each than elsewhere.
+        entry : ndarray of float64, shape (n,)
+            Share in [0, 1] of what usually enters there that odometry allows.
+        usable : int
+            How many places the map has.
+
+        """
+        mass = np.zeros((len(self._mass), len(places)))
+        mass[:, np.searchsorted(places, self._places)] = self._mass
+        share = BELIEF.entering * self._elsewhere * entry + BELIEF.jumping
+        mass += share / (max(1, usable) * len(mass))
+        mass *= np.exp(log_ratios)
+        elsewhere = self._elsewhere * (1 - BELIEF.entering)
+        total = float(mass.sum()) + elsewhere
+        mass, self._elsewhere = mass / total, elsewhere / total
+        kept = mass.sum(axis=0) > BELIEF.least
+        self._places, self._mass = places[kept], mass[:, kept]
+
+    def _with_looks(self, usable: int) -> tuple[Indices, Values]:
+        """Return the mass, a share of each place's on its other looks."""
+        places, mass = self._places, self._mass.copy()
+        strong = np.flatnonzero(mass.sum(axis=0) > 1e-3)
+        shared = dict[int, Values]()
+        for column in strong.tolist():
+            looks = [one for one in self._map.links.looks(int(places[column])) if one < usable]
+            if looks:
+                share = BELIEF.looks * mass[:, column]
+                mass[:, column] -= share
+                for one in looks:
+                    shared[one] = shared.get(one, 0.0) + share / len(looks)
+        if not shared:
+            return places, mass
+        every = np.union1d(places, np.fromiter(shared, np.int64))
+        whole = np.zeros((len(mass), len(every)))
+        whole[:, np.searchsorted(every, places)] = mass
+        for one, share in shared.items():
+            whole[:, np.searchsorted(every, one)] += share
+        return every, whole

@@ -1,0 +1,150 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The belief's decision: a place is a match if it holds nearly all of the mass."""
+
+from convseq_ros.core.decision.belief import Belief, Posterior
+from convseq_ros.core.decision.decider import Answer, candidate, Query
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.observation import Observation, OBSERVED, Observer, strength_of
+from convseq_ros.core.decision.odometry_prior import OdometryPrior
+from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.sequence.diagonals import diagonal
+from convseq_ros.core.sequence.query_buffer import BUFFER
+from convseq_ros.core.types import Candidate, Candidates, Reason
+import numpy as np
+import numpy.typing as npt
+
+# Places to either side of the best, and of its looks, that are reported as one place.
+_WINDOW = LINKS.beside // 2
+
+
+class BeliefDecider:
+    """Predict, look, update, report: one step of a Bayes filter a keyframe."""
+
+    def __init__(
+        self,
+        reference_map: ReferenceMap,
+        coarse: Coarse,
+        listed: int,
+        belief: Belief,
+        prior: OdometryPrior,
+    ) -> None:
+        self._map, self._coarse, self._belief, self._prior = reference_map, coarse, belief, prior
+        self._near = Neighbourhood(reference_map)
+        self._observer = Observer(coarse, self._near, listed)
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._belief.reset()
+        self._observer.reset()
+        self._prior.reset()
+
+    def share(self, other: object) -> None:
+        """Have what odometry says of another camera's matches hold for both."""
+        if isinstance(other, BeliefDecider):
+            self._prior.share(other._prior)
+
+    def decide(self, query: Query) -> Answer:
+        """Return the likeliest places, and the mass of the first as its confidence."""
+        frame, belief = query.frame, self._belief
+        self._coarse.update(query.buffer.newest.descriptor, query.usable)
+        if query.missing > BUFFER.longest_gap:
+            belief.reset()
+        belief.motion.move(frame.pose, query.missing)
+        self._prior.move(frame.stamp_ns, frame.pose)
+        belief.predict(query.usable)
+        predicted = belief.likeliest(OBSERVED.predicted)
+        seen = self._observer.observe(query.buffer, belief.places, predicted, query.session_start)
+        entry = self._prior.shares(seen.places, query.session_start)
+        belief.update(seen.places, seen.log_ratios, entry, query.usable)
+        return self._answer(query, seen)
+
+    def _answer(self, query: Query, seen: Observation) -> Answer:
+        posterior, config = self._belief.posterior, query.config.acceptance
+        length = query.length or len(query.buffer)
+        if not len(posterior.places):
+            return Answer(Reason.WEAK, (), length, 0.0)
+        best = int(posterior.places[posterior.mass.argmax()])
+        confidence = min(1.0, posterior.of(self._same(posterior, best)))
+        is_denied = self._prior.is_denied(best, query.session_start)
+        if is_sure := confidence >= config.min_confidence and not is_denied:
+            best = self._best_look(best, seen)
+            self._learn(best, seen, query.session_start)
+        found = self._candidates(best, posterior, seen, query)
+        excess_m = None if is_sure else self._prior.excess_m(best, query.session_start)
+        reason = Reason.ACCEPTED
+        if not is_sure:
+            others = 1 - posterior.elsewhere - confidence
+            reason = Reason.AMBIGUOUS if others > posterior.elsewhere else Reason.WEAK
+            if excess_m is not None:
+                reason = Reason.IMPLAUSIBLE
+            elif not seen.has_rivals:
+                reason = Reason.TOO_FEW_RIVALS
+        return Answer(reason, found, length, confidence, excess_m)
+
+    def _same(self, posterior: Posterior, best: int) -> npt.NDArray[np.bool_]:
+        return self._near.mask(posterior.places, best, _WINDOW)
+
+    def _best_look(self, best: int, seen: Observation) -> int:
+        """Return the look of a place that the newest frame shows best."""
+        near = self._near
+        looks = {
+            one: strength_of(shown)
+            for one, shown in seen.verified.items()
+            if near.is_near(one, best, _WINDOW)
+        }
+        shown = max(looks, key=lambda one: looks[one], default=best)
+        is_beside = shown in self._map.bounds.around(best, _WINDOW)
+        return best if is_beside else shown
+
+    def _learn(self, best: int, seen: Observation, session_start: int) -> None:
+        """Take in a match."""
+        self._prior.fix(best)
+        near = self._near.mask(seen.places, best, _WINDOW)
+        is_shown = bool((seen.log_ratios[near] > 0).any())
+        self._observer.confirm(is_shown)
+        strengths = [
+            strength_of(shown)
+            for one, shown in seen.verified.items()
+            if self._near.is_near(one, best, _WINDOW)
+        ]
+        if strengths and is_shown and best < session_start:
+            self._observer.learn(max(strengths))
+
+    def _candidates(
+        self, best: int, posterior: Posterior, seen: Observation, query: Query
+    ) -> Candidates:
+        """Return the modes of the belief, no two near each other, the best first."""
+        config, places = query.config.acceptance, posterior.places
+        left, found = np.ones(len(places), np.bool_), list[int]()
+        order = np.argsort(-posterior.mass, kind='stable')
+        for index in (best, *places[order].tolist()):
+            at = np.searchsorted(places, index)
+            if not found or left[at]:
+                found.append(index)
+                left &= ~self._map.bounds.near(places, index, config.rival_distance)
+            if len(found) == config.num_candidates:
+                break
+        return tuple(self._candidate(one, seen, query) for one in found)
+
+    def _candidate(self, index: int, seen: Observation, query: Query) -> Candidate:
+        near = self._map.bounds.around(index, 1)
+        shown = [seen.verified[one].inliers for one in (index, *near) if one in seen.verified]
+        score = self._score(index, query)
+        return candidate(self._map.places, index, score, shown[0] if shown else None)
+
+    def _score(self, index: int, query: Query) -> float:
+        """Return the mean of the pair scores along the diagonal that ends at a place."""
+        rows = query.buffer.rows[: query.length or len(query.buffer)]
+        velocity = self._belief.velocity(index)
+        first, end = self._map.bounds.span(index)
+        met = zip(rows, diagonal(len(rows), velocity or 1e-9), strict=True)
+        pairs = [
+            float(row[index - step])
+            for row, step in met
+            if row is not None and first <= index - step < min(end, len(row))
+        ]
+        known = [one for one in pairs if one >= 0]
+        return sum(known) / len(known) if known else 0.0

@@ -1,0 +1,148 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where odometry allows the robot to be: it may have drifted since the last match, by some share.
+
+Each frame of a map's poses is a map of its own; a place of this very drive lies in odometry's.
+"""
+
+from array import array
+from bisect import bisect_left
+from dataclasses import dataclass, field
+import math
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
+from convseq_ros.core.types import Indices, Pose
+from convseq_ros.robot_config import RobotConfig
+import numpy as np
+import numpy.typing as npt
+
+
+@constants
+class SLACK:
+    """By how much a match itself may be off; engineering, not studied."""
+
+    places: float = 5.0  # times the way to the next place
+    least_m: float = 0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fix:
+    """A match, as a link between the frames of the map and of odometry."""
+
+    map_odometry: Matrix  # (4, 4)
+    way_m: float  # that odometry had come then
+    turn_rad: float
+    by: int = 0  # the camera that made it
+
+
+@dataclass(eq=False, slots=True)
+class Way:
+    """How far odometry has come, and what was sure on the way; of all cameras of a robot."""
+
+    last: Matrix | None = None  # (4, 4), where it was
+    way_m: float = 0.0
+    turn_rad: float = 0.0
+    sure: dict[str, Fix] = field(default_factory=dict)  # the last, by frame
+
+    def move(self, here: Matrix) -> None:
+        """Take in where odometry is."""
+        last = here if self.last is None else self.last
+        self.way_m += float(np.linalg.norm(here[:3, 3] - last[:3, 3]))
+        self.turn_rad += angle(last[:3, :3].T @ here[:3, :3])
+        self.last = here
+
+
+class OdometryPrior:
+    """Compares places with odometry; in a map that `grows` it remembers 24 bytes a keyframe."""
+
+    def __init__(self, reference_map: ReferenceMap, config: RobotConfig, grows: bool) -> None:
+        self._map, self._config, self._grows = reference_map, config, grows
+        self._way = Way()
+        self.reset()
+
+    def share(self, other: 'OdometryPrior') -> None:
+        """Have what either is sure of hold for both: two cameras of one base."""
+        self._way = other._way
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._here: Matrix | None = None
+        self._way.last, self._way.way_m, self._way.turn_rad = None, 0.0, 0.0
+        self._way.sure.clear()
+        self._stamps, self._ways, self._turns = array('q'), array('d'), array('d')
+
+    def move(self, stamp_ns: int, pose: Pose | None) -> None:
+        """Take in where odometry is at the next keyframe, if it tells."""
+        self._here = None if pose is None else matrix(pose)
+        if self._here is None:
+            return
+        self._way.move(self._here)
+        if self._grows:
+            self._stamps.append(stamp_ns)
+            self._ways.append(self._way.way_m)
+            self._turns.append(self._way.turn_rad)
+
+    def shares(self, places: Indices, session_start: int) -> npt.NDArray[np.float64]:
+        """Return the share in [0, 1] that odometry leaves of what enters places (n,)."""
+        off = [self._off(one, session_start) or (0.0, 0.0) for one in places.tolist()]
+        return np.exp(-0.5 * np.array([sigmas for sigmas, _ in off]).clip(max=40.0) ** 2)
+
+    def excess_m(self, place: int, session_start: int) -> float | None:
+        """Return by how much further off a place is than odometry may have drifted, if it is."""
+        off = self._off(place, session_start)
+        return None if off is None or off[1] <= 0 else off[1]
+
+    def is_denied(self, place: int, session_start: int) -> bool:
+        """Return whether odometry denies a place by what another camera is sure of."""
+        sure = self._way.sure.get(self._frame(place))
+        is_other = sure is not None and sure.by != id(self)
+        return is_other and self.excess_m(place, session_start) is not None
+
+    def fix(self, place: int) -> None:
+        """Take in that the robot is at a place."""
+        pose = self._map.places[place].pose
+        if self._here is None or pose is None:
+            return
+        link = matrix(pose) @ inverse(self._here)
+        self._way.sure[self._frame(place)] = Fix(
+            link, self._way.way_m, self._way.turn_rad, id(self)
+        )
+
+    def _off(self, place: int, session_start: int) -> tuple[float, float] | None:
+        """Return how far off a place is: sigmas beyond the slack, metres beyond the drift."""
+        pose = self._map.places[place].pose
+        if self._here is None or pose is None or not self._config.odometry_way_error:
+            return None
+        own = self._first(place) if place >= session_start else None
+        if (sure := self._way.sure.get(self._frame(place)) or own) is None:
+            return None
+        here = sure.map_odometry[:3, :3] @ self._here[:3, 3] + sure.map_odometry[:3, 3]
+        off_m = math.dist(here, pose.position) - self._slack_m(place)
+        turn_rad = min(self._way.turn_rad - sure.turn_rad, math.tau)
+        share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
+        drift_m = share * (self._way.way_m - sure.way_m)
+        # The bounds of the drift are two sigmas.
+        return 2 * max(0.0, off_m) / max(drift_m, 1e-3), off_m - drift_m
+
+    def _frame(self, place: int) -> str:
+        session = self._map.sessions[self._map.places[place].session]
+        return session.frame or session.id  # a frame without a name is the session's own
+
+    def _first(self, place: int) -> Fix | None:
+        """Return what holds of a place of this drive before it is matched: no drift then."""
+        if not self._stamps:
+            return None
+        stamp_ns = self._map.places[place].stamp_ns
+        at = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
+        return Fix(np.eye(4), self._ways[at], self._turns[at])
+
+    def _slack_m(self, place: int) -> float:
+        """Return by how much a match may be off: some of the way to the places beside it."""
+        near = self._map.bounds.around(place, 1)
+        poses = [self._map.places[at].pose for at in near if at < len(self._map)]
+        known = [one.position for one in poses if one is not None]
+        way_m = max(math.dist(one, other) for one in known for other in known)
+        return max(SLACK.least_m, SLACK.places * way_m)

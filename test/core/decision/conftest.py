@@ -1,0 +1,36 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of which only the places matter."""
+
+from collections.abc import Callable
+
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Pose
+import numpy as np
+import pytest
+
+AHEAD = (0.0, 0.0, 0.0, 1.0)
+SECOND_NS = 10**9
+
+
+@pytest.fixture(scope='session')
+def a_map() -> Callable[..., ReferenceMap]:
+    """Return a maker of maps of sessions of so many places, `step_m` apart if poses are known."""
+    cells = pack_cells(np.ones((4, 4, 8), np.float32))
+
+    def make(*lengths: int, step_m: float | None = None, frame: str | None = None) -> ReferenceMap:
+        made = ReferenceMap(EncodingConfig(image_size_px=64))
+        for number, length in enumerate(lengths):
+            made.sessions.append(MapSession(f'id {number}', '', number, frame=frame))
+            for index in range(length):
+                pose = None if step_m is None else Pose((index * step_m, 0.0, 0.0), AHEAD)
+                stamp_ns = len(made) * SECOND_NS
+                nothing = np.zeros(made.global_descriptors.shape[1])
+                place = Place(stamp_ns, pose=pose, session=number)
+                made.add(place, cells, known_descriptor=nothing)
+        return made
+
+    return make

@@ -1,0 +1,269 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The filter: steps worked by hand, and what holds of any step."""
+
+from itertools import pairwise
+
+from convseq_ros.core.decision.belief import BELIEF, Belief
+from convseq_ros.core.decision.motion import MOTION, MotionModel
+from convseq_ros.core.rigid import of_roll_pitch_yaw
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+NARROW = 0.1  # places; so what is moved goes to one place
+
+
+class Driven:
+    """A motion model that is told how far each velocity goes."""
+
+    def __init__(self, *velocities, sigma=NARROW):
+        self.velocities, self._sigma = np.array(velocities or (1.0,)), sigma
+
+    def reset(self):
+        """Forget nothing."""
+
+    def moved(self, places):
+        moved = places + self.velocities[:, None]
+        return moved, np.full(moved.shape, self._sigma)
+
+
+def seen(belief, log_ratios, places=None, entry=1.0, unseen=0.0):
+    """Look at some places, all of them unless told, and at what is believed."""
+    places = np.arange(len(log_ratios)) if places is None else np.array(places)
+    every = np.union1d(belief.places, places)
+    at, ratios = np.searchsorted(every, places), np.full(len(every), unseen)
+    ratios[at] = log_ratios
+    entries = np.ones(len(every))
+    entries[at] = entry
+    belief.update(every, ratios, entries, len(belief._map))
+    return belief.posterior
+
+
+def masses(belief, count):
+    """Return the mass of the first places, and of elsewhere."""
+    found, posterior = np.zeros(count), belief.posterior
+    there = posterior.places < count
+    found[posterior.places[there]] = posterior.mass[there]
+    return found, posterior.elsewhere
+
+
+def sure_of(belief, place):
+    """Have a belief be sure of a place."""
+    for _ in range(4):
+        seen(belief, [40.0], [place], unseen=-40.0)
+    assert belief.posterior.elsewhere < 1e-6
+    return belief
+
+
+def test_at_first_the_robot_is_elsewhere(a_map):
+    belief = Belief(a_map(5), Driven())
+    belief.predict(5)
+    posterior = belief.posterior
+    assert posterior.elsewhere == 1 and len(posterior.places) == len(posterior.mass) == 0
+    assert belief.likeliest(5) == [] and belief.velocity(3) == 1.0
+
+
+def test_the_first_step_by_hand(a_map):
+    posterior = seen(Belief(a_map(5), Driven()), np.log([1, 1, 10, 1, 0.5]))
+    entered = (0.02 + 1e-4) / 5  # a fiftieth of elsewhere, and what jumps, evenly
+    weights = entered * np.array([1, 1, 10, 1, 0.5])
+    total = weights.sum() + 0.98
+    assert posterior.places.tolist() == [0, 1, 2, 3, 4]
+    assert posterior.mass == pytest.approx(weights / total)
+    assert posterior.elsewhere == pytest.approx(0.98 / total)
+
+
+def test_the_second_step_by_hand(a_map):
+    belief = Belief(a_map(4), Driven())
+    first = seen(belief, np.log([1, 20, 1, 1]))
+    belief.predict(4)
+    mass, elsewhere = masses(belief, 4)
+    # All move on by one; the last runs off the map, and of each a two-thousandth leaves it.
+    prior = (1 - 0.0005) * np.array([0, *first.mass[:3]])
+    assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
+    seen(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
+    share = (0.02 * elsewhere * np.array([1, 1, 0.5, 0]) + 1e-4) / 4
+    weights = (prior + share) * [1, 1, 20, 1]
+    total = weights.sum() + 0.98 * elsewhere
+    mass, left = masses(belief, 4)
+    assert mass == pytest.approx(weights / total) and left == pytest.approx(
+        0.98 * elsewhere / total
+    )
+
+
+def test_what_is_believed_counts_as_the_frame_shows_it(a_map):
+    belief = sure_of(Belief(a_map(5), Driven(0.0)), 3)
+    before, elsewhere = masses(belief, 5)
+    assert belief.places.tolist() == [3]
+    seen(belief, [0.0], [1], unseen=np.log(0.25))
+    share = (0.02 * elsewhere + 1e-4) / 5
+    weights = np.array([0, share, 0, 0.25 * (before[3] + share), 0])
+    assert masses(belief, 5)[0] == pytest.approx(weights / (weights.sum() + 0.98 * elsewhere))
+
+
+def test_motion_spreads_as_a_bell(a_map):
+    belief = sure_of(Belief(a_map(9), Driven(1.0, sigma=0.7)), 3)
+    belief.predict(9)
+    bell = np.exp(-0.5 * ((np.arange(1, 8) - 4) / 0.7) ** 2)
+    assert masses(belief, 9)[0][1:8] == pytest.approx(0.9995 * bell / bell.sum(), abs=1e-5)
+
+
+def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
+    belief = Belief(a_map(20), Driven(1.0, 3.0))
+    sure_of(belief, 2)
+    belief.predict(20)
+    seen(belief, [40.0], [5], unseen=-40.0)  # it was three
+    assert belief.velocity(5) == 3.0 and belief.velocity(12) == 1.0
+    belief.predict(20)
+    mass, _ = masses(belief, 20)
+    assert mass[8] == pytest.approx(1, abs=0.01)
+    belief.predict(20)
+    changed = MOTION.changing / 2
+    assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
+
+
+def test_the_likeliest_come_best_first_and_hold_some_mass(a_map):
+    belief = Belief(a_map(6), Driven())
+    seen(belief, np.log([1, 90, 1, 60, 0.01, 1]))
+    assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5]
+    assert belief.posterior.of(np.array([0, 1, 0, 1, 0, 0], bool)) == pytest.approx(
+        sum(masses(belief, 6)[0][[1, 3]])
+    )
+
+
+def test_mass_runs_off_the_end_of_a_session_and_of_what_may_be_matched(a_map):
+    for place, usable in ((4, 10), (9, 10), (6, 7)):
+        belief = sure_of(Belief(a_map(5, 5), Driven()), place)
+        belief.predict(usable)
+        assert belief.posterior.elsewhere == pytest.approx(1, abs=1e-3)
+        assert place + 1 not in belief.posterior.places
+
+
+def test_a_tenth_of_a_place_goes_on_from_its_looks(a_map):
+    whole = a_map(30, 30)
+    whole.links.add(45, 10)
+    # 2 to 18 are looks of 45; it is one of all of them.
+    looks = whole.links.looks(45)
+    belief = sure_of(Belief(whole, Driven()), 45)
+    belief.predict(60)
+    mass, _ = masses(belief, 60)
+    assert mass[46] == pytest.approx(0.9, abs=1e-3)
+    assert mass[[one + 1 for one in looks]] == pytest.approx(0.1 / len(looks), rel=0.01)
+    belief = sure_of(Belief(whole, Driven()), 45)
+    belief.predict(46)  # looks that may not be matched get nothing; those before do
+    assert masses(belief, 60)[0][[one + 1 for one in looks]].sum() == pytest.approx(0.1, rel=0.01)
+
+
+def test_a_belief_that_is_denied_goes_elsewhere_step_by_step(a_map):
+    belief = sure_of(Belief(a_map(20), Driven(0.0)), 7)
+    left = [belief.posterior.elsewhere]
+    for _ in range(12):
+        belief.predict(20)
+        left.append(seen(belief, np.full(20, -1.0), unseen=-1.0).elsewhere)
+    assert all(one < other for one, other in pairwise(left)) and left[-1] > 0.9
+
+
+def test_what_is_told_as_unlikely_as_can_be_is_found_again(a_map):
+    belief = Belief(a_map(20), Driven(0.0))
+    for _ in range(50):
+        seen(belief, np.full(20, -50.0), unseen=-50.0)
+    assert belief.posterior.elsewhere == pytest.approx(1)
+    for _ in range(3):
+        posterior = seen(belief, [6.0, *[-2.0] * 19])
+    assert posterior.mass[0] > 0.9
+
+
+def test_after_a_reset_it_is_elsewhere(a_map):
+    belief = sure_of(Belief(a_map(5), Driven()), 3)
+    belief.reset()
+    assert belief.posterior.elsewhere == 1 and not len(belief.posterior.places)
+
+
+LENGTHS = st.lists(st.integers(1, 12), min_size=1, max_size=4)
+STEPS = st.lists(
+    st.tuples(
+        st.integers(0, 10**6),  # the seed of what is looked at
+        st.sampled_from([-50.0, -2.0, 0.0, 6.5, 50.0]),
+        st.one_of(st.none(), st.floats(-30, 30)),  # where odometry is
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def driven(whole, steps, both, order=None, most=50.0, looked=0.6):
+    """Yield a belief after each prediction and each update; places renumbered by an order."""
+    order = np.arange(len(whole)) if order is None else order
+    belief = Belief(whole, MotionModel(whole, both, 0.05))
+    for seed, extreme, x in steps:
+        pose = None if x is None else of_roll_pitch_yaw((x, 0.0, 0.0), 0.0, 0.0, 0.0)
+        belief.motion.move(pose, 0)
+        belief.predict(len(whole))
+        yield belief
+        rng = np.random.default_rng(seed)
+        ratios, entry = rng.uniform(-most, most, len(order)), rng.uniform(0, 1, len(order))
+        ratios[rng.random(len(order)) < 0.4] = np.clip(extreme, -most, most)
+        there = order[rng.random(len(order)) < looked]
+        places = np.union1d(there, belief.places)
+        old = np.argsort(order)[places]
+        belief.update(places, ratios[old], entry[old], len(whole))
+        yield belief
+
+
+@settings(max_examples=80)
+@given(LENGTHS, STEPS, st.booleans(), st.sampled_from([None, 1.0]), st.integers(0, 99))
+def test_mass_is_a_distribution_whatever_comes(a_map, lengths, steps, both, step_m, seed):
+    whole = a_map(*lengths, step_m=step_m)
+    rng = np.random.default_rng(seed)
+    for place in range(1, len(whole)):
+        if rng.random() < 0.3:
+            whole.links.note(place, int(rng.integers(place)))
+    for belief in driven(whole, steps, both):
+        posterior = belief.posterior
+        assert np.isfinite(posterior.mass).all() and (posterior.mass >= 0).all()
+        assert 0 <= posterior.elsewhere <= 1
+        assert posterior.mass.sum() + posterior.elsewhere == pytest.approx(1, abs=1e-6)
+        places = posterior.places
+        assert (np.diff(places) > 0).all() and set(places.tolist()) <= set(range(len(whole)))
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 12), st.integers(1, 12), STEPS, st.booleans(), st.sampled_from([None, 1.0]))
+def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, both, step_m):
+    swapped = np.array([*range(other, other + one), *range(other)])
+    pairs = zip(
+        driven(a_map(one, other, step_m=step_m), steps, both, None, 7.0, 1.0),
+        driven(a_map(other, one, step_m=step_m), steps, both, swapped, 7.0, 1.0),
+        strict=True,
+    )
+    for first, second in pairs:
+        mass, elsewhere = masses(first, one + other)
+        found, left = masses(second, one + other)
+        # Half a place is rounded to an even one, so tails end at another place.
+        assert found[swapped] == pytest.approx(mass, abs=1e-3)
+        assert left == pytest.approx(elsewhere, abs=1e-3)
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(st.integers(1, 9), min_size=2, max_size=4),
+    st.booleans(),
+    st.sampled_from([None, 1.0]),
+)
+def test_without_links_mass_stays_in_its_session(a_map, lengths, both, step_m):
+    whole = a_map(*lengths, step_m=step_m)
+    place = lengths[0] + lengths[1] // 2  # of the second session
+    belief = sure_of(Belief(whole, MotionModel(whole, both, 0.3)), place)
+    first, end = whole.bounds.span(place)
+    for x in range(6):
+        belief.motion.move(of_roll_pitch_yaw((2.0 * x, 0.0, 0.0), 0.0, 0.0, 0.0), 0)
+        belief.predict(len(whole))
+        mass, _ = masses(belief, len(whole))
+        own = mass[first : min(end, len(whole))].sum()
+        assert mass.sum() == pytest.approx(own, abs=1e-5)  # what was elsewhere at first
+
+
+def test_constants_are_shares():
+    assert all(0 < getattr(BELIEF, name) < 0.5 for name in BELIEF.__dataclass_fields__)

@@ -1,0 +1,292 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map, a drive, and what the belief accepts, on drawn images; and what bad input makes of it."""
+
+from dataclasses import replace
+
+from convseq_ros.config import (
+    AcceptanceConfig,
+    Config,
+    EncodingConfig,
+    EVERY_FRAME,
+    MatchingConfig,
+    MotionConfig,
+    OnlineConfig,
+    SequenceConfig,
+)
+from convseq_ros.core.compiled import available
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame, LocalizationState, Pose, Reason, Status
+import numpy as np
+import pytest
+
+SMALL = EncodingConfig(image_size_px=256)
+PLACES = 60
+STEP_NS = 10**8
+OWN = Config(encoding=SMALL, sequence=SequenceConfig(fixed_length=4))
+ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
+RESTLESS = replace(OWN, motion=MotionConfig(stationary_overlap=1.0, stationary_m=0.0))
+both_searches = pytest.mark.parametrize(
+    'config',
+    [replace(OWN, matching=MatchingConfig(search=one)) for one in ('shortlist', 'exhaustive')],
+    ids=['shortlist', 'exhaustive'],
+)
+
+
+@pytest.fixture(scope='module')
+def described(image):
+    known = {}
+
+    def of(place, seed=0):
+        if (place, seed) not in known:
+            known[place, seed] = describe(image(place, seed), SMALL)
+        return known[place, seed]
+
+    return of
+
+
+@pytest.fixture(scope='module')
+def map_of(described):
+    def make(places, sessions=False):
+        made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+        for index, place in enumerate(places):
+            if sessions:
+                made.begin_session(index)
+            session = max(0, len(made.sessions) - 1)
+            made.add(Place(index, session=session), pack_cells(described(place).cells))
+        return made
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def street(map_of):
+    return map_of(range(PLACES))
+
+
+@pytest.fixture(scope='module')
+def drive(described):
+    """Return a way to show places, one a step; None is a frame that cannot be read."""
+
+    def show(recognizer, places, *, start=0, seed=1, poses=None):
+        found = []
+        for index, place in enumerate(places):
+            pose = poses[index] if poses else None
+            frame = Frame((start + index) * STEP_NS, None, pose=pose)
+            shown = None if place is None else described(place, seed)
+            found.append(recognizer.process(frame, shown))
+        return found
+
+    return show
+
+
+def accepted(matches):
+    return [match.accepted and match.accepted.reference_index for match in matches]
+
+
+def at(x):
+    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+@both_searches
+def test_a_known_stretch_is_accepted_and_an_unknown_one_is_not(street, drive, config):
+    ways = [*range(1000, 1015), *range(15, 40), *range(2000, 2020)]
+    matches = drive(PlaceRecognizer(street, config), ways)
+    assert accepted(matches[:15]) == [None] * 15
+    assert accepted(matches[17:40]) == [*range(17, 40)]
+    assert accepted(matches[42:]) == [None] * 18
+    assert {match.reason for match in matches[:15] + matches[42:]} <= {
+        Reason.WEAK,
+        Reason.AMBIGUOUS,
+    }
+
+
+@both_searches
+def test_an_accepted_match_tells_all_that_is_known(street, drive, config):
+    for match in drive(PlaceRecognizer(street, config), range(10, 30))[2:]:
+        assert match.status is Status.ACCEPTED and 0.9 <= match.confidence <= 1
+        assert 0 < match.best.score <= 1 and match.best.inliers > 50
+        assert match.sequence_length == min(4, match.query_index + 1)
+        indices = [one.reference_index for one in match.candidates]
+        assert len(indices) <= 5 and np.diff(sorted(indices)).min(initial=99) > 10
+        assert match.localization.state is LocalizationState.LOCALISED
+        assert match.localization.quality == match.confidence
+
+
+@both_searches
+@pytest.mark.parametrize(('here', 'there'), [(10, 40), (40, 5), (20, 33)])
+def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
+    street, drive, config, here, there
+):
+    ways = [*range(here, here + 12), *range(there, there + 12)]
+    matches = drive(PlaceRecognizer(street, config), ways)
+    assert accepted(matches[2:12]) == [*range(here + 2, here + 12)]
+    assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
+
+
+@both_searches
+def test_from_the_third_keyframe_after_the_end_of_the_map_nothing(street, drive, config):
+    matches = drive(PlaceRecognizer(street, config), [*range(45, 60), *range(900, 915)])
+    assert accepted(matches[2:15]) == [*range(47, 60)]
+    assert accepted(matches[17:]) == [None] * 13
+    assert matches[-1].localization.state is not LocalizationState.LOCALISED
+
+
+def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(map_of, drive):
+    twice = map_of([*range(30), *range(30)])
+    matches = drive(PlaceRecognizer(twice, OWN), range(5, 25))
+    assert not any(match.accepted for match in matches)
+    for place in range(30, 60):
+        twice.links.add(place, place - 30)
+    found = accepted(drive(PlaceRecognizer(twice, OWN), range(5, 25)))
+    assert [one is not None and one % 30 for one in found[3:]] == [*range(8, 25)]
+
+
+def test_frames_that_show_nothing_do_not_break_a_drive(street, drive):
+    places = [*range(10, 40)]
+    places[18] = places[19] = None
+    matches = drive(PlaceRecognizer(street, OWN), places)
+    assert [match.status for match in matches[18:20]] == [Status.SKIPPED] * 2
+    assert accepted(matches[21:]) == [*range(31, 40)]
+
+
+def test_the_same_frame_again_and_again_is_never_another_place(street, drive):
+    # Nobody asks whether it stands still.
+    matches = drive(PlaceRecognizer(street, RESTLESS), [*range(20, 30), *[29] * 40])
+    assert set(accepted(matches[10:])) <= {28, 29, 30, None}
+    unknown = drive(PlaceRecognizer(street, RESTLESS), [777] * 40)
+    assert not any(match.accepted for match in unknown)
+
+
+@pytest.mark.parametrize('places', [1, 2, 3, 8])
+@pytest.mark.parametrize('sessions', [False, True])
+def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, sessions):
+    small = map_of(range(places), sessions)
+    ways = [*range(places)] * 6
+    poses = [at(one) for one in ways]
+    for shown in (None, poses):
+        matches = drive(PlaceRecognizer(small, RESTLESS), ways, poses=shown)
+        assert {match.reason for match in matches} <= {Reason.TOO_FEW_RIVALS, Reason.WEAK}
+        assert all(0 <= match.confidence < 0.9 for match in matches)
+        assert not any(np.isnan(one.score) for match in matches for one in match.candidates)
+
+
+def test_in_sessions_of_one_place_each_frame_is_told_by_itself(map_of, drive):
+    lonely = map_of(range(40), sessions=True)
+    ways = [*range(10, 30)] * 2
+    matches = drive(PlaceRecognizer(lonely, OWN), ways, poses=[at(one) for one in range(40)])
+    for match, place in zip(matches, ways, strict=True):
+        assert 0 <= match.confidence <= 1
+        assert match.accepted is None or match.accepted.reference_index == place
+
+
+def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of, drive):
+    alike = map_of(range(16))
+    for place in range(1, 16):
+        alike.links.add(place, 0)
+    matches = drive(PlaceRecognizer(alike, OWN), range(16))
+    assert not any(match.accepted for match in matches)
+    assert all(0 <= match.confidence <= 1 for match in matches)
+
+
+def test_how_sure_is_enough_may_be_set_while_it_drives(street, drive):
+    def asking(least):
+        return replace(OWN, acceptance=AcceptanceConfig(min_confidence=least))
+
+    recognizer = PlaceRecognizer(street, asking(0.0))
+    matches = drive(recognizer, [*range(500, 510), *range(10, 20)])
+    assert all(match.accepted for match in matches)  # whatever it is
+    recognizer.config = asking(1.0)
+    matches = drive(recognizer, range(20, 30), start=20)
+    assert all(match.accepted is None or match.confidence == 1 for match in matches)
+    assert [match.best.reference_index for match in matches] == [*range(20, 30)]
+    recognizer.config = asking(0.9)
+    assert accepted(drive(recognizer, range(30, 35), start=30)) == [*range(30, 35)]
+
+
+def test_candidates_lie_as_far_apart_as_is_asked_at_once(street, drive):
+    recognizer = PlaceRecognizer(street, OWN)
+    drive(recognizer, range(10, 12))
+    recognizer.config = replace(OWN, acceptance=AcceptanceConfig(rival_distance=25))
+    (match,) = drive(recognizer, [40], start=2)
+    places = sorted(one.reference_index for one in match.candidates)
+    assert len(places) > 1 and np.diff(places).min() > 25
+
+
+@pytest.mark.parametrize(
+    'jumps', [{8: 1e6}, {8: -300.0, 9: 300.0}, {4: 0.0}, dict.fromkeys(range(6, 25), 5.0)]
+)
+def test_odometry_that_jumps_resets_or_stops_counts_for_three_frames(described, drive, jumps):
+    posed = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(PLACES):
+        posed.add(Place(place, pose=at(place)), pack_cells(described(place).cells))
+    ways = [*range(10, 35)]
+    poses = [at(jumps.get(index, place)) for index, place in enumerate(ways)]
+    matches, first = drive(PlaceRecognizer(posed, RESTLESS), ways, poses=poses), min(jumps)
+    for place, match in zip(ways, matches, strict=True):
+        assert 0 <= match.confidence <= 1
+        is_right = match.accepted is None or abs(match.accepted.reference_index - place) <= 1
+        assert is_right or 0 <= match.query_index - first < 3
+    # From the fourth frame after the last jump on.
+    last = max(jumps) + 1 if len(jumps) < 3 else first
+    assert accepted(matches[last + 3 :]) == ways[last + 3 :]
+
+
+@pytest.mark.skipif(not available(), reason='needs compiled kernels')
+def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive, monkeypatch):
+    def answers(kernel):
+        config = replace(OWN, matching=MatchingConfig(search='exhaustive', kernel=kernel))
+        matches = drive(PlaceRecognizer(street, config), [*range(200, 205), *range(20, 32)])
+        return [
+            (match.reason, match.best and (match.best.reference_index, match.best.inliers))
+            for match in matches
+        ]
+
+    compiled = answers('float32')
+    monkeypatch.setattr('convseq_ros.core.compiled.available', lambda: False)
+    assert answers('numpy') == compiled
+
+
+@pytest.fixture(scope='module')
+def rounds(image):
+    """Return a way to drive round and round 45 places, with a link put in by hand."""
+
+    def run(count, wrong=None, lap=45):
+        grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+        recognizer, found = PlaceRecognizer(grown, ONLINE), []
+        for index in range(count * lap):
+            if wrong and index == lap:
+                grown.links.add(*wrong)
+            found.append(recognizer.process(Frame(index * STEP_NS, image(index % lap, index))))
+        return grown, [found[start : start + lap] for start in range(0, count * lap, lap)]
+
+    return run
+
+
+def places_of(matches, lap=45):
+    return [one if one is None else one % lap for one in accepted(matches)]
+
+
+def test_the_second_and_third_round_are_accepted_and_linked(rounds):
+    grown, (first, second, third) = rounds(3)
+    assert not any(match.accepted for match in first)
+    for matches in (second, third):
+        assert places_of(matches[3:]) == [*range(3, 45)]
+    links = dict(grown.links)
+    assert all(place % 45 == anchor % 45 for place, anchor in links.items())
+    assert set(links) >= {*range(48, 90), *range(93, 135)}
+    # Every look is one of the first.
+    assert {anchor for anchor in links.values()} <= {*range(45), *range(45, 48)}
+
+
+def test_a_wrong_link_makes_no_cascade(rounds):
+    grown, (_, *laps) = rounds(3, (45, 8), 70)
+    wrong = [pair for pair in grown.links if (pair[0] - pair[1]) % 70]
+    assert (45, 8) in wrong and len(wrong) <= 3  # itself, and its look of each round
+    for matches in laps:
+        places = places_of(matches, 70)
+        false = [one for index, one in enumerate(places) if one not in (None, index)]
+        assert len(false) <= 1 and places.count(None) <= 3

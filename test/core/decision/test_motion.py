@@ -1,0 +1,96 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where a robot may have come from a place, worked by hand."""
+
+from convseq_ros.core.decision.motion import MOTION, MotionModel
+from convseq_ros.core.rigid import of_roll_pitch_yaw
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+ERROR = 0.1
+
+
+def at(x, yaw=0.0):
+    return of_roll_pitch_yaw((float(x), 0.0, 0.0), 0.0, 0.0, yaw)
+
+
+def moved(reference_map, *xs, places=(10,), both=False, missing=0, yaw=0.0):
+    """Return velocities, and what becomes of places after odometry was at some x."""
+    model = MotionModel(reference_map, both, ERROR)
+    for x in xs:
+        model.move(None if x is None else at(x, yaw), missing)
+    return model.velocities, *model.moved(np.array(places))
+
+
+@pytest.mark.parametrize('missing', [0, 3])
+def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map, missing):
+    velocities, found, sigmas = moved(a_map(30), None, missing=missing, places=(4, 9))
+    assert velocities.tolist() == [*MOTION.velocities] and velocities.min() == 0
+    expected = np.array([[4], [9]]) + (1 + missing) * velocities
+    assert found == pytest.approx(expected.T)
+    way = (1 + missing) * velocities[:, None]
+    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, (9, 2)))
+
+
+def test_in_both_directions_every_velocity_but_none_has_its_opposite(a_map):
+    velocities, found, _ = moved(a_map(30), None, both=True)
+    ahead = [one for one in MOTION.velocities if one]
+    assert sorted(velocities.tolist()) == sorted([0, *ahead, *(-one for one in ahead)])
+    assert found[:, 0] == pytest.approx(10 + velocities)
+
+
+def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
+    velocities, found, sigmas = moved(a_map(30, step_m=2.0), 0, 5, both=True, places=(10, 20))
+    expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
+    assert found == pytest.approx(expected)
+    assert sigmas == pytest.approx(np.full(found.shape, MOTION.sigma_places + ERROR * 2.5))
+
+
+def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
+    street = a_map(30, step_m=2.0)
+    for xs, yaw in (((5, 0), 0.0), ((0, 5), np.pi)):  # in reverse gear, as the robot is turned
+        velocities, found, _ = moved(street, *xs, both=True, yaw=yaw)
+        assert found[:, 0] == pytest.approx(np.where(velocities < 0, 12.5, 7.5))
+
+
+def test_who_stops_stays(a_map):
+    assert moved(a_map(30, step_m=2.0), 0, 5, 5)[1] == pytest.approx(np.full((9, 1), 10.0))
+    assert moved(a_map(30), 0, 5, 5)[1] == pytest.approx(np.full((9, 1), 10.0))
+
+
+def test_in_a_map_without_poses_a_way_counts_against_the_usual_way(a_map):
+    velocities, found, _ = moved(a_map(30), 0, 4, 8, 12, 14)  # the mean is 3.5 m
+    assert found[:, 0] == pytest.approx(10 + velocities * 2 / 3.5)
+
+
+def test_beyond_a_session_places_are_as_far_apart_as_its_last(a_map):
+    street = a_map(12, 12, step_m=2.0)
+    assert moved(street, 0, 10, places=(8,))[1] == pytest.approx(np.full((9, 1), 13.0))
+    # At its very end they may be any way apart.
+    velocities, found, _ = moved(street, 0, 10, places=(11,))
+    assert found[:, 0] == pytest.approx(11 + velocities)
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.one_of(st.none(), st.floats(-1e9, 1e9)), min_size=1, max_size=6),
+    st.sampled_from([None, 0.0, 1e-6, 1.0, 1e6]),
+    st.booleans(),
+    st.integers(0, 5),
+)
+def test_whatever_odometry_says_there_are_no_infinities(a_map, xs, step_m, both, missing):
+    street = a_map(1, 5, 12, step_m=step_m)
+    _, found, sigmas = moved(street, *xs, places=range(18), both=both, missing=missing)
+    assert np.isfinite(found).all() and np.isfinite(sigmas).all()
+    assert (sigmas >= MOTION.sigma_places).all()
+
+
+def test_after_a_reset_odometry_begins_anew(a_map):
+    model = MotionModel(a_map(30, step_m=1.0), False, ERROR)
+    for x in (0, 3):
+        model.move(at(x), 0)
+    model.reset()
+    model.move(at(500), 0)
+    assert model.moved(np.array([10]))[0][:, 0] == pytest.approx(10 + model.velocities)

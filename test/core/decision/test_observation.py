@@ -1,0 +1,242 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a frame says of places: by hand, and whatever it shows."""
+
+import math
+
+from convseq_ros.core.decision.neighbourhood import Neighbourhood
+from convseq_ros.core.decision.observation import (
+    gumbel_scale,
+    OBSERVED,
+    Observer,
+    RATIO,
+    RecentMean,
+    strength_of,
+)
+from convseq_ros.core.geometry.verification import Verification
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+RIVALS = {50: 0.10, 60: 0.09, 70: 0.08, 80: 0.07, 90: 0.06}
+NONE = 10**9  # places from here on are of this drive: none
+
+
+class Frame:
+    """Stands in for a buffer: what pairs score, and how strongly they are verified."""
+
+    def __init__(self, scores, strengths, step=None, usual=25.0):
+        self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
+        self.verified_step = None if step is None else shown(step)
+        self.asked = set()
+
+    def score(self, count, _places):
+        assert count == 1
+
+    def verified(self, indices):
+        self.asked |= {*indices}
+        return {one: shown(self._strengths.get(one, self._usual)) for one in indices}
+
+
+class Listed:
+    """Stands in for coarse scores: lists some places, and then the first that are not passed."""
+
+    def __init__(self, places, count):
+        self._places, self._count = np.array(places, np.int64), count
+
+    def reset(self):
+        """Forget nothing."""
+
+    def best(self, along, newest, passed=()):
+        if not passed:
+            return self._places
+        there = [one for one in range(self._count) if not any(one in some for some in passed)]
+        return np.array(there[: along + newest], np.int64)
+
+
+def shown(strength, upper=None):
+    return Verification(0, strength, strength / 2 if upper is None else upper)
+
+
+def scored(best=30, score=0.104, count=100, **more):
+    """Return scores in which one place leads five rivals that lead all others."""
+    scores = np.full(count, 0.01) - np.arange(count) / 1e5
+    for one, of in (RIVALS | {best: score} | more).items():
+        scores[int(one)] = of
+    return scores
+
+
+UNSEEN = 0.5 * math.log(0.5)  # half of the frames do not show their place, as far as one knows
+
+
+def looked(
+    reference_map, frame, predicted=(), start=NONE, listed=None, learned=None, believed=None
+):
+    """Return an observation, and the log ratio of each place."""
+    count = len(frame.rows[0])
+    coarse = Listed(range(count) if listed is None else listed, count)
+    observer = Observer(coarse, Neighbourhood(reference_map), 40)
+    for strength in learned or ():
+        observer.learn(strength)
+    believed = np.array(sorted(predicted) if believed is None else believed, np.int64)
+    seen = observer.observe(frame, believed, predicted, start)
+    return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
+
+
+def test_a_lead_counts_by_strength_and_by_score_in_scales(a_map):
+    seen, ratios = looked(a_map(100), Frame(scored(), {30: 36.0}))
+    # Twice the roots of 36 and of the rivals' 25; .104 against .1.
+    lead, above = 12 - 10, (0.104 - 0.1) / RATIO.prior_score
+    lead /= RATIO.prior_strength**RATIO.power
+    expected = RATIO.constant + RATIO.strength * lead + RATIO.score * above
+    assert 0 < expected < RATIO.most and seen.has_rivals
+    assert ratios[30] == pytest.approx(expected, abs=1e-4)
+    # The hardest rival does not lead itself; the next one is behind it.
+    assert ratios[50] == pytest.approx(RATIO.constant, abs=1e-4)
+    behind = RATIO.constant - RATIO.score * 0.01 / RATIO.prior_score
+    assert ratios[60] == pytest.approx(max(behind, RATIO.least), abs=1e-4)
+    # Nobody has verified these; what lies beside what is denied is denied.
+    assert ratios[20] == ratios[99] == ratios[26] == UNSEEN
+    assert ratios[62] == ratios[60] < UNSEEN
+    assert set(seen.verified) == {30, *RIVALS, 28, 29, 31, 32}
+
+
+def test_a_lead_is_worth_no_more_than_most_and_no_less_than_least(a_map):
+    _, ratios = looked(a_map(100), Frame(scored(score=0.5), {30: 900.0}))
+    assert ratios[30] == RATIO.most
+    assert ratios[28] == RATIO.most - 2 * RATIO.beside  # beside it, which a frame hardly tells
+
+
+def test_a_single_score_that_stands_out_is_worth_a_few_scales_at_most(a_map):
+    _, ratios = looked(a_map(100), Frame(scored(score=0.9), {}))
+    expected = RATIO.constant + RATIO.score * RATIO.most_scales
+    assert ratios[30] == pytest.approx(expected)
+
+
+def test_what_lies_on_the_ground_alone_hardly_counts():
+    assert strength_of(shown(224.0, 30.0)) == 90 and strength_of(shown(224.0, 190.0)) == 224
+    assert strength_of(shown(3.0)) == RATIO.unrelated / 2
+
+
+def test_looks_are_no_rivals(a_map):
+    whole = a_map(50, 50)
+    frame = Frame(scored(), {30: 100.0, 80: 100.0})
+    assert looked(whole, frame)[1][30] < 0  # the other one is shown as well
+    whole.links.add(80, 30)
+    _, ratios = looked(whole, Frame(scored(), {30: 100.0, 80: 100.0}))
+    assert ratios[30] > 0
+
+
+@pytest.mark.parametrize('count', [1, 3, 12, 16])
+def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
+    scores = np.full(count, 0.05)
+    scores[0] = 0.5
+    seen, ratios = looked(a_map(count), Frame(scores, {0: 900.0}))
+    assert not seen.has_rivals and max(ratios.values()) <= 0
+
+
+def test_where_the_list_has_too_few_controls_more_are_scored(a_map):
+    listed = range(28, 34)
+    seen, ratios = looked(a_map(100), Frame(scored(), {30: 400.0}), listed=listed)
+    assert seen.has_rivals and ratios[30] > 0
+    assert len(seen.places) == len(listed) + OBSERVED.fewest
+
+
+def test_what_was_believed_is_scored_and_the_likeliest_of_it_verified(a_map):
+    predicted, frame = [20, 42, 15], Frame(scored(), {})
+    seen, _ = looked(a_map(100), frame, predicted, listed=[*range(50, 100), 30])
+    assert {*predicted} <= {*seen.places.tolist()}
+    assert {20, 42} <= {*seen.verified} and 15 not in seen.verified
+
+
+def test_a_frame_without_scores_says_nothing(a_map):
+    seen, ratios = looked(a_map(30), Frame(np.full(30, np.nan), {}), [3])
+    assert ratios == {3: 0.0} and not seen.has_rivals
+
+
+def test_all_that_is_believed_is_told_of(a_map):
+    seen, ratios = looked(a_map(100), Frame(scored(), {}), listed=[*RIVALS, 30], believed=[5, 45])
+    assert {5, 45} <= {*seen.places.tolist()} and not {5, 45} & {*seen.verified}
+    assert ratios[5] == ratios[45] == UNSEEN
+
+
+def test_how_rarely_true_places_are_shown_is_learned(a_map):
+    observer = Observer(Listed([], 9), Neighbourhood(a_map(9)), 40)
+    assert observer.unseen == pytest.approx(UNSEEN)
+    for _ in range(30):
+        observer.confirm(True)
+    assert RATIO.least <= observer.unseen < 2 * UNSEEN
+    for _ in range(100):
+        observer.confirm(False)
+    assert UNSEEN < observer.unseen <= 0
+    observer.reset()
+    assert observer.unseen == pytest.approx(UNSEEN)
+
+
+def test_a_place_that_is_shown_far_worse_than_matches_are_is_doubted(a_map):
+    frame = Frame(scored(), {30: 50.0}, usual=20.0)
+    ratios = looked(a_map(100), frame, learned=[400.0])[1]
+    undoubted = looked(a_map(100), frame)[1]
+    share = math.log(50 / 400) - math.log(RATIO.share)
+    doubt = max(RATIO.doubt * share, RATIO.least)
+    assert doubt < 0 and ratios[30] == pytest.approx(undoubted[30] + doubt)
+    assert looked(a_map(100), frame, learned=[60.0])[1][30] == undoubted[30] > 0
+
+
+def test_a_place_of_this_drive_is_compared_with_the_frame_before(a_map):
+    def ratio(step, start):
+        return looked(a_map(100), Frame(scored(), {30: 100.0}, step), start=start)[1][30]
+
+    assert ratio(600.0, 0) < 0 < ratio(150.0, 0)
+    assert ratio(600.0, NONE) == ratio(600.0, 31) == ratio(150.0, 0)
+
+
+@settings(max_examples=100)
+@given(
+    st.integers(1, 60),
+    st.integers(0, 10**6),
+    st.sampled_from([0.0, 1e-3, 1.0]),
+    st.sampled_from([0.0, 1.0, 1e4]),
+    st.one_of(st.none(), st.floats(0, 1e4)),
+    st.integers(0, 60),
+)
+def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
+    a_map, count, seed, spread, most, step, start
+):
+    rng = np.random.default_rng(seed)
+    scores = rng.normal(0, spread, count)
+    scores[rng.random(count) < 0.2] = np.nan
+    strengths = dict(enumerate(rng.uniform(0, most, count).tolist()))
+    predicted = rng.permutation(count)[:6].tolist()
+    listed = np.sort(rng.permutation(count)[:40])
+    frame, believed = Frame(scores, strengths, step), np.flatnonzero(rng.random(count) < 0.5)
+    believed = np.union1d(believed, predicted)
+    seen, _ = looked(a_map(count), frame, predicted, start, listed, [50.0, 1e4], believed)
+    assert {*believed.tolist()} <= {*seen.places.tolist()}
+    assert (np.diff(seen.places) > 0).all() and np.isfinite(seen.log_ratios).all()
+    assert (seen.log_ratios >= 2 * RATIO.least).all() and (seen.log_ratios <= RATIO.most).all()
+    assert seen.has_rivals or (seen.log_ratios <= 0).all()
+
+
+def test_a_mean_begins_as_usual_and_follows_what_comes():
+    mean = RecentMean(0.5, 10.0)
+    assert mean.value == 0.5
+    mean.add(2.0)
+    keep = 1 - 1 / RATIO.memory
+    assert mean.value == pytest.approx((keep * 5 + 2) / (keep * 10 + 1))
+    for _ in range(200):
+        mean.add(7.0)
+    assert mean.value == pytest.approx(7, abs=0.01)
+
+
+def test_the_second_gap_counts_twice_and_two_values_tell_nothing():
+    assert gumbel_scale(np.array([3.0, 5.0, 2.0])) == pytest.approx((2 + 2 * 1) / 2)
+    assert gumbel_scale(np.array([7.0, 1.0])) is gumbel_scale(np.zeros(0)) is None
+
+
+@pytest.mark.parametrize('true', [0.1, 3.0])
+def test_a_scale_is_that_of_what_the_best_were_drawn_from(true):
+    rng = np.random.default_rng(0)
+    found = [gumbel_scale(np.sort(rng.gumbel(5.0, true, 200))[-5:]) for _ in range(3000)]
+    assert np.mean(found) == pytest.approx(true, rel=0.1)

@@ -1,0 +1,136 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where odometry allows the robot to be, worked by hand on ways along x."""
+
+from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
+from convseq_ros.core.types import Pose
+from convseq_ros.robot_config import RobotConfig
+import numpy as np
+import pytest
+
+AHEAD, LEFT = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.5**0.5, 0.5**0.5)
+NONE = 10**9  # places from here on are of this drive: none
+TENTH = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.0)
+
+
+def at(x, y=0.0, orientation=AHEAD):
+    return Pose((float(x), float(y), 0.0), orientation)
+
+
+def fixed(whole, place=100, config=TENTH, grows=False, way=0):
+    """Return a prior that was sure of a place at x = 0, and then drove a way ahead."""
+    prior = OdometryPrior(whole, config, grows)
+    prior.move(0, at(0))
+    prior.fix(place)
+    prior.move(1, at(way))
+    return prior
+
+
+def share(prior, place, start=NONE):
+    return float(prior.shares(np.array([place]), start)[0])
+
+
+@pytest.fixture(scope='module')
+def street(a_map):
+    return a_map(700, step_m=1.0)
+
+
+def test_before_any_match_all_is_allowed(street):
+    prior = OdometryPrior(street, TENTH, False)
+    prior.move(0, at(0))
+    assert prior.shares(np.arange(700), NONE).tolist() == [1.0] * 700
+    assert prior.excess_m(500, NONE) is None
+
+
+def test_five_hundred_metres_away_is_denied_and_where_one_is_not(street):
+    prior = fixed(street, way=20)
+    assert share(prior, 120) == 1 and share(prior, 620) < 1e-6 and share(prior, 20) < 1e-6
+    slack_m = 2 * SLACK.places  # the places on both sides are 2 m apart
+    assert prior.excess_m(120, NONE) is None
+    assert prior.excess_m(620, NONE) == pytest.approx(500 - slack_m - 0.1 * 20)
+
+
+def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
+    prior = fixed(street, way=100)  # so the drift is 10 m
+    slack = int(2 * SLACK.places)
+    assert share(prior, 200 + slack) == 1
+    assert share(prior, 200 + slack + 10) == pytest.approx(np.exp(-2))
+    assert share(prior, 200 - slack - 5) == pytest.approx(np.exp(-0.5))
+    assert prior.excess_m(200 + slack + 10, NONE) is None
+    assert prior.excess_m(200 + slack + 11, NONE) == pytest.approx(1)
+
+
+def test_drift_grows_with_the_way_and_a_match_ends_it(street):
+    shares = [share(fixed(street, way=way), 100 + way + 30) for way in (10, 50, 100, 400)]
+    assert shares == sorted(shares) and shares[0] < 1e-6 and shares[-1] > 0.5
+    prior = fixed(street, way=400)
+    prior.fix(500)
+    assert share(prior, 500) == 1 and share(prior, 530) < 1e-6
+
+
+def test_turns_count_as_drift(street):
+    config = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.1)
+    shares = []
+    for orientation in (AHEAD, LEFT):
+        prior = fixed(street, config=config, way=50)
+        prior.move(2, at(50, orientation=orientation))
+        shares.append(share(prior, 170))
+    assert shares[0] < shares[1] < 1
+
+
+def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
+    whole = a_map(200, 40, step_m=1.0)  # the second session is this drive, a metre a second
+    prior = OdometryPrior(whole, TENTH, True)
+    for second in range(200, 240):
+        prior.move(second * 10**9, at(second - 200))
+    for back in range(1, 41):
+        prior.move((239 + back) * 10**9, at(39 - back))
+    # At x = -1, the beginning, before any match; the way since then is 79 m.
+    assert share(prior, 201, 200) == 1
+    # Place 212 was seen 67 m ago, at x = 12: 3 m beyond what a match may be off.
+    assert share(prior, 212, 200) == pytest.approx(np.exp(-0.5 * (2 * 3 / 6.7) ** 2))
+    assert share(prior, 239, 200) < 1e-6 and prior.excess_m(239, 200) > 20
+    # Of another session nothing is known.
+    assert share(prior, 150, 200) == 1
+
+
+def test_each_frame_of_poses_is_a_map_of_its_own(a_map):
+    apart, together = a_map(300, 300, step_m=1.0), a_map(300, 300, step_m=1.0, frame='town')
+    assert share(fixed(apart), 290) < 1e-6 and share(fixed(apart), 590) == 1
+    assert share(fixed(together), 590) < 1e-6 and share(fixed(together), 400) == 1
+
+
+def test_without_odometry_or_poses_nothing_is_denied(a_map, street):
+    lost = fixed(street)
+    lost.move(2, None)
+    off = fixed(street, config=RobotConfig(odometry_way_error=0.0))
+    bare = fixed(a_map(700))
+    for prior in (lost, off, bare):
+        assert share(prior, 620) == 1 and prior.excess_m(620, NONE) is None
+
+
+def test_what_one_camera_is_sure_of_holds_for_the_other(street):
+    front, rear = (OdometryPrior(street, TENTH, False) for _ in range(2))
+    rear.share(front)
+    for prior in (front, rear):
+        prior.move(0, at(0))
+    front.fix(100)
+    rear.move(1, at(10))
+    assert share(rear, 110) == 1 and share(rear, 610) < 1e-6
+
+
+def test_a_reset_forgets_what_was_sure(street):
+    prior = fixed(street)
+    prior.reset()
+    prior.move(0, at(0))
+    assert share(prior, 620) == 1
+
+
+@pytest.mark.parametrize('xs', [(0, 1e12, 0), (0, 0, 0, 0), (5, -5, 1e100)])
+def test_whatever_odometry_says_shares_are_shares(street, xs):
+    prior = OdometryPrior(street, TENTH, True)
+    for second, x in enumerate(xs):
+        prior.move(second, at(x))
+        prior.fix(100)
+        shares = prior.shares(np.arange(0, 700, 7), 650)
+        assert ((shares >= 0) & (shares <= 1)).all()

@@ -1,0 +1,99 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's decision: the best sequences, and the margin between them, worked by hand."""
+
+from dataclasses import replace
+
+from convseq_ros.config import AcceptanceConfig, Config
+from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.paper_decider import decide_by_margin, PaperDecider
+from convseq_ros.core.sequence.coarse_scores import EveryPlace
+from convseq_ros.core.types import Candidate, Frame, Reason
+import numpy as np
+import pytest
+
+RULE = AcceptanceConfig(min_margin=0.01, rival_distance=2, num_candidates=3)
+
+
+class Given:
+    """Stands in for a buffer: what sequences score, by where they end."""
+
+    def __init__(self, scores):
+        self.scores, self.asked = np.array(scores, float), []
+        self.newest = type('Newest', (), {'descriptor': None})
+
+    def score(self, count, ends):
+        self.asked.append((count, ends.tolist()))
+
+    def best_scores(self, _length, ends):
+        return self.scores[ends]
+
+
+def decided(a_map, scores, config=RULE, length=3, lengths=None):
+    buffer = Given(scores)
+    whole = a_map(*(lengths or [len(scores)]))
+    query = Query(
+        Frame(0, None), buffer, len(scores), 0, replace(Config(), acceptance=config), length
+    )
+    return PaperDecider(whole, EveryPlace(), 40).decide(query), buffer
+
+
+def test_candidates_come_best_first_without_neighbours(a_map):
+    said, buffer = decided(a_map, [0.1, 0.8, 0.9, 0.85, 0.2, 0.3, 0.7])
+    assert [each.reference_index for each in said.candidates] == [2, 6]
+    assert said.candidates[0] == Candidate(2, 2 * 10**9, 0.9)
+    assert said.length == 3 and said.confidence is None
+    assert buffer.asked == [(3, [*range(7)])]
+
+
+def test_no_more_candidates_than_asked_for_and_always_a_rival(a_map):
+    scores = np.linspace(0, 1, 50)
+    assert len(decided(a_map, scores)[0].candidates) == 3
+    one = replace(RULE, num_candidates=1)
+    assert len(decided(a_map, scores, one)[0].candidates) == 2
+
+
+def test_places_without_score_are_no_candidates(a_map):
+    assert len(decided(a_map, [-np.inf, -np.inf, 0.5])[0].candidates) == 1
+
+
+def test_neighbours_of_another_session_are_rivals_and_tell_theirs(a_map):
+    scores = np.full(30, 0.1)
+    scores[[9, 10, 12]] = 0.9, 0.8, 0.7
+    said, _ = decided(a_map, scores, lengths=[10, 20])
+    assert [(one.reference_index, one.session) for one in said.candidates[:2]] == [(9, 0), (10, 1)]
+    assert decided(a_map, scores)[0].candidates[1].reference_index == 12
+
+
+@pytest.mark.parametrize(
+    ('scores', 'reason'),
+    [
+        ([0.9, 0, 0, 0.88], Reason.ACCEPTED),
+        ([0.9, 0, 0, 0.895], Reason.AMBIGUOUS),
+        ([0.9, 0.899, 0.1, 0.2], Reason.ACCEPTED),
+        ([0.9, 0.8, 0.1], Reason.TOO_FEW_RIVALS),
+    ],
+)
+def test_the_margin_to_the_best_rival_decides(a_map, scores, reason):
+    said, _ = decided(a_map, scores)
+    assert said.reason is reason is decide_by_margin(said.candidates, RULE)
+
+
+@pytest.mark.parametrize(
+    ('length', 'lengths', 'reason'),
+    [
+        (16, [10, 15, 5], Reason.MAP_TOO_SHORT),
+        (15, [10, 15, 5], Reason.WARMING_UP),
+        (16, [30], Reason.WARMING_UP),
+    ],
+)
+def test_where_no_sequence_ends_the_map_is_too_short_or_frames_are_too_few(
+    a_map, length, lengths, reason
+):
+    said, _ = decided(a_map, [-np.inf] * 30, length=length, lengths=lengths)
+    assert (said.reason, said.candidates, said.length) == (reason, (), length)
+
+
+def test_while_frames_are_too_few_only_the_newest_is_scored(a_map):
+    said, buffer = decided(a_map, [0.5] * 9, length=None)
+    assert said.reason is Reason.WARMING_UP and buffer.asked == [(1, [*range(9)])]

@@ -1,0 +1,89 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A drawn town driven round and round: what is recognised of the own past, and its links."""
+
+from dataclasses import replace
+import math
+
+from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Pose, Reason
+from convseq_ros.online_config import OnlineConfig
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.route import Route
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.once
+
+ROUTE = Route(((10.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0), (10.0, 0.0)), 3)
+ROUND, SPEED_MPS, STEP_NS = 70, ROUTE.length_m / 7, 10**8  # frames, 10 Hz
+ENCODING = EncodingConfig(image_size_px=256)
+ONLINE = Config(encoding=ENCODING, online=OnlineConfig(mode='online', exclusion_s=6.0))
+RIGHT_M = 5.0
+
+
+@pytest.fixture(scope='module')
+def one_round():
+    """Return the frames of one round."""
+    drive = Drive(num_frames=ROUND, speed_mps=SPEED_MPS, width_px=160, height_px=120)
+    return [shot.frame for shot in draw(ROUTE, drive)]
+
+
+def rounds(frames, count):
+    """Yield the frames of some rounds, each with other noise, a little turned, in other light."""
+    rng = np.random.default_rng(0)
+    for index in range(count * len(frames)):
+        frame, turn = frames[index % len(frames)], index // len(frames)
+        gray = np.roll(frame.gray, 3 * turn, axis=1) * (1 - 0.2 * turn)
+        gray = np.clip(gray + rng.normal(0, 3, gray.shape), 0, 255).astype(np.uint8)
+        yield replace(frame, gray=gray, stamp_ns=index * STEP_NS)
+
+
+def driven(shots, config=ONLINE):
+    """Return a map that grew, and how far each keyframe's match is off, None if there is none."""
+    grown = ReferenceMap(ENCODING, keyframes=config.keyframes)
+    recognizer, found = PlaceRecognizer(grown, config), []
+    for index, (frame, truth) in enumerate(shots):
+        match = recognizer.process(frame)
+        if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
+            continue
+        off_m = None
+        if match.accepted:
+            there = shots[match.accepted.reference_stamp_ns // STEP_NS][1]
+            off_m = math.dist(there, truth)
+        found.append((index, off_m))
+    return grown, found
+
+
+@pytest.mark.parametrize('with_odometry', [False, True])
+def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_odometry):
+    shots = [
+        (one if with_odometry else replace(one, pose=None), one.pose.position)
+        for one in rounds(one_round, 3)
+    ]
+    grown, found = driven(shots)
+    assert not [index for index, off_m in found if off_m is not None and index < ROUND]
+    assert max(off_m for _, off_m in found if off_m is not None) <= RIGHT_M
+    # In the first frames of the second round there are few places to compare with.
+    later = [off_m is not None for index, off_m in found if index >= ROUND + 15]
+    assert sum(later) >= 0.95 * len(later) > ROUND
+    where = [shots[place.stamp_ns // STEP_NS][1] for place in grown.places]
+    linked = [math.dist(where[place], where[anchor]) for place, anchor in grown.links]
+    assert len(linked) > 0.55 * len(grown) and max(linked) <= 2 * RIGHT_M
+
+
+def test_odometry_that_begins_anew_in_mid_drive_costs_matches_and_makes_none_wrong(one_round):
+    shots, origin, half = [], one_round[ROUND // 2].pose.position, ROUND + ROUND // 2
+    for index, frame in enumerate(rounds(one_round, 2)):
+        pose = frame.pose if index < half else less(frame.pose, origin)
+        shots.append((replace(frame, pose=pose), frame.pose.position))
+    _, found = driven(shots)
+    assert max(off_m for _, off_m in found if off_m is not None) <= RIGHT_M
+    later = [off_m is not None for index, off_m in found if index >= half + 4]
+    assert sum(later) >= 0.9 * len(later) > 15
+
+
+def less(pose, origin):
+    return Pose(tuple(a - b for a, b in zip(pose.position, origin, strict=True)), pose.orientation)
