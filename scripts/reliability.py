@@ -3,57 +3,52 @@
 """
 Print how often answers of each confidence are right, accepted or refused.
 
-Usage: python scripts/reliability.py [--fit] DATA [NAME...], DATA the folder of the data sets; some
-minutes. Drawn drives of acceptance_drives.py are asked with two halves of the map and in another
-street; Gardens Point and corridor with three halves, by day and with .8 of the light taken. With
-`--fit` other drives, and .9 taken, and the constants that fit these best.
+Usage: python scripts/reliability.py [--data FOLDER], some minutes. Nothing was fitted on these:
+CHECKS of drawn_drives.py, asked with two halves of the map and in another street; with `--data`,
+the folder of the data sets, Gardens Point with three halves, by day and with .8 of the light
+taken.
 """
 
+import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 import sys
 import tempfile
 
-from acceptance_drives import CHECKS, drawn, judgements, Pair, PAIRS
 from convseq_ros.config import EVERY_FRAME, make_config
-from convseq_ros.core.decision.confidence import CONFIDENCE, confidence
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Reason
 from convseq_ros.evaluation.cache import Cache
-from convseq_ros.evaluation.calibration import logistic_weights, reliability
+from convseq_ros.evaluation.calibration import EDGES, reliability
 from convseq_ros.evaluation.changes import picture_change
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.evaluation.rerun import part_of
 from convseq_ros.evaluation.truth import Truth
+from drawn_drives import CHECKS, drawn, Pair
 import numpy as np
 
-FITTED = (
-    'heading-night', 'low-heading', 'night-noise-3', 'rain-blur', 'traffic', 'terrace',
-    'terrace-night',
-)  # fmt: skip
-REAL = ('gardens_point_day_day', 'corridor')
-Answers = Iterator[tuple[float, float, float, bool]]  # evidence, share, balance; right, or a slip
+REAL = 'gardens_point_day_day'
+LEAST = 50  # frames of a bin whose gap counts
+Answers = Iterator[tuple[float, bool]]  # confidence; right, or a slip
 Asked = list[tuple[Frame, Descriptor | None]]
 
 
 def answers(asked: Asked, made: ReferenceMap, right: np.ndarray, config) -> Answers:
     """Yield what is known of each keyframe's answer."""
     recognizer = PlaceRecognizer(made, config)
-    judged = judgements(recognizer)
     number = {place.stamp_ns: index for index, place in enumerate(made.places)}
     for index, (frame, descriptor) in enumerate(asked):
         match = recognizer.process(frame, descriptor)
         if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY) or not match.best:
             continue
-        said = judged[-1]
-        if said.evidence is not None:
+        if match.confidence is not None:
             where = number[match.best.reference_stamp_ns]
-            yield said.evidence, said.share, said.balance, right[index, where]
+            yield match.confidence, right[index, where]
 
 
 def of_drawn(pair: Pair) -> Answers:
@@ -97,41 +92,31 @@ def of_real(name: str, data: Path, darkened: float, folder: Path) -> Answers:
 
 def show(name: str, found: np.ndarray) -> None:
     """Print a table."""
-    said = np.array([confidence(*one) for one in found[:, :3]])
+    said, right = found[:, 0], found[:, 1] > 0
+    rows = reliability(said, right)
     print(f'{name}, {len(found)} answers')
-    for row in reliability(said, found[:, 3] > 0):
+    for row in rows:
         print('  {low:.2f} to {high:.2f}: {count} said {said:.3f} right {right:.3f}'.format(**row))
+    gaps = [abs(row['said'] - row['right']) for row in rows if row['count'] >= LEAST]
+    sure = right[said >= EDGES[-2]]
+    print(f'  largest gap of a bin with {LEAST}: {max(gaps, default=0.0):.3f}', end='; ')
+    print(f'of {len(sure)} that say {EDGES[-2]}, right {sure.mean():.4f}' if len(sure) else 'none')
 
 
-def main(asked: list[str]) -> None:
+def main() -> int:
     """Measure and print."""
-    is_fit = '--fit' in asked
-    data, *names = [one for one in asked if one != '--fit']
-    pairs = [one for one in PAIRS if one.name in FITTED] if is_fit else CHECKS
-    found = {
-        pair.name: list(of_drawn(replace(pair, count=120)))
-        for pair in pairs
-        if not names or pair.name in names
-    }
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path)
+    data = parser.parse_args().data
+    tables = {pair.name: np.array(list(of_drawn(pair)), float) for pair in CHECKS}
     with tempfile.TemporaryDirectory() as folder:
-        for name in REAL:
-            for darkened in (0.9,) if is_fit else (0.0, 0.8):
-                if not names or name in names:
-                    answered = list(of_real(name, Path(data), darkened, Path(folder)))
-                    found[f'{name} {darkened}'] = answered
-    tables = {name: np.array(rows, float) for name, rows in found.items()}
-    for name, rows in tables.items():
+        for darkened in (0.0, 0.8) if data else ():
+            answered = list(of_real(REAL, data, darkened, Path(folder)))
+            tables[f'{REAL} {darkened}'] = np.array(answered, float)
+    for name, rows in (*tables.items(), ('all', np.concatenate([*tables.values()]))):
         show(name, rows)
-    drives = [rows for name, rows in tables.items() if not name.startswith((*REAL, 'check-terr'))]
-    if drives:
-        show('drawn drives', np.concatenate(drives))
-    if is_fit:
-        evidence, share, balance, right = np.concatenate([*tables.values()]).T
-        even = balance**CONFIDENCE.power
-        strength = np.log(np.maximum(evidence, 0) * even + CONFIDENCE.least_evidence)
-        features = np.column_stack((np.ones(len(right)), strength, share**2 * even))
-        print('offset, slope, track:', logistic_weights(features, right > 0, np.zeros(3)).round(2))
+    return 0
 
 
 if __name__ == '__main__':
-    main(sys.argv[1:])
+    sys.exit(main())

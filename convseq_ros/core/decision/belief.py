@@ -68,6 +68,11 @@ class Belief:
         """What is believed now."""
         return Posterior(self._places, self._mass.sum(axis=0), self._elsewhere)
 
+    @property
+    def places(self) -> Indices:
+        """Places that hold mass, (n,), ascending."""
+        return self._places
+
     def likeliest(self, count: int, least: float = 1e-3) -> list[int]:
         """Return the likeliest places, best first, each with some of the mass."""
         mass = self._mass.sum(axis=0)
@@ -104,11 +109,6 @@ class Belief:
         changed = (1 - MOTION.changing) * own + MOTION.changing * own.mean(axis=0)
         self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
         self._elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
-
-    @property
-    def places(self) -> Indices:
-        """Places that hold mass, (n,), ascending."""
-        return self._places
 
     def update(self, places: Indices, log_ratios: Values, entry: Values, usable: int) -> None:
         """

@@ -68,20 +68,21 @@ class BeliefDecider:
             return Answer(Reason.WEAK, (), length, 0.0)
         best = int(posterior.places[posterior.mass.argmax()])
         confidence = min(1.0, posterior.of(self._same(posterior, best)))
-        is_denied = self._prior.is_denied(best, query.session_start)
-        if is_sure := confidence >= config.min_confidence and not is_denied:
+        is_sure = confidence >= config.min_confidence
+        if is_sure and not self._prior.is_denied(best, query.session_start):
             best = self._best_look(best, seen)
             self._learn(best, seen, query.session_start)
+            found = self._candidates(best, posterior, seen, query)
+            return Answer(Reason.ACCEPTED, found, length, confidence)
         found = self._candidates(best, posterior, seen, query)
-        excess_m = None if is_sure else self._prior.excess_m(best, query.session_start)
-        reason = Reason.ACCEPTED
-        if not is_sure:
-            others = 1 - posterior.elsewhere - confidence
+        excess_m = self._prior.excess_m(best, query.session_start)
+        others = 1 - posterior.elsewhere - confidence
+        if excess_m is not None:
+            reason = Reason.IMPLAUSIBLE
+        elif not seen.has_rivals:
+            reason = Reason.TOO_FEW_RIVALS
+        else:
             reason = Reason.AMBIGUOUS if others > posterior.elsewhere else Reason.WEAK
-            if excess_m is not None:
-                reason = Reason.IMPLAUSIBLE
-            elif not seen.has_rivals:
-                reason = Reason.TOO_FEW_RIVALS
         return Answer(reason, found, length, confidence, excess_m)
 
     def _same(self, posterior: Posterior, best: int) -> npt.NDArray[np.bool_]:

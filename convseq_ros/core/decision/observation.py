@@ -44,7 +44,12 @@ class OBSERVED:
 
 @constants
 class RATIO:
-    """Of the log of the likelihood ratio; fitted by scripts/fit_observation.py."""
+    """
+    Of the log of the likelihood ratio.
+
+    scripts/fit_observation.py prints what a logistic regression gives; as neighbouring frames see
+    the same, about half of that counts. Chosen with corridor, laps and Gardens Point in view.
+    """
 
     constant: float = -0.7  # without a lead
     strength: float = 0.35  # for a lead of one scale by verification
@@ -69,6 +74,21 @@ class RATIO:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Leads:
+    """By how much verified places lead their hardest control, in scales."""
+
+    places: Indices  # (n,), ascending
+    strength: Values  # (n,)
+    score: Values  # (n,), of a bounded number of scales
+
+    @property
+    def log_ratios(self) -> Values:
+        """The log ratios (n,), linear in both leads."""
+        ratios = RATIO.constant + RATIO.strength * self.strength + RATIO.score * self.score
+        return ratios.clip(RATIO.least, RATIO.most)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Observation:
     """What a frame says of the places that were looked at."""
 
@@ -76,6 +96,7 @@ class Observation:
     log_ratios: Values  # (n,)
     verified: Mapping[int, Verification]
     has_rivals: bool  # enough controls to tell a match
+    leads: Leads | None = None  # of the verified places
 
 
 class RecentMean:
@@ -196,9 +217,8 @@ class Observer:
         above = scores[at] - max(scores[at][of_rivals], default=float(scores.max()))
         prior = RATIO.prior_score ** (1 - RATIO.power)
         above /= self._score_scale.value**RATIO.power * prior
-        ratio = RATIO.constant + RATIO.strength * lead
-        ratio += RATIO.score * above.clip(-RATIO.most_scales, RATIO.most_scales)
-        log_ratios[at] = ratio.clip(RATIO.least, RATIO.most)
+        leads = Leads(looked, lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
+        log_ratios[at] = leads.log_ratios
         for scale, best_few in (
             (self._strength_scale, roots[of_rivals]),
             (self._score_scale, scores[at][of_rivals]),
@@ -213,7 +233,7 @@ class Observer:
         # On its own drive, light and camera are the same, and nothing makes up for a doubt.
         is_own = (looked >= session_start) & (doubt < 0)
         log_ratios[at] = np.where(is_own, np.minimum(log_ratios[at], 0.0), log_ratios[at]) + doubt
-        return Observation(places, log_ratios, verified, has_rivals)
+        return Observation(places, log_ratios, verified, has_rivals, leads)
 
     def _with(self, seen: Observation, believed: Indices) -> Observation:
         """Return an observation with more places; beside what is denied, others are, too."""

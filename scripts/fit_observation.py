@@ -1,0 +1,207 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print by what the log likelihood ratio of an observation (`RATIO`) is fitted, and draw it.
+
+Usage: python scripts/fit_observation.py [--data FOLDER] [--picture FILE], some minutes. Every
+fourth of the drawn drives is asked with the middle half of the map; with `--data`, the folder of
+the data sets, corridor likewise, and laps with the map of its first lap, the other circuit, too.
+Of each frame counts the place that is verified best: right within 5 m (corridor: 5 frames), wrong
+beyond 15 (laps: as in laps.py). Right and wrong weigh the same, and so does each drive. What is
+shipped is tempered, to about half of the fit: frames that follow each other err alike.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import sys
+
+from convseq_ros import build_map, Config, Frame, PlaceRecognizer
+from convseq_ros.config import make_config
+from convseq_ros.core.decision.belief_decider import BeliefDecider
+from convseq_ros.core.decision.observation import Observation, RATIO
+from convseq_ros.evaluation.plots.figure import new_figure, save
+from convseq_ros.evaluation.protocols import kept_halves
+from convseq_ros.sources.folder import ImageFolder
+from drawn_drives import drawn, FORK_M, Pair, PAIRS
+import laps
+import numpy as np
+
+RIGHT, WRONG = 5.0, 15.0  # metres, or frames
+STEPS = 30
+NAMES = 'constant', 'strength', 'score'
+PANELS = 'lead by strength, scales', 'lead by pair score, scales', 'fitted log ratio'
+Values = np.ndarray
+Shown = list[tuple[Frame, float]]  # where it was taken: nan if not known, inf if elsewhere
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A map, a drive through it, and how far off a right and a wrong answer are."""
+
+    name: str
+    mapped: Shown
+    asked: Shown
+    config: Config
+    right: float = RIGHT
+    wrong: float = WRONG
+    lap: float = 1e9  # after which one is where one was
+
+
+def of_drawn(pair: Pair) -> Drive:
+    """Return a drawn drive."""
+    (asked, there), (mapped, here) = drawn(pair, True), drawn(pair, False)
+    if pair.kind == 'fork':
+        there = np.where(there > FORK_M, np.inf, there)
+    first, last = kept_halves(len(mapped))['middle']
+    kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
+    shown = list(zip(asked, there.tolist(), strict=True))
+    return Drive(pair.name, kept, shown, make_config({'threads': 1}))
+
+
+def of_corridor(folder: Path) -> Drive:
+    """Return the drive through the corridor."""
+    config = make_config({'keyframe_overlap': 1.0, 'threads': 1})
+    mapped, asked = (
+        [(frame, float(index)) for index, frame in enumerate(ImageFolder(folder / name))]
+        for name in ('ref', 'query')
+    )
+    first, last = kept_halves(len(mapped))['middle']
+    return Drive('corridor', mapped[first:last], asked, config)
+
+
+def of_laps(folder: Path) -> Drive:
+    """Return what follows the first lap, and the other circuit."""
+    config = make_config({'threads': 1})
+    truth = laps.read_truth(folder / 'ground_truth.csv')
+    drive = list(ImageFolder(folder / 'drive'))
+    where = [laps.place(truth, frame) for frame in drive]
+    shown = [
+        (frame, math.nan if at is None else float(at))
+        for frame, at in zip(drive, where, strict=True)
+    ]
+    count = sum(laps.number(frame) <= laps.FIRST_LAP for frame in drive)
+    return Drive('laps', shown[:count], shown[count:], config, laps.RIGHT, laps.WRONG, laps.LAP)
+
+
+def other_circuit(drive: Drive, folder: Path) -> Drive:
+    """Return the drive on the other circuit, in the map of a drive."""
+    other = [(frame, math.inf) for frame in ImageFolder(folder / 'other')]
+    return Drive('laps, other', drive.mapped, other, drive.config, lap=drive.lap)
+
+
+def watched(recognizer: PlaceRecognizer) -> list[Observation]:
+    """Return a list that grows by what is observed."""
+    decider, seen = recognizer.decider, list[Observation]()
+    assert isinstance(decider, BeliefDecider)
+    observer = decider._observer
+    observe: Callable[..., Observation] = observer.observe
+
+    def keep(*asked: object) -> Observation:
+        seen.append(observe(*asked))
+        return seen[-1]
+
+    observer.observe = keep  # type: ignore[method-assign]
+    return seen
+
+
+def leads(drive: Drive) -> Iterator[tuple[float, float, bool]]:
+    """Yield both leads of each keyframe's best verified place, and whether it is right."""
+    made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
+    where = {frame.stamp_ns: at for frame, at in drive.mapped}
+    recognizer = PlaceRecognizer(made, drive.config)
+    seen = watched(recognizer)
+    for frame, there in drive.asked:
+        recognizer.process(frame)
+        if not seen:
+            continue
+        found = seen.pop()
+        if found.leads is None or not found.has_rivals:
+            continue
+        best = int(found.leads.strength.argmax())
+        away = abs(where[made.places[int(found.leads.places[best])].stamp_ns] - there)
+        off = min(away, abs(drive.lap - away))
+        if off <= drive.right or off > drive.wrong:
+            yield found.leads.strength[best], found.leads.score[best], off <= drive.right
+
+
+def weights_of(drives: list[Values]) -> Values:
+    """Return what each row counts: each drive the same, and right as much as wrong."""
+    right = np.concatenate([rows[:, 2] for rows in drives]) > 0
+    counts = np.concatenate([np.full(len(rows), 1 / max(len(rows), 1)) for rows in drives])
+    return np.where(right, counts / counts[right].sum(), counts / counts[~right].sum()) / 2
+
+
+def fit(rows: Values, counts: Values) -> Values:
+    """Return the weights of 1 and both leads in the log odds, by Newton's method."""
+    features, right = np.column_stack((np.ones(len(rows)), rows[:, :2])), rows[:, 2]
+    found = np.zeros(3)
+    for _ in range(STEPS):
+        chance = 1 / (1 + np.exp(-features @ found))
+        gradient = features.T @ (counts * (right - chance))
+        curvature = (features.T * (counts * chance * (1 - chance))) @ features
+        found += np.clip(np.linalg.solve(curvature + 1e-9 * np.eye(3), gradient), -1.0, 1.0)
+    return found
+
+
+def log_ratios(rows: Values, weights: Values) -> Values:
+    """Return the log ratios of rows."""
+    return np.asarray(weights[0] + rows[:, :2] @ weights[1:])
+
+
+def picture(rows: Values, counts: Values, fitted: Values, path: Path) -> None:
+    """Draw the densities of both leads and of the fitted log ratio, of right and wrong."""
+    figure, right = new_figure(12.0, 3.6, 'white'), rows[:, 2] > 0
+    shown = rows[:, 0], rows[:, 1], log_ratios(rows, fitted)
+    for number, (name, values) in enumerate(zip(PANELS, shown, strict=True), 1):
+        panel = figure.add_subplot(1, 3, number)
+        least, most = np.percentile(values, (0.5, 98))
+        edges = np.linspace(least, most, 41)
+        for label, some, color in (('right', right, 'tab:blue'), ('wrong', ~right, 'tab:red')):
+            inside = values[some].clip(least, most)
+            style = {'density': True, 'alpha': 0.5, 'color': color, 'label': label}
+            panel.hist(inside, edges, weights=counts[some], **style)
+        panel.set(xlabel=name, yticks=[])
+        panel.axvline(0, color='black', linewidth=0.8)
+        panel.legend(frameon=False)
+    figure.tight_layout()
+    save(figure, path)
+
+
+def main() -> int:
+    """Collect, fit, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path)
+    parser.add_argument('--picture', type=Path)
+    chosen = parser.parse_args()
+    drives = [of_drawn(pair) for pair in PAIRS[::4] if pair.kind != 'loop']
+    if chosen.data:
+        drives += [of_corridor(chosen.data / 'corridor'), of_laps(chosen.data / 'laps')]
+        drives.append(other_circuit(drives[-1], chosen.data / 'laps'))
+    found = {drive.name: np.array(list(leads(drive)), float).reshape(-1, 3) for drive in drives}
+    every = [*found.values()]
+    rows, counts = np.concatenate(every), weights_of(every)
+    shipped, fitted = np.array([getattr(RATIO, name) for name in NAMES]), fit(rows, counts)
+    print('             ', *NAMES)
+    for name, weights in (('fitted', fitted), ('shipped', shipped), ('half', fitted / 2)):
+        print(f'{name:14}', *(f'{one:.2f}' for one in weights))
+    print('above 0: drive, right, share by fit, as shipped; wrong, share by fit, as shipped')
+    for name, some in {**found, 'all': rows}.items():
+        right = some[:, 2] > 0
+        above = [log_ratios(some, weights) > 0 for weights in (fitted, shipped)]
+        shares = [
+            f'{kind.sum()} {above[0][kind].mean():.3f} {above[1][kind].mean():.3f}'
+            if kind.any()
+            else '0 - -'
+            for kind in (right, ~right)
+        ]
+        print(f'{name}:', '; '.join(shares))
+    if chosen.picture:
+        picture(rows, counts, fitted, chosen.picture)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
