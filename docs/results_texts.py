@@ -37,7 +37,8 @@ backwards revisit nothing. *Known*: queries that have a right reference; *in rea
 whole sequence of k frames lies in the map, over which *recall* is taken (the first frames after
 the map is entered can be recognised sooner, by half of the sequence: *of all known*). *Slip*: the
 right place, 3 to 5 frames off. *False*: another place.
-The constants of the belief were fitted by `scripts/fit_observation.py`.
+The constants of the belief were chosen on corridor, laps and Gardens Point;
+`scripts/fit_observation.py` prints a fit beside them.
 """
 AGREEMENT = """\
 ## Does a shortlist decide as whole rows do?

@@ -8,7 +8,7 @@ fourth of the drawn drives is asked with the middle half of the map; with `--dat
 the data sets, corridor likewise, and laps with the map of its first lap, the other circuit, too.
 Of each frame counts the place that is verified best: right within 5 m (corridor: 5 frames), wrong
 beyond 15 (laps: as in laps.py). Right and wrong weigh the same, and so does each drive. What is
-shipped is tempered, to about half of the fit: frames that follow each other err alike.
+shipped is printed beside the fit, and half of the fit: frames that follow each other err alike.
 """
 
 import argparse
@@ -20,7 +20,6 @@ import sys
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.decision.observation import Observation, RATIO
 from convseq_ros.evaluation.plots.figure import new_figure, save
 from convseq_ros.evaluation.protocols import kept_halves
@@ -78,10 +77,8 @@ def of_laps(folder: Path) -> Drive:
     truth = laps.read_truth(folder / 'ground_truth.csv')
     drive = list(ImageFolder(folder / 'drive'))
     where = [laps.place(truth, frame) for frame in drive]
-    shown = [
-        (frame, math.nan if at is None else float(at))
-        for frame, at in zip(drive, where, strict=True)
-    ]
+    places = [math.nan if at is None else float(at) for at in where]
+    shown = list(zip(drive, places, strict=True))
     count = sum(laps.number(frame) <= laps.FIRST_LAP for frame in drive)
     return Drive('laps', shown[:count], shown[count:], config, laps.RIGHT, laps.WRONG, laps.LAP)
 
@@ -94,9 +91,8 @@ def other_circuit(drive: Drive, folder: Path) -> Drive:
 
 def watched(recognizer: PlaceRecognizer) -> list[Observation]:
     """Return a list that grows by what is observed."""
-    decider, seen = recognizer.decider, list[Observation]()
-    assert isinstance(decider, BeliefDecider)
-    observer = decider._observer
+    seen = list[Observation]()
+    observer = recognizer.decider._observer
     observe: Callable[..., Observation] = observer.observe
 
     def keep(*asked: object) -> Observation:
@@ -108,17 +104,15 @@ def watched(recognizer: PlaceRecognizer) -> list[Observation]:
 
 
 def leads(drive: Drive) -> Iterator[tuple[float, float, bool]]:
-    """Yield both leads of each keyframe's best verified place, and whether it is right."""
+    """Yield of each keyframe both leads of the best verified place, and whether it is right."""
     made = build_map([frame for frame, _ in drive.mapped], None, drive.config)
     where = {frame.stamp_ns: at for frame, at in drive.mapped}
     recognizer = PlaceRecognizer(made, drive.config)
     seen = watched(recognizer)
     for frame, there in drive.asked:
         recognizer.process(frame)
-        if not seen:
-            continue
-        found = seen.pop()
-        if found.leads is None or not found.has_rivals:
+        found = seen.pop() if seen else None
+        if not found or not found.leads or not found.has_rivals:
             continue
         best = int(found.leads.strength.argmax())
         away = abs(where[made.places[int(found.leads.places[best])].stamp_ns] - there)
@@ -136,8 +130,7 @@ def weights_of(drives: list[Values]) -> Values:
 
 def fit(rows: Values, counts: Values) -> Values:
     """Return the weights of 1 and both leads in the log odds, by Newton's method."""
-    features, right = np.column_stack((np.ones(len(rows)), rows[:, :2])), rows[:, 2]
-    found = np.zeros(3)
+    features, right, found = np.insert(rows[:, :2], 0, 1.0, axis=1), rows[:, 2], np.zeros(3)
     for _ in range(STEPS):
         chance = 1 / (1 + np.exp(-features @ found))
         gradient = features.T @ (counts * (right - chance))
@@ -153,7 +146,7 @@ def log_ratios(rows: Values, weights: Values) -> Values:
 
 def picture(rows: Values, counts: Values, fitted: Values, path: Path) -> None:
     """Draw the densities of both leads and of the fitted log ratio, of right and wrong."""
-    figure, right = new_figure(12.0, 3.6, 'white'), rows[:, 2] > 0
+    figure, right = new_figure(12.0, 3.6), rows[:, 2] > 0
     shown = rows[:, 0], rows[:, 1], log_ratios(rows, fitted)
     for number, (name, values) in enumerate(zip(PANELS, shown, strict=True), 1):
         panel = figure.add_subplot(1, 3, number)
@@ -191,13 +184,13 @@ def main() -> int:
     for name, some in {**found, 'all': rows}.items():
         right = some[:, 2] > 0
         above = [log_ratios(some, weights) > 0 for weights in (fitted, shipped)]
-        shares = [
-            f'{kind.sum()} {above[0][kind].mean():.3f} {above[1][kind].mean():.3f}'
-            if kind.any()
-            else '0 - -'
+        told = [
+            ' '.join(
+                (f'{kind.sum()}', *(f'{one[kind].mean():.3f}' for one in above if kind.any()))
+            )
             for kind in (right, ~right)
         ]
-        print(f'{name}:', '; '.join(shares))
+        print(f'{name}:', '; '.join(told))
     if chosen.picture:
         picture(rows, counts, fitted, chosen.picture)
     return 0

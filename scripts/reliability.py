@@ -5,7 +5,7 @@ Print how often answers of each confidence are right, accepted or refused.
 
 Usage: python scripts/reliability.py [--data FOLDER], some minutes. Nothing was fitted on these:
 CHECKS of drawn_drives.py, asked with two halves of the map and in another street; with `--data`,
-the folder of the data sets, Gardens Point with three halves, by day and with .8 of the light
+the folder of the data sets, Gardens Point with three halves, as it is and with .8 of the light
 taken.
 """
 
