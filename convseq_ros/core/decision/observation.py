@@ -159,11 +159,13 @@ class Observer:
         is_first = self._frames <= OBSERVED.first_frames
         newest = OBSERVED.first_listed if is_first else self._listed // 4
         likely = self._coarse.best(self._listed, newest)
-        places, scores = _scored(buffer, np.union1d(likely, _indices(predicted)))
+        before = np.array(predicted, np.int64)
+        places, scores = _scored(buffer, np.union1d(likely, before))
         if not len(places):
             return Observation(believed, np.zeros(len(believed)), {}, False)
         peaks = self._peaks(places, scores, OBSERVED.peaks)
-        best = max(peaks, key=lambda one: _lead_of(buffer, one))
+        shown = buffer.verified(peaks)
+        best = max(shown, key=lambda one: strength_of(shown[one]), default=peaks[0])
         if len(self._elsewhere(places, best)) < OBSERVED.fewest:
             passed = self._near.ranges(best)
             others = self._coarse.best(OBSERVED.fewest, 0, passed)
@@ -292,15 +294,6 @@ class Observer:
 def strength_of(shown: Verification) -> float:
     """Return how strongly a place is verified; what lies on the ground alone, hardly counts."""
     return max(min(shown.strength, 3 * shown.upper), RATIO.unrelated / 2)
-
-
-def _lead_of(buffer: QueryBuffer, place: int) -> float:
-    shown = buffer.verified([place]).get(place)
-    return 0.0 if shown is None else strength_of(shown)
-
-
-def _indices(some: Sequence[int]) -> Indices:
-    return np.array(some, np.int64)
 
 
 def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Values]:
