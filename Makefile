@@ -76,7 +76,7 @@ docs-test: .venv/test.stamp
 
 pictures: .venv/demo.stamp
 	.venv/bin/python docs/draw/explained.py docs/images
-	.venv/bin/python docs/draw/architecture.py docs/images/architecture.svg
+	.venv/bin/python docs/draw/architecture.py docs/images/architecture.png
 
 gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif

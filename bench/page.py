@@ -16,7 +16,7 @@ _HEAD = """\
 # Speed
 
 How long does a frame take, how much memory does a map need, and what helps on a robot? The table
-has the rows with a target; `docs/performance.json` has all rows, with quartiles.
+has the rows with a target; `docs/performance.json` has all rows, with quartiles and notes.
 
 <!-- not run here: takes ten minutes -->
 ```bash
@@ -88,7 +88,8 @@ def _machine(about: Mapping[str, Any]) -> str:
 
 
 def _markdown(rows: Iterable[Row]) -> str:
-    lines = [list(COLUMNS), ['---'] * len(COLUMNS), *map(cells, rows)]
+    heads = list(COLUMNS[:-1])  # notes are in the JSON
+    lines = [heads, ['---'] * len(heads), *(cells(row)[:-1] for row in rows)]
     return '\n'.join(f'| {" | ".join(line)} |' for line in lines) + '\n'
 
 
