@@ -16,7 +16,7 @@ _HEAD = """\
 # Speed
 
 How long does a frame take, how much memory does a map need, and what helps on a robot? The table
-has the rows with a target; `docs/performance.json` has all rows, with quartiles and notes.
+has rows with a target; `docs/performance.json` has all rows, with quartiles and notes.
 
 <!-- not run here: takes ten minutes -->
 ```bash
@@ -74,6 +74,11 @@ def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     if computed.exists():
         parts.append(section(json.loads(computed.read_text(encoding='utf-8'))))
     (docs / 'PERFORMANCE.md').write_text('\n'.join(parts), encoding='utf-8')
+
+
+def _is_shown(row: Row) -> bool:
+    """Return whether a row is for people: rows of the paper's scores by two threads are not."""
+    return row['part'] != 'rows' or row['threads'] == 1
 
 
 def _machine(about: Mapping[str, Any]) -> str:

@@ -81,7 +81,8 @@ def test_frames_find_the_place_that_is_in_the_map(measured):
 
 def test_the_page_holds_the_rows_that_have_a_target(measured, docs):
     page = (docs / 'PERFORMANCE.md').read_text(encoding='utf-8')
-    wanted = [row for row in measured['findings'] if row['target']]
+    found = [row for row in measured['findings'] if row['target']]
+    wanted = [row for row in found if row['part'] != 'rows' or row['threads'] == 1]
     assert wanted and all(f'| {row["what"]} | {row["side"]} |' in page for row in wanted)
     assert 'Not measured' not in page.partition('## On ARM')[0]
 
