@@ -70,6 +70,9 @@ TASKS = {
     'many recordings, many maps': Task(
         'tutorials/fleet.md', 3, lambda clone: accepted(clone / 'fleet.csv') > 50
     ),
+    'a trajectory from one recording': Task(
+        'tutorials/pose_graph.md', 3, lambda clone: (clone / 'before_after.svg').is_file()
+    ),
     'an own set against an own descriptor': Task(
         'tutorials/own_network.md', 5, lambda clone: (clone / 'my_report.html').is_file()
     ),

@@ -1,20 +1,19 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recognise each session of a fleet's maps in the others: `convseq fleet link MAPS`."""
+"""Link the places of a fleet's maps that show the same: `convseq fleet link MAPS`."""
 
 import argparse
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from uuid import uuid4
 
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.fleet_replay import maps_in
-from convseq_ros.cli.link import add_outputs, link
+from convseq_ros.cli.link import add_outputs, make_outputs
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.replay import warn
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.linking import links_of
+from convseq_ros.core.linking import link_map, not_linked, selected
 from convseq_ros.core.map.editing import joined, Part, parts_of
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected
@@ -31,7 +30,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Link as `convseq link` does in all maps merged with no links added, a session a job."""
+    """
+    Link all maps as if merged, a session a job; print what was found, and make what is asked for.
+
+    Sessions are looked up at the same time: none knows what another one was linked to meanwhile.
+    """
     paths, parts = list[Path](), list[Part]()
     for path in maps_in(chosen.map):
         try:
@@ -42,24 +45,27 @@ def run(chosen: argparse.Namespace) -> int:
     if not parts:
         raise MapError(f'{chosen.map}: no map of it has a place')
     parts = joined(parts)
-    once = tuple(paths), uuid4().hex
-    jobs = {str(number): (*once, number) for number in range(len(parts))}
-
-    def find() -> Iterator[Link]:
-        with connected(chosen_cluster(chosen)) as client:
-            found = done(client, links_in, jobs)
-            for _, links in progress(found, len(jobs), chosen.map.name, 'sessions'):
-                if isinstance(links, ConvseqError):
-                    raise links
-                yield from links
-
-    link(chosen, parts, find)
+    whole, once = parts[0].reference_map, (tuple(paths), uuid4().hex)
+    jobs = {f'{one.start}': (*once, one) for one in not_linked(whole)}
+    links = list[Link]()
+    with connected(chosen_cluster(chosen)) as client:
+        found = done(client, links_in, jobs)
+        for _, those in progress(found, len(jobs), chosen.map.name, 'sessions'):
+            if isinstance(those, ConvseqError):
+                raise those
+            links += those
+    for one in sorted(links, key=lambda one: one.place):
+        whole.links.add(one.place, one.other, one.confidence, one.inliers, one.relative)
+    make_outputs(chosen, parts)
     return 0
 
 
-def links_in(paths: tuple[Path, ...], run: str, number: int) -> list[Link]:
-    """Return the links of a session of some maps to the others, in one run of the command."""
-    return [one for one in links_of(_whole(paths, run)[number].reference_map, number) if one]
+def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
+    """Return the links of a session of some maps to what comes before, in one run."""
+    seen = selected(_whole(paths, run)[0].reference_map, range(session.stop))
+    for _ in link_map(seen, sessions=[session]):
+        pass
+    return [one for one in seen.links.each() if one.place in session]
 
 
 @lru_cache(maxsize=1)

@@ -1,10 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recognise each session of a map in the others: `convseq map link MAP`."""
+"""Link the places of a map that show the same, and solve its poses: `convseq map link MAP`."""
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -15,8 +15,10 @@ from convseq_ros.cli.printable import printable
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.sessions import watched
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.linking import links_of
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.editing import Part, parts_of, write_parts
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.rigid import pose_of
 from convseq_ros.errors import MapError
 from convseq_ros.evaluation.plots.figure import new_figure, save
@@ -25,7 +27,7 @@ from convseq_ros.results import complete_or_absent
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument('map', type=Path, help='map of several sessions; not changed')
+    parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
     add_outputs(parser)
 
 
@@ -42,23 +44,25 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Link, and say what was found."""
-    parts = parts_of(chosen.map)
-    link(chosen, parts, lambda: (one for part in parts for one in _links(part)))
+    """Look up what was not looked up before, keep its links, and make what is asked for."""
+    _refuse_existing(chosen)
+    whole = open_map(chosen.map)
+    if count := sum(map(len, not_linked(whole))):
+        with closing(Autosave(chosen.map, whole.encoding, whole.keyframes, True)) as kept:
+            for _ in progress(link_map(kept.reference_map), count, chosen.map.name, 'places'):
+                kept.save()
+    make_outputs(chosen, parts_of(chosen.map))
     return 0
 
 
-def link(
-    chosen: argparse.Namespace, parts: list[Part], find: Callable[[], Iterable[Link]]
-) -> None:
-    """Find the links of the sessions of one map; report them, and make what is asked for."""
-    if len(parts) < 2:
-        raise MapError(f'{chosen.map}: has one session; put others beside it with convseq merge')
-    if chosen.output and chosen.output.exists():
-        raise MapError(f'{chosen.output}: exists already; name another file')
-    links = sorted(find(), key=lambda one: one.place)
-    _report(parts, links, chosen.json)
+def make_outputs(chosen: argparse.Namespace, parts: list[Part]) -> None:
+    """Report the links of the sessions of one map, and make of them what is asked for."""
+    _refuse_existing(chosen)
+    if not parts:
+        raise MapError(f'{chosen.map}: has no place')
     whole = parts[0].reference_map
+    links = [*whole.links.each()]
+    _report(parts, links, chosen.json)
     edges = list(edges_of(whole, links))
     if chosen.g2o:
         with complete_or_absent(chosen.g2o) as file:
@@ -66,7 +70,10 @@ def link(
     if chosen.output or chosen.picture:
         start = brought_together(whole, edges)
         if not start:
-            raise MapError(f'{chosen.map}: no link is measured in metres; it needs poses, cameras')
+            raise MapError(
+                f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
+                'and --camera-info'
+            )
         after = solved(edges, start)
         if chosen.picture:
             _draw(chosen.picture, parts, links, poses_of(whole), after)
@@ -76,11 +83,9 @@ def link(
             )
 
 
-def _links(part: Part) -> list[Link]:
-    found = progress(
-        links_of(part.reference_map, part.number), len(part.places), part.name, 'places'
-    )
-    return [link for link in found if link]
+def _refuse_existing(chosen: argparse.Namespace) -> None:
+    if chosen.output and chosen.output.exists():
+        raise MapError(f'{chosen.output}: exists already; name another file')
 
 
 def _moved(part: Part, after: Poses) -> Part:
@@ -103,6 +108,7 @@ def _report(parts: list[Part], links: list[Link], as_json: bool) -> None:
                 'session': session[link.place].number,
                 'other': link.other,
                 'other_session': session[link.other].number,
+                'anchor': link.anchor,
                 'confidence': link.confidence,
                 'inliers': link.inliers,
                 'position_m': link.relative.position_m if link.relative else None,
@@ -121,16 +127,16 @@ def _report(parts: list[Part], links: list[Link], as_json: bool) -> None:
         where = ', '.join(f'{count} in {name}' for name, count in into.most_common())
         print(
             f'{part.number} {printable(part.name)}: {len(own)} of {len(part.places)} places '
-            f'recognised, {measured} measured in metres{": " if where else ""}{where}'
+            f'linked, {measured} measured in metres{": " if where else ""}{where}'
         )
 
 
 def _draw(path: Path, parts: list[Part], links: list[Link], before: Poses, after: Poses) -> None:
-    figure = new_figure(10, 5)
+    figure = new_figure(10, 4)
     for number, (title, poses) in enumerate((('before', before), ('after', after)), 1):
         axes = figure.add_subplot(1, 2, number)
         axes.set_title(title)
-        axes.set_aspect('equal', 'datalim')
+        axes.set_aspect('equal')
         for link in links:
             if link.place in poses and link.other in poses:
                 ends = [poses[at][:2, 3] for at in (link.place, link.other)]

@@ -6,7 +6,7 @@ import argparse
 from importlib import import_module
 
 COMMANDS = {
-    'link': 'recognise each session of a map in the others',
+    'link': 'link the places of a map that show the same, and solve its poses',
     'merge': 'put the sessions of several maps into one',
     'split': 'make a map of each session of a map',
     'remove': 'take sessions out of a map',

@@ -1,11 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The graph of a map's poses and of the links between its sessions: as a g2o file, and solved."""
+"""The graph of a map's poses and links: as a g2o file, and solved."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-import math
 from typing import Any
 
 from convseq_ros.core.constants import constants
@@ -168,9 +167,3 @@ def _gtsam() -> Any:
             f'gtsam is not installed, which brings sessions into one frame: {pip_install("gtsam")}'
         ) from None
     return gtsam
-
-
-def furthest_m(before: Poses, after: Poses) -> float:
-    """Return by how much the pose that moved most has moved."""
-    ways = (math.dist(before[at][:3, 3], after[at][:3, 3]) for at in after if at in before)
-    return max(ways, default=0.0)

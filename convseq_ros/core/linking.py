@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Places of a map that show the same: each is recognised in others as those of a drive are."""
+"""Links of a map that has none: its places are recognised as those of a drive are."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,7 +9,6 @@ from itertools import pairwise
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.frame_gate import AnyOrder
-from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.place import Picture, Places
@@ -40,42 +39,12 @@ def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
     return made
 
 
-def recognised(whole: ReferenceMap, session: int) -> Iterator[tuple[int, Match]]:
-    """
-    Yield the places of a session, by their index, and what the other sessions say of each.
-
-    The places are the frames of a drive, in their order, with what the map keeps of them: every
-    region counts as salient. Indices in matches are those of the others alone.
-    """
-    own = [index for index, place in enumerate(whole.places) if place.session == session]
-    others = selected(whole, _others(whole, session))
-    recognizer = PlaceRecognizer(others, Config(encoding=others.encoding, motion=_STILL))
-    for index in own:
-        yield index, recognizer.process(*_asked(whole, index))
-
-
 def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
     """Return a place as what a drive sees."""
     place = whole.places[index]
     camera = whole.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
     return frame, whole_descriptor(whole.cells(index))
-
-
-def _others(whole: ReferenceMap, session: int) -> list[int]:
-    return [index for index, place in enumerate(whole.places) if place.session != session]
-
-
-def links_of(whole: ReferenceMap, session: int) -> Iterator[Link | None]:
-    """Yield for each place of a session its link to another session, if it is recognised."""
-    others = _others(whole, session)
-    for index, match in recognised(whole, session):
-        if (found := match.accepted) is None:
-            yield None
-            continue
-        other, measured = others[found.reference_index], match.relative_pose
-        anchor = whole.links.anchor(other)
-        yield Link(index, other, anchor, match.confidence, found.inliers, measured)
 
 
 class _DrivenMap(OnlineMap):
@@ -98,9 +67,11 @@ def not_linked(whole: ReferenceMap) -> list[range]:
     return [range(*of) for of in ends if not all(map(whole.links.knows, range(*of)))]
 
 
-def link_map(whole: ReferenceMap, config: Config = Config()) -> Iterator[int]:
+def link_map(
+    whole: ReferenceMap, config: Config = Config(), sessions: Sequence[range] | None = None
+) -> Iterator[int]:
     """
-    Look up the places of a map that is `not_linked` in what comes before them; yield each.
+    Look up the places of sessions, those `not_linked`, in what comes before them; yield each.
 
     It goes by what the map keeps of them, of which every region counts as salient; else it is what
     online mode does on these drives. Others may use the map meanwhile.
@@ -111,7 +82,7 @@ def link_map(whole: ReferenceMap, config: Config = Config()) -> Iterator[int]:
     config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
     recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
     recognizer.order, recognizer.mapping = AnyOrder(), mapping
-    for session in not_linked(seen):
+    for session in not_linked(seen) if sessions is None else sessions:
         recognizer.reset()
         mapping.begin(session.start)
         for index in session:

@@ -1,11 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive through a drawn town that comes back along known streets, with odometry that drifts."""
+"""
+A drive through a drawn town that comes back along known streets, with odometry that drifts.
+
+Usage: python simulated.py FOLDER writes one as a recording.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+import sys
 
 from convseq_ros.simulation.drive import draw, Drive, Shot
 from convseq_ros.simulation.odometry import Drift, with_odometry
@@ -71,3 +76,7 @@ def record(path: Path, route: Route, seed: int = 0) -> None:
     """Write a drive as a recording: images, the camera, /odom, and the truth."""
     drift = replace(DRIFT, seed=DRIFT.seed + seed)
     write_recording(path, shots(route, drift, 2 * seed), info_topic='/camera/camera_info')
+
+
+if __name__ == '__main__':
+    record(Path(sys.argv[1]), two_blocks(110.0, 70.0))
