@@ -13,7 +13,8 @@ from convseq_ros.cli.fleet_replay import maps_in
 from convseq_ros.cli.link import add_outputs, link
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.replay import warn
-from convseq_ros.core.linking import Link, links_of
+from convseq_ros.core.graph.links import Link
+from convseq_ros.core.linking import links_of
 from convseq_ros.core.map.editing import joined, Part, parts_of
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected

@@ -14,7 +14,8 @@ from convseq_ros.cli.pose_graph import brought_together, edges_of, g2o, Poses, p
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.sessions import watched
-from convseq_ros.core.linking import Link, links_of
+from convseq_ros.core.graph.links import Link
+from convseq_ros.core.linking import links_of
 from convseq_ros.core.map.editing import Part, parts_of, write_parts
 from convseq_ros.core.rigid import pose_of
 from convseq_ros.errors import MapError

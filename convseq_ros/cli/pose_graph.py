@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.linking import Link
+from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
 from convseq_ros.core.types import Pose

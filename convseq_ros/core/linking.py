@@ -3,32 +3,22 @@
 """Places of a map that show the same: each is recognised in others as those of a drive are."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.frame_gate import AnyOrder
+from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.link_rows import carry_links
-from convseq_ros.core.map.online import known_as, OnlineMap
+from convseq_ros.core.map.online import link, OnlineMap
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Descriptor, Frame, Match, RelativePose
+from convseq_ros.core.types import Descriptor, Frame, Match
 
 # Places are keyframes, one and all.
 _STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Link:
-    """Two places of different sessions that show the same."""
-
-    place: int  # of the map
-    other: int  # the place that it was recognised as
-    confidence: float | None  # probability in [0, 1] that it is, if that is known
-    inliers: int | None
-    relative: RelativePose | None  # of the base at the place, against the other's; if measured
 
 
 def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
@@ -83,8 +73,9 @@ def links_of(whole: ReferenceMap, session: int) -> Iterator[Link | None]:
         if (found := match.accepted) is None:
             yield None
             continue
-        other, relative = others[found.reference_index], match.relative_pose
-        yield Link(index, other, match.confidence, found.inliers, relative)
+        other, measured = others[found.reference_index], match.relative_pose
+        anchor = whole.links.anchor(other)
+        yield Link(index, other, anchor, match.confidence, found.inliers, measured)
 
 
 class _DrivenMap(OnlineMap):
@@ -97,7 +88,7 @@ class _DrivenMap(OnlineMap):
 
     def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
         """Pass the next place, and link it as it was recognised."""
-        self._map.links.note(self.session_start + len(self._passed_m), known_as(_match))
+        link(self._map.links, self.session_start + len(self._passed_m), _match)
         self._passed_m.append(self._travelled_m)
 
 

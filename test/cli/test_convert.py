@@ -38,7 +38,7 @@ def convert(old, tmp_path, capsys):
 def test_all_that_the_old_map_held_is_in_the_new_one(old, convert, tmp_path):
     before = old.read_bytes()
     code, said = convert()
-    assert (code, said) == (0, f'{tmp_path / "new.db"}: 3 references, format 4\n')
+    assert (code, said) == (0, f'{tmp_path / "new.db"}: 3 references, format 5\n')
     made = json.loads(MapReader(tmp_path / 'new.db').about()['encoding'])
     assert (made['image_size_px'], made['resize']) == (64, 'linear')
     opened, rng = open_map(tmp_path / 'new.db'), np.random.default_rng(0)
@@ -57,7 +57,7 @@ def test_all_that_the_old_map_held_is_in_the_new_one(old, convert, tmp_path):
 def test_every_other_command_names_this_one(old, capsys, tmp_path):
     for arguments in (['info', old], ['replay', tmp_path, '--map', old, '--mode', 'online']):
         assert main([str(one) for one in arguments]) == 1
-        assert f'{old}: map format 3, this program reads 4; run: convseq convert' in (
+        assert f'{old}: map format 3, this program reads 5; run: convseq convert' in (
             capsys.readouterr().err
         )
 
@@ -92,4 +92,4 @@ def test_a_damaged_map_is_one_line_and_makes_no_file(old, convert, change, tmp_p
 def test_a_map_of_this_format_is_told_so(convert, old, tmp_path):
     convert()
     (tmp_path / 'new.db').rename(old)
-    assert convert() == (1, f'convseq convert: {old}: is of format 4 already\n')
+    assert convert() == (1, f'convseq convert: {old}: is of format 5 already\n')

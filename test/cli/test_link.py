@@ -9,7 +9,7 @@ import math
 from convseq_ros.cli import main
 from convseq_ros.cli.pose_graph import brought_together, edges_of, solved
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.linking import Link
+from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -86,7 +86,7 @@ def made(count, wrong=0):
     noise = np.diag([0.01] * 3 + [1e-4] * 3)
     return whole, [
         Link(
-            count + at, at, 1.0, 100,
+            count + at, at, at, 1.0, 100,
             RelativePose((0.0, 0.0, 0.0, 1.0), (9.0 * (at < wrong), 1.0, 0.0), None, noise, 9),
         )
         for at in range(count)

@@ -147,7 +147,7 @@ def test_a_newer_format_is_refused_with_both_versions(map_path):
 def test_an_older_format_is_refused_with_the_remedy(map_path, version, remedy):
     with sqlite3.connect(map_path) as database:
         database.execute(f'PRAGMA user_version = {version}')
-    with pytest.raises(MapError, match=f'map format {version}, this program reads 4; {remedy}'):
+    with pytest.raises(MapError, match=f'map format {version}, this program reads 5; {remedy}'):
         open_map(map_path)
     with pytest.raises(MapError, match=remedy):
         MapWriter(map_path, ENCODING, APART, append=True)

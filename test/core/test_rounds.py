@@ -72,6 +72,10 @@ def test_the_second_and_third_round_are_recognised_and_linked(one_round, with_od
     where = [shots[place.stamp_ns // STEP_NS][1] for place in grown.places]
     linked = [math.dist(where[place], where[anchor]) for place, anchor in grown.links]
     assert len(linked) > 0.55 * len(grown) and max(linked) <= 2 * RIGHT_M
+    assert all(one.confidence > 0.9 and one.inliers for one in grown.links.each())
+    # Neighbours of its own drive give the scale, where odometry says how far apart they are.
+    in_metres = [one for one in grown.links.each() if one.relative and one.relative.pose]
+    assert len(in_metres) > 0.5 * len(linked) if with_odometry else not in_metres
 
 
 def test_odometry_that_begins_anew_in_mid_drive_costs_matches_and_makes_none_wrong(one_round):

@@ -3,11 +3,13 @@
 """Links between looks of one place: which earlier place shows what a place shows."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from threading import Lock
 
 from convseq_ros.core.constants import constants
-
-Row = tuple[int, int | None]  # a place and its anchor; None if no earlier place shows the same
+from convseq_ros.core.rigid import cross, matrix, pose_of
+from convseq_ros.core.types import RelativePose
+import numpy as np
 
 
 @constants
@@ -16,6 +18,21 @@ class LINKS:
 
     reach: int = 8  # places between two anchors whose looks show one place; 2 leave gaps
     beside: int = 8  # places of a drive within which they follow one another, and are no looks
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Link:
+    """A place, and an earlier one of the map that it was recognised as."""
+
+    place: int
+    other: int
+    anchor: int  # the first look of both
+    confidence: float | None = None  # probability in [0, 1] that they show the same, if known
+    inliers: int | None = None  # regions that moved alike, if verified
+    relative: RelativePose | None = None  # of the base at the place, against the other's
+
+
+Row = tuple[int, Link | None]  # a place, and its link; None if no earlier place shows the same
 
 
 class Links:
@@ -31,15 +48,24 @@ class Links:
         self._around, self._adding = around, Lock()
         self._anchors = dict[int, int]()  # of the places that were looked up
         self._followers = dict[int, list[int]]()  # by their anchor
-        self._rows: list[Row] = []  # as they came
+        self._links = dict[int, Link]()  # as they were added, with the anchors of that time
+        self._noted: list[int] = []  # places, as they came
 
     def __len__(self) -> int:
-        return sum(len(some) for some in [*self._followers.values()])
+        return len(self._links)
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         """Yield linked places, in their order, and the anchor of each."""
-        pairs = sorted([*self._anchors.items()])
-        return ((place, anchor) for place, anchor in pairs if place != anchor)
+        return ((place, self.anchor(place)) for place in sorted([*self._links]))
+
+    def each(self) -> Iterator[Link]:
+        """Yield the links, by their places."""
+        return (replace(self._links[place], anchor=anchor) for place, anchor in self)
+
+    def details(self, place: int) -> Link | None:
+        """Return the link of a place, if it has one."""
+        link = self._links.get(place)
+        return link and replace(link, anchor=self.anchor(place))
 
     def anchor(self, index: int) -> int:
         """Return the first look of a place: itself, if it is not linked."""
@@ -53,33 +79,44 @@ class Links:
                 found += (near, *self._followers.get(near, ()))
         return tuple(sorted(one for one in found if one not in beside))
 
-    def add(self, place: int, other: int) -> None:
-        """Note that a place shows what an earlier one shows; a link that is there stays."""
+    def followers(self, anchor: int) -> tuple[int, ...]:
+        """Return the places whose anchor a place is, but for itself."""
+        return (*self._followers.get(anchor, ()),)
+
+    def add(
+        self,
+        place: int,
+        other: int,
+        confidence: float | None = None,
+        inliers: int | None = None,
+        relative: RelativePose | None = None,
+        anchor: int | None = None,
+    ) -> None:
+        """
+        Note that a place shows what an earlier one shows; a link that is there stays.
+
+        An `anchor` is known beforehand where links come without those of the other place.
+        """
         if not 0 <= other < place:
             raise ValueError(f'place {place} cannot be a look of place {other}, not before it')
         with self._adding:
-            if self.anchor(place) != place:
+            if place in self._links:
                 return
-            anchor, moved = self.anchor(other), [place, *self._followers.get(place, ())]
+            anchor = self.anchor(other if anchor is None else anchor)
+            moved = [place, *self._followers.get(place, ())]
             self._followers.setdefault(anchor, []).extend(moved)
+            self._links[place] = Link(place, other, anchor, confidence, inliers, relative)
             for one in moved:
                 self._anchors[one] = anchor
             self._followers.pop(place, None)
-            self._rows.append((place, anchor))
+            self._noted.append(place)
 
     def add_first(self, place: int) -> None:
         """Note that nothing earlier shows what a place shows, unless it is known better."""
         with self._adding:
             if place not in self._anchors:
                 self._anchors[place] = place
-                self._rows.append((place, None))
-
-    def note(self, place: int, other: int | None) -> None:
-        """Note what earlier place shows what a place shows, if one was found."""
-        if other is None:
-            self.add_first(place)
-        else:
-            self.add(place, other)
+                self._noted.append(place)
 
     def knows(self, place: int) -> bool:
         """Return whether it was looked up if an earlier place shows the same."""
@@ -93,11 +130,44 @@ class Links:
     @property
     def rows(self) -> int:
         """What was noted so far, one row after another."""
-        return len(self._rows)
+        return len(self._noted)
 
     def since(self, row: int, end: int) -> list[Row]:
         """Return what was noted from a row on, up to the first of a place from `end` on."""
         stop = row
-        while stop < len(self._rows) and self._rows[stop][0] < end:
+        while stop < len(self._noted) and self._noted[stop] < end:
             stop += 1
-        return self._rows[row:stop]
+        return [(place, self.details(place)) for place in self._noted[row:stop]]
+
+
+def beyond(link: Link, onward: Link) -> Link:
+    """Return the link of a place to what the other one is linked to, past the other one."""
+    known = [one.confidence for one in (link, onward) if one.confidence is not None]
+    inliers = [one.inliers for one in (link, onward) if one.inliers is not None]
+    relative = None
+    if link.relative and onward.relative:
+        relative = _composed(link.relative, onward.relative)
+    return replace(
+        link,
+        other=onward.other,
+        confidence=min(known, default=None),
+        inliers=min(inliers, default=None),
+        relative=relative,
+    )
+
+
+def _composed(one: RelativePose, onward: RelativePose) -> RelativePose | None:
+    """Return a pose against the reference of that against which it is; None without a scale."""
+    if not (one.pose and onward.pose):
+        return None
+    near, far = matrix(one.pose), matrix(onward.pose)
+    moved, turn = far @ near, far[:3, :3]
+    by_far, by_near = np.eye(6), np.kron(np.eye(2), turn)
+    by_far[:3, 3:] = -cross(turn @ near[:3, 3])
+    covariance = by_far @ onward.covariance @ by_far.T + by_near @ one.covariance @ by_near.T
+    pose, length_m = pose_of(moved), float(np.linalg.norm(moved[:3, 3]))
+    x, y, z = pose.position
+    direction = (x / length_m, y / length_m, z / length_m) if length_m else None
+    inliers = min(one.inliers, onward.inliers)
+    sound = one.explains and onward.explains
+    return RelativePose(pose.orientation, pose.position, direction, covariance, inliers, sound)

@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a map is laid out in its SQLite file, format 4.
+How a map is laid out in its SQLite file, format 5.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
 the places of one lie together, in their order. `places` are read when a map is opened, and so are
@@ -24,7 +24,7 @@ from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
-FORMAT_VERSION = 4  # PRAGMA user_version
+FORMAT_VERSION = 5  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
 TABLES = {
@@ -42,8 +42,10 @@ TABLES = {
     # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
     'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
     'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
-    # Of places that were looked up in what came before them; anchor is NULL of those not found.
-    'links': '(place INTEGER PRIMARY KEY, anchor INTEGER, crc32 INTEGER NOT NULL)',
+    # Of places that were looked up in what came before them; of those not found all is NULL.
+    # Relative: 33 float64, those of a `RelativePose`; NULL if it was not measured.
+    'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
+    'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
     # Of places whose regions' depths are known, once one is.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',

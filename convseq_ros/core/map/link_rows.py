@@ -3,15 +3,22 @@
 """The links of a map in its file, and in maps that are made of its places."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 import sqlite3
 
-from convseq_ros.core.graph.links import Links, Row
+from convseq_ros.core.graph.links import beyond, Links, Row
 from convseq_ros.core.map.database import Database, Rows
 from convseq_ros.core.map.format import FURTHER, row_crc
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import vector
+from convseq_ros.core.types import RelativePose
+import numpy as np
 
 _AT_ONCE = 8192  # rows, for some MB of memory
+_UPPER = np.triu_indices(6)  # of a covariance
+_NUMBERS = 33  # of a relative pose: orientation, position, direction, covariance, and two more
+_OFF_UNIT = 1e-6  # that the length of an orientation may be
 
 
 def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
@@ -38,13 +45,19 @@ def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> N
 def _add(links: Links, rows: Rows) -> int:
     """Add links of stored rows, in order; return how many are damaged."""
     damaged = 0
-    for place, anchor, crc32 in rows:
-        is_sound = crc32 == row_crc((place, anchor))
-        if is_sound and anchor is None:
-            links.add_first(place)
-        elif is_sound and isinstance(anchor, int) and 0 <= anchor < place:
-            links.add(place, anchor)
-        else:
+    for place, other, anchor, confidence, inliers, relative, crc32 in rows:
+        try:
+            if crc32 != row_crc((place, other, anchor, confidence, inliers, relative)):
+                raise ValueError('a link that fails its checksum')
+            if other is None:
+                links.add_first(place)
+                continue
+            whole = all(type(one) is int for one in (other, anchor, inliers or 0))
+            if not whole or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
+                raise ValueError('a link that cannot be')
+            measured = None if relative is None else _unpacked(relative)
+            links.add(place, other, confidence, inliers, measured, anchor)
+        except (TypeError, ValueError):
             damaged += 1
     return damaged
 
@@ -52,8 +65,41 @@ def _add(links: Links, rows: Rows) -> int:
 def write_links(database: Database, rows: Sequence[Row]) -> None:
     """Write links, in a transaction that is begun."""
     database.rows(FURTHER['links'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
-    for row in rows:
-        database.rows('INSERT OR REPLACE INTO links VALUES (?, ?, ?)', (*row, row_crc(row)))
+    for place, one in rows:
+        row: tuple[object, ...] = (place, *(None,) * 5)
+        if one is not None:
+            relative = one.relative and _packed(one.relative)
+            row = place, one.other, one.anchor, one.confidence, one.inliers, relative
+        database.rows(
+            'INSERT OR REPLACE INTO links VALUES (?, ?, ?, ?, ?, ?, ?)', (*row, row_crc(row))
+        )
+
+
+def _packed(pose: RelativePose) -> bytes:
+    """Return what is stored of a relative pose: 33 numbers, NaN for what is not known."""
+    unknown = (math.nan,) * 3
+    numbers = *pose.orientation, *(pose.position_m or unknown), *(pose.direction or unknown)
+    return np.array(
+        [*numbers, *pose.covariance[_UPPER], pose.inliers, pose.explains], '<f8'
+    ).tobytes()
+
+
+def _unpacked(stored: bytes) -> RelativePose:
+    """Return a relative pose that was stored; ValueError or TypeError if it is none."""
+    numbers = np.frombuffer(stored, '<f8')
+    if len(numbers) != _NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
+        raise ValueError('a relative pose that is none')
+    x, y, z, w = numbers[:4].tolist()
+    if abs(math.hypot(x, y, z, w) - 1) > _OFF_UNIT:
+        raise ValueError('a relative pose that is not turned')
+    covariance = np.zeros((6, 6))
+    covariance[_UPPER] = numbers[10:31]
+    covariance.T[_UPPER] = numbers[10:31]
+    position, direction = (
+        vector(some) if np.isfinite(some).all() else None for some in numbers[4:10].reshape(2, 3)
+    )
+    inliers, explains = int(numbers[31]), bool(numbers[32])
+    return RelativePose((x, y, z, w), position, direction, covariance, inliers, explains)
 
 
 def takes_links(database: Database) -> bool:
@@ -69,14 +115,24 @@ def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None
     """
     Link the places of a map, given as those of other maps, as they are linked there.
 
-    Where an anchor stays out, the earliest of its looks takes its part. What comes from another
-    map than the first place is to be looked up among what comes before it.
+    Where the other place stays out, a link goes past it to what that one is linked to; and where
+    an anchor stays out, the earliest of its looks takes its part. What comes from another map than
+    the first place is to be looked up among what comes before it.
     """
-    firsts = dict[tuple[int, int], int]()
+    firsts, news = dict[tuple[int, int], int](), dict[tuple[int, int], int]()
     for new, (own, at) in enumerate(every):
-        if own.links.known:
-            first = firsts.setdefault((id(own), own.links.anchor(at)), new)
-            if first != new:
-                links.add(new, first)
-            elif own is every[0][0] and own.links.knows(at):
-                links.add_first(new)
+        news[id(own), at] = new
+        if not own.links.known:
+            continue
+        first = firsts.setdefault((id(own), own.links.anchor(at)), new)
+        link = own.links.details(at)
+        while link and (id(own), link.other) not in news:
+            onward = own.links.details(link.other)
+            link = onward and beyond(link, onward)
+        if link:
+            other = news[id(own), link.other]
+            links.add(new, other, link.confidence, link.inliers, link.relative, first)
+        elif first != new:
+            links.add(new, first)
+        elif own is every[0][0] and own.links.knows(at):
+            links.add_first(new)

@@ -5,6 +5,7 @@
 import math
 
 from convseq_ros.config import Config
+from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
 
@@ -16,6 +17,16 @@ def known_as(match: Match | None) -> int | None:
     if match is None or match.reason not in _RECOGNISED or match.best is None:
         return None
     return match.best.reference_index
+
+
+def link(links: Links, place: int, match: Match | None) -> None:
+    """Link a place as it was recognised, if it was looked up."""
+    if match is None:
+        return
+    if (known := known_as(match)) is None or match.best is None:
+        links.add_first(place)
+    else:
+        links.add(place, known, match.confidence, match.best.inliers, match.relative_pose)
 
 
 class PreloadedMap:
@@ -92,8 +103,7 @@ class OnlineMap(PreloadedMap):
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
         self._passed_m.append(passed_m)
-        if match is not None:
-            self._map.links.note(len(self._map) - 1, known_as(match))
+        link(self._map.links, len(self._map) - 1, match)
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]

@@ -219,7 +219,7 @@ def test_mass_is_a_distribution_whatever_comes(a_map, lengths, steps, both, step
     rng = np.random.default_rng(seed)
     for place in range(1, len(whole)):
         if rng.random() < 0.3:
-            whole.links.note(place, int(rng.integers(place)))
+            whole.links.add(place, int(rng.integers(place)))
     for belief in driven(whole, steps, both):
         posterior = belief.posterior
         assert np.isfinite(posterior.mass).all() and (posterior.mass >= 0).all()
