@@ -28,7 +28,6 @@ COMMANDS = {
     'split': 'make a map of each session of a map',
     'remove': 'take sessions out of a map',
     'rename': 'call a session of a map by another name',
-    'thin': 'leave out what other sessions of a map know as well',
     'link': 'recognise each session of a map in the others',
     'convert': 'bring a map of an older format up to date',
     'fleet': 'build many maps in parallel, and recognise in all of them',

@@ -5,9 +5,12 @@
 import math
 
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.map.looks import to_go
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
+import numpy as np
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
@@ -49,9 +52,6 @@ class PreloadedMap:
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
 
-    def finish(self) -> None:
-        """Add what is still to be added at the end: nothing."""
-
 
 class OnlineMap(PreloadedMap):
     """Adds the frames of this session, and excludes those that are recent from being matched."""
@@ -63,7 +63,7 @@ class OnlineMap(PreloadedMap):
     ) -> None:
         self._name, self._frame = name, frame or None  # of this session, and of its poses
         self._exclusion_ns = round(config.online.exclusion_s * 1e9)
-        self._exclusion_m = config.online.exclusion_m
+        self._exclusion_m, self._max_looks = config.online.exclusion_m, config.online.max_looks
         kept = config.keyframes
         self._widths_px = kept.thumbnail_width_px, kept.keep_images_px
         super().__init__(reference_map)
@@ -85,25 +85,32 @@ class OnlineMap(PreloadedMap):
         return self._usable
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
-        """Add a frame to the map unless it could not be read, and link it as it was recognised."""
-        if frame.gray is not None:
-            begins = len(self._map) == self.session_start
-            self._append(frame, descriptor, _match, self._travelled_m, begins)
+        """
+        Add a frame to the map, and link it as it was recognised, unless it could not be read.
 
-    def _append(
-        self,
-        frame: Frame,
-        descriptor: Descriptor,
-        match: Match | None,
-        passed_m: float,
-        begins: bool,
-    ) -> None:
-        """Add a frame that was passed after so many metres, and with which a session may begin."""
-        if begins:
+        Nor is it added where its place has all looks, and it is most like one of them; where it
+        is not, one of them is not matched any more, and goes when the map is opened next.
+        """
+        if frame.gray is None or not self._is_new(descriptor, known_as(_match)):
+            return
+        if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
-        self._passed_m.append(passed_m)
-        link(self._map.links, len(self._map) - 1, match)
+        self._passed_m.append(self._travelled_m)
+        link(self._map.links, len(self._map) - 1, _match)
+
+    def _is_new(self, descriptor: Descriptor, known: int | None) -> bool:
+        if known is None or not self._max_looks:
+            return True
+        anchor, removed = self._map.links.anchor(known), self._map.removed
+        looks = [anchor, *(one for one in self._map.links.followers(anchor) if one not in removed)]
+        if len(looks) < self._max_looks:
+            return True
+        shown = global_descriptor(descriptor.cells).astype(np.float16)
+        at = to_go(np.vstack([self._map.global_descriptors[sorted(looks)], shown]))
+        if at < len(looks):
+            removed.add(sorted(looks)[at])
+        return at < len(looks)
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
@@ -124,3 +131,8 @@ class FollowedMap(PreloadedMap):
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
         return self._leader.update(stamp_ns, pose)
+
+
+def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return the map as the mode has it."""
+    return OnlineMap(reference_map, config) if config.online.grows else PreloadedMap(reference_map)
