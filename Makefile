@@ -2,12 +2,12 @@
 # make test               all that CI runs
 # make demo-slam          loop closures into a pose graph, and what false ones cost
 # make demo-relocalise    switched on at night in a mapped town, and carried away twice
-# make results [DATA=folder-of-data-sets] [SETS='own.yaml ...']   measure, write docs/RESULTS.md
-# make bench              measure speed, write docs/PERFORMANCE.md
+# make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
+# make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
 # make docs              build the documentation into site/; warnings are errors
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
-# make pictures          draw the pictures of docs/explanation
+# make pictures          draw the pictures of docs/explanation and docs/ARCHITECTURE.md
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
@@ -60,8 +60,7 @@ demo-relocalise: .venv/demo.stamp
 	.venv/bin/python examples/relocalise/relocalise.py $(if $(IMAGES),--images '$(IMAGES)')
 
 results: .venv/bench.stamp
-	.venv/bin/python docs/make_results.py $(if $(DATA),--data-root '$(DATA)') \
-		$(foreach set,$(SETS),--set '$(set)')
+	.venv/bin/python docs/make_results.py $(SETS) $(if $(DATA),--data-root '$(DATA)')
 
 bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
@@ -77,6 +76,7 @@ docs-test: .venv/test.stamp
 
 pictures: .venv/demo.stamp
 	.venv/bin/python docs/draw/explained.py docs/images
+	.venv/bin/python docs/draw/architecture.py docs/images/architecture.png
 
 gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif

@@ -3,7 +3,7 @@
 """
 Measure, print a table, and write it as JSON: `python -m bench [PART ...]`, from the repository.
 
-With --page, docs/PERFORMANCE.md and its picture are written too, from that JSON alone.
+With --page, docs/PERFORMANCE.md is written too, from that JSON alone.
 """
 
 import argparse

@@ -90,16 +90,12 @@ def section(rows: list[dict[str, object]]) -> str:
     )
     return (
         '## On ARM, computed\n\n'
-        'Not measured: GCC compiled the kernels, and llvm-mca (LLVM 16, `-mcpu=neoverse-n1`, the '
-        'sister core\nof Cortex-A76) counted the cycles of a tile, products and maxima, with '
-        'all loads in the nearest\ncache. The peak is two products of 128 bits a cycle. '
-        'Of a pair of 650 with 900 regions that loop takes\nthe time shown at 2.4 GHz; votes and '
-        'the search for the largest come on top. `python -m bench.arm`\nmakes this table. '
-        '`make board` measures on a board, and writes `board.json`, which we ask you to send.\n\n'
-        '| kernels | 16 x 16 bytes, multiplied and added | share of peak '
-        '| of a pair, 2.4 GHz | of a frame, 50 pairs |\n'
+        'Not measured on a board. `python -m bench.arm` compiles the kernels for ARM; llvm-mca '
+        'counts\nthe cycles of the inner loop of a coherent pair on a Neoverse N1, the sister of '
+        'Cortex-A76.\nTimes are at 2.4 GHz.\n\n'
+        '| kernels | 16 x 16 bytes | share of peak | a pair | 50 pairs |\n'
         '|---|---|---|---|---|\n'
-        f'{table}\n\n'
+        f'{table}\n'
     )
 
 

@@ -140,7 +140,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         if not merged.exists():
             names = [str(path) for path in (first, *paths)]
             with redirect_stdout(sys.stderr):
-                convseq(['merge', *names, '-o', str(merged), '--no-links'])
+                convseq(['map', 'merge', *names, '-o', str(merged), '--no-links'])
         one = PlaceRecognizer(open_map(merged), Config())
     with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
         before = client.run(resident_mb)

@@ -22,7 +22,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / 'README.md').read_text(encoding='utf-8')
-MOST_WORDS, MOST_GIF_BYTES = 900, 2_000_000
+MOST_WORDS, MOST_GIF_BYTES = 600, 2_000_000
 LINK = re.compile(r'\]\(([^)#\s]+)(?:#[^)\s]*)?\)')
 
 

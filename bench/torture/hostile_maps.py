@@ -26,7 +26,7 @@ ABOUT = (
     'A map with triggers, endless views, further tables, indices out of reach, values of '
     'gigabytes, numbers that are none, JSON nested 100,000 deep, a file that is mostly holes, '
     'pages that lead to each other, a journal that names another file, a log of another map, or '
-    'pipes; `info`, `replay` preloaded and online, `build-map --append` and `convert`'
+    'pipes; `info`, `replay` preloaded and online, and `build-map --append`'
 )
 ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file is touched'
 COUNT, PORTION, SHORT, SEED = 1_000, 100, 12, 16
@@ -72,7 +72,6 @@ _COMMANDS: dict[str, Callable[[Path, Path], list[str]]] = {
     'replay': lambda path, drive: _replay(path, drive, 'preloaded'),
     'online': lambda path, drive: _replay(path, drive, 'online'),
     'append': lambda path, drive: ['build-map', str(drive), str(path), '--append', *_SIZE],
-    'convert': lambda path, _: ['convert', str(path), str(path.with_name('new.db'))],
 }
 
 

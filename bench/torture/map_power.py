@@ -9,6 +9,7 @@ import json
 import os
 from pathlib import Path
 import random
+import shutil
 import struct
 import sys
 import tempfile
@@ -185,7 +186,7 @@ def _problem(
         where = traceback.extract_tb(error.__traceback__)[-1]
         return f'{error!r} ({where.name}, line {where.lineno})'
     finally:
-        scenarios.shutil.rmtree(path.parent)
+        shutil.rmtree(path.parent)
     return ''
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every single call that changes the disk, while a map is made, grows, is saved or converted."""
+"""Every single call that changes the disk, while a map is made, grows or is saved."""
 
 from collections.abc import Iterator
 from pathlib import Path

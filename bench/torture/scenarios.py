@@ -14,12 +14,10 @@ import mmap
 import os
 from pathlib import Path
 import random
-import shutil
 import sys
 import tempfile
 import traceback
 
-from convseq_ros.cli.convert import convert
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import autosave
 from convseq_ros.core.map.autosave import Autosave
@@ -35,8 +33,6 @@ import numpy as np
 from bench.torture.disk import arm, calls, How
 
 ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
-GOLDEN = Path(__file__).parents[2] / 'test' / 'golden' / 'format3.db'
-_GOLDEN_PLACES = 3
 _MOST_PLACES = 40  # in a commit: some pages of every table
 _DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
 NEVER_S = 1e6
@@ -183,23 +179,6 @@ def _old_or_new(path: Path, commits: list[int], acknowledged: int) -> None:
     _nothing_beside(path)
 
 
-def _old_format(path: Path, _commits: list[int]) -> None:
-    shutil.copy(GOLDEN, path.with_name('old.db'))
-
-
-def _convert(path: Path, _commits: list[int], acknowledged: Acknowledged) -> None:
-    acknowledged.value = convert(path.with_name('old.db'), path)
-
-
-def _converted(path: Path, _commits: list[int], acknowledged: int) -> None:
-    assert path.with_name('old.db').read_bytes() == GOLDEN.read_bytes()
-    if not path.exists():
-        assert acknowledged < 0
-        convert(path.with_name('old.db'), path)
-        _nothing_beside(path)
-    assert len(open_map(path)) == _GOLDEN_PLACES
-
-
 def _rows(path: Path, commits: list[int]) -> None:
     """Leave the table of a run that crashed."""
     table = ResultWriter(path)
@@ -256,7 +235,6 @@ SCENARIOS = {
     'grow after a crash': Scenario(_crashed, _own, _goes_on),
     'save': Scenario(_some, _save, _old_or_new),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
-    'convert': Scenario(_old_format, _convert, _converted),
     'result table': Scenario(_rows, _tabulate, _tabulated),
     'complete result table': Scenario(_older, _complete, _whole),
 }

@@ -9,6 +9,7 @@ import os
 import sys
 
 from convseq_ros import __version__
+from convseq_ros.cli import map as map_verbs
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
@@ -24,17 +25,19 @@ COMMANDS = {
     'play': 'publish a recording to live topics, with /clock',
     'watch': 'see in a terminal what a running node recognises',
     'info': 'say what a map or a recording holds',
-    'merge': 'put the sessions of several maps into one',
-    'split': 'make a map of each session of a map',
-    'remove': 'take sessions out of a map',
-    'rename': 'call a session of a map by another name',
-    'link': 'recognise each session of a map in the others',
-    'convert': 'bring a map of an older format up to date',
+    'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',
     'demo': 'drive a street twice: map, live node, table and picture',
     'report': 'turn results into one page: tables, charts, pairs of images',
     'config': 'print every parameter with its default, ready to edit',
+}
+
+# Commands of earlier versions, and what does their work now.
+RETIRED = {
+    **{verb: f'is now: convseq map {verb}' for verb in map_verbs.COMMANDS},
+    'thin': 'is gone: take a session out by convseq map remove',
+    'convert': 'is gone: build the map again from its recording',
 }
 
 
@@ -47,9 +50,12 @@ def main(args: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=__version__)
-    parser.add_argument('command', choices=COMMANDS, metavar='command')
+    parser.add_argument('command', choices=[*COMMANDS, *RETIRED], metavar='command')
     parser.add_argument('arguments', nargs=argparse.REMAINDER)
     chosen = parser.parse_args(args)
+    if chosen.command in RETIRED:
+        print(f'convseq {chosen.command}: {RETIRED[chosen.command]}', file=sys.stderr)
+        return 1
     command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
     hand_over(interrupt)
     own = argparse.ArgumentParser(

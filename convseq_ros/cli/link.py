@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recognise each session of a map in the others: `convseq link MAP`."""
+"""Recognise each session of a map in the others: `convseq map link MAP`."""
 
 import argparse
 from collections import Counter

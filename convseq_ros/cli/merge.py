@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Put the sessions of several maps into one: `convseq merge A B... -o C`."""
+"""Put the sessions of several maps into one: `convseq map merge A B... -o C`."""
 
 import argparse
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Take sessions out of a map: `convseq remove MAP --session NAME`."""
+"""Take sessions out of a map: `convseq map remove MAP --session NAME`."""
 
 import argparse
 from pathlib import Path

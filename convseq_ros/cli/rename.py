@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Call a session of a map by another name: `convseq rename MAP --session NAME NEW`."""
+"""Call a session of a map by another name: `convseq map rename MAP --session NAME NEW`."""
 
 import argparse
 from dataclasses import replace

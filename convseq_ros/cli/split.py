@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Make a map of each session of a map: `convseq split MAP`."""
+"""Make a map of each session of a map: `convseq map split MAP`."""
 
 import argparse
 from pathlib import Path

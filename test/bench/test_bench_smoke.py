@@ -21,7 +21,6 @@ PARTS = {
 
 @pytest.fixture(scope='module')
 def docs(tmp_path_factory):
-    pytest.importorskip('matplotlib')
     folder = tmp_path_factory.mktemp('docs')
     command = [sys.executable, '-m', 'bench', '--quick', '--page', '--docs', str(folder)]
     command += ['--json', str(folder / 'performance.json')]
@@ -80,15 +79,14 @@ def test_frames_find_the_place_that_is_in_the_map(measured):
     assert notes and all(note.endswith('3 of 3 right') for note in notes), notes
 
 
-def test_the_page_holds_every_part_and_the_picture(docs):
+def test_the_page_holds_the_rows_that_have_a_target(measured, docs):
     page = (docs / 'PERFORMANCE.md').read_text(encoding='utf-8')
-    for heading in ('Targets', 'Encoding', 'Pair scores', 'A whole frame', 'What approximates'):
-        assert f'## {heading}' in page
-    assert 'images/cost_against_map_size.png' in page
-    assert (docs / 'images' / 'cost_against_map_size.png').stat().st_size > 10_000
+    found = [row for row in measured['findings'] if row['target']]
+    wanted = [row for row in found if row['part'] != 'rows' or row['threads'] == 1]
+    assert wanted and all(f'| {row["what"]} | {row["side"]} |' in page for row in wanted)
+    assert 'Not measured' not in page.partition('## On ARM')[0]
 
 
-def test_the_stages_of_a_frame_add_up_and_are_drawn(measured, docs):
+def test_every_stage_of_a_frame_is_measured(measured):
     stages = rows(measured, 'stages')
     assert len(stages) == len(STAGES) + 1 and all(row['value'] > 0 for row in stages)
-    assert (docs / 'images' / 'frame_by_stage.png').stat().st_size > 5000

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.cli import build_map, COMMANDS, main
+from convseq_ros.cli import build_map, COMMANDS, main, RETIRED
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 import cv2
@@ -154,6 +154,13 @@ def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as ended:
         main([command, '--help'])
     assert not ended.value.code and f'{command} ' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('command', RETIRED)
+def test_a_command_that_is_gone_names_what_does_its_work(command, capsys):
+    assert main([command, 'map.db', '--json']) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f'convseq {command}: is ') and told.count('\n') == 1
 
 
 def test_a_missing_recording_is_one_line(capsys, tmp_path):

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`convseq link`: two drives of one street find each other, and their poses get one frame."""
+"""`convseq map link`: two drives of one street find each other, and their poses get one frame."""
 
 from dataclasses import replace
 import json
@@ -53,7 +53,8 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     before = path.read_bytes()
     files = [tmp_path / name for name in ('graph.g2o', 'one.db', 'drives.png')]
     options = zip(('--g2o', '-o', '--picture'), map(str, files), strict=True)
-    assert main(['link', str(path), *(one for pair in options for one in pair), '--json']) == 0
+    asked = (one for pair in options for one in pair)
+    assert main(['map', 'link', str(path), *asked, '--json']) == 0
     links = json.loads(capsys.readouterr().out)
     assert path.read_bytes() == before
     assert len(links) >= 1.5 * PLACES
@@ -106,9 +107,9 @@ def test_a_session_lies_where_most_links_say(wrong):
 
 def test_a_map_of_one_session_or_without_poses_is_one_line(driven, tmp_path, capsys):
     path, _ = driven
-    assert main(['split', str(path), '-o', str(tmp_path)]) == 0
+    assert main(['map', 'split', str(path), '-o', str(tmp_path)]) == 0
     capsys.readouterr()
-    assert main(['link', str(tmp_path / 'day.db')]) == 1
+    assert main(['map', 'link', str(tmp_path / 'day.db')]) == 1
     assert 'has one session; put others beside it' in capsys.readouterr().err
     whole, _ = made(3)
     assert brought_together(whole, list(edges_of(whole, []))) == {}

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`convseq merge`, `split`, `remove` and `rename`: exact, whole or not at all, one line if not."""
+"""`convseq map merge`, `split`, `remove`, `rename`: exact, whole or not at all, else one line."""
 
 from dataclasses import replace
 import json
@@ -69,7 +69,7 @@ def run(capsys):
 def two(maps, tmp_path, run):
     """Return a map of two sessions."""
     path = tmp_path / 'two.db'
-    assert run('merge', maps / 'drive0.db', maps / 'drive1.db', '-o', path)[0] == 0
+    assert run('map', 'merge', maps / 'drive0.db', maps / 'drive1.db', '-o', path)[0] == 0
     return path
 
 
@@ -97,7 +97,7 @@ def answers(path):
 def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path, run):
     parts = [maps / f'drive{drive}.db' for drive in range(DRIVES)]
     before = [path.read_bytes() for path in parts]
-    code, said = run('merge', *parts, '-o', tmp_path / 'merged.db')
+    code, said = run('map', 'merge', *parts, '-o', tmp_path / 'merged.db')
     assert code == 0 and f'{DRIVES * PLACES} references' in said and '9 drive 9: 14 of' in said
     assert [path.read_bytes() for path in parts] == before
     assert held(tmp_path / 'merged.db') == held(maps / 'whole.db')
@@ -109,27 +109,27 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
 
 
 def test_what_was_merged_is_split_again(two, maps, tmp_path, run):
-    code, said = run('split', two, '-o', tmp_path / 'parts')
+    code, said = run('map', 'split', two, '-o', tmp_path / 'parts')
     assert code == 0 and 'drive_1.db: 14 references' in said
     for drive in (0, 1):
         assert held(tmp_path / 'parts' / f'drive_{drive}.db') == held(maps / f'drive{drive}.db')
-    code, said = run('split', two, '-o', tmp_path / 'parts')
+    code, said = run('map', 'split', two, '-o', tmp_path / 'parts')
     assert code == 0 and 'drive_1-1.db' in said  # nothing is replaced
-    assert run('split', two, '-o', tmp_path / 'parts')[0] == 1
+    assert run('map', 'split', two, '-o', tmp_path / 'parts')[0] == 1
 
 
 def test_a_session_is_removed(two, maps, run):
-    code, said = run('remove', two, '--session', 'drive 0', '--json')
+    code, said = run('map', 'remove', two, '--session', 'drive 0', '--json')
     (told,) = json.loads(said)
     assert code == 0 and [one['name'] for one in told['sessions']] == ['drive 1']
     assert held(two) == held(maps / 'drive1.db')
-    code, said = run('remove', two, '--session', '0')
+    code, said = run('map', 'remove', two, '--session', '0')
     assert code == 1 and 'nothing would be left' in said and held(two)
 
 
 def test_a_session_is_renamed_and_told(two, run):
     before = held(two)
-    assert run('rename', two, '--session', '1', 'night, rain')[0] == 0
+    assert run('map', 'rename', two, '--session', '1', 'night, rain')[0] == 0
     assert held(two)[:3] == before[:3]
     code, said = run('info', two, '--json')
     first, second = json.loads(said)['sessions']
@@ -137,13 +137,13 @@ def test_a_session_is_renamed_and_told(two, run):
     assert (second['references'], second['with_pose'], second['path_m']) == (14, 14, 13.0)
     assert '1 night, rain: 14 references, 14 with a pose, 13.0 m' in run('info', two)[1]
     for name in ('drive 0', '', 'a\nb'):
-        code, said = run('rename', two, '--session', '1', name)
+        code, said = run('map', 'rename', two, '--session', '1', name)
         assert code == 1 and said.count('\n') == 1
 
 
 def test_a_session_that_is_not_there_is_one_line_with_those_that_are(two, run):
-    assert run('remove', two, '--session', 'drive') == (
-        1, f"convseq remove: {two}: no one session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
+    assert run('map', 'remove', two, '--session', 'drive') == (
+        1, f"convseq map: {two}: no one session is 'drive'; it has 0 'drive 0', 1 'drive 1'\n"
     )  # fmt: skip
 
 
@@ -152,7 +152,7 @@ def test_sessions_without_a_name_are_called_after_their_map(tmp_path, run):
         with MapBuilder(tmp_path / 'old.db', CONFIG, append) as builder:
             for frame in frames(0, 3):
                 builder.process(frame)
-    code, said = run('merge', tmp_path / 'old.db', '-o', tmp_path / 'new.db')
+    code, said = run('map', 'merge', tmp_path / 'old.db', '-o', tmp_path / 'new.db')
     assert code == 0 and '0 old-1: 3 of' in said and '1 old-2: 3 of' in said
 
 
@@ -171,21 +171,23 @@ def test_maps_of_other_settings_are_refused_with_the_remedy(config, said, maps, 
     with MapBuilder(tmp_path / 'other.db', config) as builder:
         for frame in frames(0, 3):
             builder.process(frame)
-    code, line = run('merge', maps / 'drive0.db', tmp_path / 'other.db', '-o', tmp_path / 'c.db')
+    code, line = run(
+        'map', 'merge', maps / 'drive0.db', tmp_path / 'other.db', '-o', tmp_path / 'c.db'
+    )
     assert code == 1 and said in line and 'build one of them again' in line
     assert not (tmp_path / 'c.db').exists()
 
 
 def test_a_session_goes_into_a_map_once(two, maps, tmp_path, run):
-    code, line = run('merge', two, maps / 'drive1.db', '-o', tmp_path / 'c.db')
+    code, line = run('map', 'merge', two, maps / 'drive1.db', '-o', tmp_path / 'c.db')
     assert code == 1 and "its session 'drive 1' is in" in line and 'leave one out' in line
-    assert run('merge', two, two, '-o', tmp_path / 'c.db')[0] == 1
+    assert run('map', 'merge', two, two, '-o', tmp_path / 'c.db')[0] == 1
     assert not (tmp_path / 'c.db').exists()
 
 
 def test_no_map_is_replaced_by_a_merge(two, maps, run):
     before = two.read_bytes()
-    code, line = run('merge', maps / 'drive2.db', '-o', two)
+    code, line = run('map', 'merge', maps / 'drive2.db', '-o', two)
     assert code == 1 and 'exists already' in line and two.read_bytes() == before
 
 
@@ -195,7 +197,7 @@ def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
     owner = Autosave(two, opened.encoding, opened.keyframes, append=True)
     try:
         name, *more = command
-        code, line = run(name, two, '--session', '0', *more)
+        code, line = run('map', name, two, '--session', '0', *more)
     finally:
         owner.close()
     assert code == 1 and 'another program adds to this map' in line and line.count('\n') == 1
@@ -225,8 +227,8 @@ def test_a_full_disk_leaves_all_as_it_was(two, maps, tmp_path, run):
     usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 3, limits[1]))
     try:
-        merged = run('merge', two, maps / 'drive2.db', '-o', tmp_path / 'c.db')
-        removed = run('remove', two, '--session', '0')
+        merged = run('map', 'merge', two, maps / 'drive2.db', '-o', tmp_path / 'c.db')
+        removed = run('map', 'remove', two, '--session', '0')
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, usual)

@@ -440,8 +440,8 @@ def test_merging_links_maps_to_one_another_unless_told_otherwise(tmp_path, image
     for number, one in enumerate(paths):
         build_map(laps(image, 300 * number)[:LAP], one, config())
     merged, bare = str(tmp_path / 'merged.db'), str(tmp_path / 'bare.db')
-    assert main(['merge', *paths, '-o', merged]) == 0
-    assert main(['merge', *paths, '-o', bare, '--no-links']) == 0
+    assert main(['map', 'merge', *paths, '-o', merged]) == 0
+    assert main(['map', 'merge', *paths, '-o', bare, '--no-links']) == 0
     opened = open_map(merged)
     assert opened.is_linked and len(opened.links) > LAP / 2
     assert all(other < LAP <= place and is_right(place, other) for place, other in opened.links)

@@ -141,10 +141,9 @@ def test_a_newer_format_is_refused_with_both_versions(map_path):
         open_map(map_path)
 
 
-@pytest.mark.parametrize(
-    ('version', 'remedy'), [(2, 'build the map again'), (3, 'run: convseq convert .*map.db NEW')]
-)
-def test_an_older_format_is_refused_with_the_remedy(map_path, version, remedy):
+@pytest.mark.parametrize('version', [2, 3])
+def test_an_older_format_is_refused_with_the_remedy(map_path, version):
+    remedy = 'build the map again'
     with sqlite3.connect(map_path) as database:
         database.execute(f'PRAGMA user_version = {version}')
     with pytest.raises(MapError, match=f'map format {version}, this program reads 5; {remedy}'):

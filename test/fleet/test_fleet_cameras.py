@@ -25,7 +25,7 @@ def maps(tmp_path_factory, scheduler):
     assert main([*wanted, *BOTH, *KEPT]) == 0
     one = tmp_path_factory.mktemp('one') / 'one.db'
     parts = [str(path) for path in sorted(made.glob('*.db'))]
-    assert main(['merge', *parts, '-o', str(one), '--no-links']) == 0
+    assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
     return folder, made, one
 
 

@@ -31,10 +31,10 @@ def test_a_fleet_is_linked_as_its_merged_map(drives, scheduler, said, tmp_path):
     for path in maps.glob('*.db'):
         shutil.copy(path, folder)
     said('build-map', again, folder / 'map_3.db', '--keyframe-overlap', '1', '--json')
-    said('merge', *sorted(folder.glob('*.db')), '-o', one, '--no-links', '--json')
+    said('map', 'merge', *sorted(folder.glob('*.db')), '-o', one, '--no-links', '--json')
     (folder / 'map_9.db').write_bytes(b'no map')
     graphs = [tmp_path / name for name in ('one.g2o', 'fleet.g2o')]
-    expected, _ = said('link', one, '--json', '--g2o', graphs[0])
+    expected, _ = said('map', 'link', one, '--json', '--g2o', graphs[0])
     found, warned = said(
         'fleet', 'link', folder, '--json', '--g2o', graphs[1], '--scheduler', scheduler
     )

@@ -54,7 +54,7 @@ def test_looks_that_are_linked_in_a_map_are_so_in_a_fleet(drives, client, tmp_pa
     assert main(['build-map', str(again), str(paths[1]), *SETTINGS, '--append']) == 0
     one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
     one.parent.mkdir()
-    assert main(['merge', *parts, '-o', str(one), '--no-links']) == 0
+    assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
     session, merged = FleetSession(client, [*map(Path, paths)], Config()), open_map(one)
     linked = [*session.fleet.reference_map.links]
     assert linked == [*merged.links] and len(linked) > FRAMES // 2

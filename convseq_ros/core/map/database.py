@@ -143,8 +143,6 @@ class Database:
         own = self.number('PRAGMA user_version')
         if own != version:
             remedy = 'update convseq_ros' if own > version else 'build the map again'
-            if own == 3 and version == FORMAT_VERSION:
-                remedy = f'run: convseq convert {path} NEW'
             raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
         found = self.rows('SELECT name, sql FROM sqlite_master')
         if version == FORMAT_VERSION:
