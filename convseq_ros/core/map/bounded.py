@@ -6,26 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from convseq_ros.core.map.editing import Part, parts_of, Watch, write_parts
-from convseq_ros.core.map.looks import to_go
+from convseq_ros.core.map.looks import Looks
 from convseq_ros.core.map.reference_map import ReferenceMap
 
 
 def surplus(reference_map: ReferenceMap, max_looks: int) -> list[int]:
-    """
-    Return which places a map that keeps so many looks of a place does without; 0 is no limit.
-
-    Looks count in their order, so it is what a map has left out that grew with this limit. Anchors
-    stay.
-    """
-    found, links = list[int](), reference_map.links
-    for anchor in dict.fromkeys(anchor for _, anchor in links) if max_looks else ():
-        kept = [anchor]
-        for look in sorted(links.followers(anchor)):
-            kept.append(look)
-            if len(kept) > max_looks:
-                at = to_go(reference_map.global_descriptors[kept])
-                found.append(kept.pop(at))
-    return sorted(found)
+    """Return which places a map does without that keeps so many looks of each; 0 is no limit."""
+    return sorted(Looks(reference_map, max_looks).surplus)
 
 
 def without(parts: list[Part], indices: list[int]) -> list[Part]:

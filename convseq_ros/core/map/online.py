@@ -7,7 +7,7 @@ import math
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.graph.links import Links
-from convseq_ros.core.map.looks import to_go
+from convseq_ros.core.map.looks import LOOK, Looks
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
 import numpy as np
@@ -63,7 +63,8 @@ class OnlineMap(PreloadedMap):
     ) -> None:
         self._name, self._frame = name, frame or None  # of this session, and of its poses
         self._exclusion_ns = round(config.online.exclusion_s * 1e9)
-        self._exclusion_m, self._max_looks = config.online.exclusion_m, config.online.max_looks
+        self._exclusion_m = config.online.exclusion_m
+        self._looks = Looks(reference_map, config.online.max_looks)
         kept = config.keyframes
         self._widths_px = kept.thumbnail_width_px, kept.keep_images_px
         super().__init__(reference_map)
@@ -73,6 +74,7 @@ class OnlineMap(PreloadedMap):
         self._usable, self._travelled_m = self.session_start, 0.0
         self._pose: Pose | None = None
         self._passed_m: list[float] = []
+        self._left_out = 0  # frames that are not added any more
 
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         """Sum up the way by odometry; return how many places are old enough to be matched."""
@@ -88,10 +90,11 @@ class OnlineMap(PreloadedMap):
         """
         Add a frame to the map, and link it as it was recognised, unless it could not be read.
 
-        Nor is it added where its place has all looks, and it is most like one of them; where it
-        is not, one of them is not matched any more, and goes when the map is opened next.
+        Where its place has all looks, and it is most like one of them, nothing is added for a
+        stretch, as long as it is recognised; else one of them is not matched any more, and goes
+        when the map is opened next.
         """
-        if frame.gray is None or not self._is_new(descriptor, known_as(_match)):
+        if frame.gray is None or self._passes_over(known_as(_match), descriptor):
             return
         if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
@@ -99,18 +102,14 @@ class OnlineMap(PreloadedMap):
         self._passed_m.append(self._travelled_m)
         link(self._map.links, len(self._map) - 1, _match)
 
-    def _is_new(self, descriptor: Descriptor, known: int | None) -> bool:
-        if known is None or not self._max_looks:
-            return True
-        anchor, removed = self._map.links.anchor(known), self._map.removed
-        looks = [anchor, *(one for one in self._map.links.followers(anchor) if one not in removed)]
-        if len(looks) < self._max_looks:
-            return True
-        shown = global_descriptor(descriptor.cells).astype(np.float16)
-        at = to_go(np.vstack([self._map.global_descriptors[sorted(looks)], shown]))
-        if at < len(looks):
-            removed.add(sorted(looks)[at])
-        return at < len(looks)
+    def _passes_over(self, known: int | None, descriptor: Descriptor) -> bool:
+        self._left_out -= 1
+        if known is None:
+            self._left_out = 0
+        elif self._left_out <= 0 and not len(self._passed_m) % LOOK.stretch:
+            shown = global_descriptor(descriptor.cells).astype(np.float16)
+            self._left_out = 0 if self._looks.has_room(known, shown) else LOOK.stretch
+        return self._left_out > 0
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
