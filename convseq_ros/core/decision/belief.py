@@ -29,7 +29,7 @@ _WIDEST = 20.0  # places: of a sigma of the motion that is followed to its ends
 class BELIEF:
     """Shares of the mass a keyframe; engineering, insensitive between half and twice."""
 
-    entering: float = 0.02  # of elsewhere, that enters the map, evenly over its places
+    entering: float = 0.004  # of elsewhere, that enters the map, evenly over its places
     leaving: float = 0.0005  # of each place, that leaves the map
     jumping: float = 1e-4  # of all, that is anywhere in the map: kidnapped, or odometry is wrong
     looks: float = 0.1  # of a place, that goes on from its other looks

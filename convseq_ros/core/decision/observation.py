@@ -48,11 +48,11 @@ class RATIO:
     Of the log of the likelihood ratio.
 
     Chosen with corridor, laps and Gardens Point in view. scripts/fit_observation.py prints a
-    logistic regression beside them: the weights are .5 and .9 of it, the constant is bolder by 3.
+    logistic regression beside them: the weights are .6 and .9 of it, the constant is bolder by 3.
     """
 
     constant: float = -0.7  # without a lead
-    strength: float = 0.35  # for a lead of one scale by verification
+    strength: float = 0.4  # for a lead of one scale by verification
     score: float = 0.5  # for a lead of one scale by pair score ...
     most_scales: float = 5.0  # of which no more count: one alike house scores as a whole street
     unrelated: float = 30.0  # strength of unrelated images, in the middle of all sets

@@ -67,12 +67,12 @@ def test_at_first_the_robot_is_elsewhere(a_map):
 
 def test_the_first_step_by_hand(a_map):
     posterior = seen(Belief(a_map(5), Driven()), np.log([1, 1, 10, 1, 0.5]))
-    entered = (0.02 + 1e-4) / 5  # a fiftieth of elsewhere, and what jumps, evenly
+    entered = (0.004 + 1e-4) / 5  # a 250th of elsewhere, and what jumps, evenly
     weights = entered * np.array([1, 1, 10, 1, 0.5])
-    total = weights.sum() + 0.98
+    total = weights.sum() + 0.996
     assert posterior.places.tolist() == [0, 1, 2, 3, 4]
     assert posterior.mass == pytest.approx(weights / total)
-    assert posterior.elsewhere == pytest.approx(0.98 / total)
+    assert posterior.elsewhere == pytest.approx(0.996 / total)
 
 
 def test_the_second_step_by_hand(a_map):
@@ -84,12 +84,12 @@ def test_the_second_step_by_hand(a_map):
     prior = (1 - 0.0005) * np.array([0, *first.mass[:3]])
     assert mass == pytest.approx(prior) and elsewhere == pytest.approx(1 - prior.sum())
     seen(belief, np.log([1, 1, 20, 1]), entry=[1, 1, 0.5, 0])
-    share = (0.02 * elsewhere * np.array([1, 1, 0.5, 0]) + 1e-4) / 4
+    share = (0.004 * elsewhere * np.array([1, 1, 0.5, 0]) + 1e-4) / 4
     weights = (prior + share) * [1, 1, 20, 1]
-    total = weights.sum() + 0.98 * elsewhere
+    total = weights.sum() + 0.996 * elsewhere
     mass, left = masses(belief, 4)
     assert mass == pytest.approx(weights / total) and left == pytest.approx(
-        0.98 * elsewhere / total
+        0.996 * elsewhere / total
     )
 
 
@@ -98,9 +98,9 @@ def test_what_is_believed_counts_as_the_frame_shows_it(a_map):
     before, elsewhere = masses(belief, 5)
     assert belief.places.tolist() == [3]
     seen(belief, [0.0], [1], unseen=np.log(0.25))
-    share = (0.02 * elsewhere + 1e-4) / 5
+    share = (0.004 * elsewhere + 1e-4) / 5
     weights = np.array([0, share, 0, 0.25 * (before[3] + share), 0])
-    assert masses(belief, 5)[0] == pytest.approx(weights / (weights.sum() + 0.98 * elsewhere))
+    assert masses(belief, 5)[0] == pytest.approx(weights / (weights.sum() + 0.996 * elsewhere))
 
 
 def test_motion_spreads_as_a_bell(a_map):
@@ -126,7 +126,7 @@ def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
 
 def test_the_likeliest_come_best_first_and_hold_some_mass(a_map):
     belief = Belief(a_map(6), Driven())
-    seen(belief, np.log([1, 90, 1, 60, 0.01, 1]))
+    seen(belief, np.log([5, 450, 5, 300, 0.05, 5]))
     assert belief.likeliest(2) == [1, 3] and belief.likeliest(9) == [1, 3, 0, 2, 5]
     assert belief.posterior.of(np.array([0, 1, 0, 1, 0, 0], bool)) == pytest.approx(
         sum(masses(belief, 6)[0][[1, 3]])
