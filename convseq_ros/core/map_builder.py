@@ -47,6 +47,7 @@ class MapBuilder:
         max_looks: int = 0,
     ) -> None:
         self._path, self._max_looks = path, max_looks
+        self.left_out = 0  # places of the map, at the end, for its limit
         online = replace(config.online, mode='online', max_looks=max_looks)
         config = replace(config, online=online)
         settings = config.encoding, config.keyframes
@@ -97,7 +98,7 @@ class MapBuilder:
     def __exit__(self, *_: object) -> None:
         self._autosave.close()
         if self._path and self._max_looks:
-            bound(self._path, self._max_looks)
+            self.left_out = bound(self._path, self._max_looks)
 
 
 def build_map(
