@@ -15,10 +15,8 @@ class OnlineConfig(Checked):
 
     mode: str = parameter(
         'preloaded', 'preloaded recognises the places of a map; online also adds to it what the '
-        'camera sees; lifelong adds what the map does not know yet, 32 places later, and counts '
-        'which of its places are answers. What is added is in the file half a second later: a '
-        'crash loses that, and in lifelong mode up to 32 places that wait, however long.',
-        choices=('preloaded', 'online', 'lifelong'),
+        'camera sees. A crash loses the last half second.',
+        choices=('preloaded', 'online'),
     )
     exclusion_s: float = parameter(
         30.0, 'Online mode: places of this session younger than this are not matched.',
@@ -28,15 +26,9 @@ class OnlineConfig(Checked):
         0.0, 'Online mode with odometry: places of this session that were passed less than this '
         'way ago are not matched.', unit='m', low=0.0, high=100000.0,
     )
-    max_places_per_m: float = parameter(
-        0.0, 'Lifelong mode, when the map is opened: of more places a metre of way than this, '
-        'looks of known places that were no answer for longest are left out; 0 has no limit.',
-        unit='places/m', low=0.0, high=10000.0,
-    )
-    max_map_mb: float = parameter(
-        0.0, 'Lifelong mode: at this size of its file the map grows no more, and when it is '
-        'opened, looks of known places that were no answer for longest are left out of it, down '
-        'to nine tenths; 0 has no limit.', unit='MB', low=0.0, high=1e9,
+    max_looks: int = parameter(
+        8, 'Online mode: how many looks of a place the map keeps. Of more, the one that is most '
+        'like another goes; 0 keeps all.', unit='looks', low=0, high=100,
     )
 
     @property

@@ -21,10 +21,15 @@ RETIRED = {
     'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
     'index_above': 'large maps need no index; leave it out',
     'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
+    'max_places_per_m': 'set max_looks instead, how many looks of a place a map keeps',
+    'max_map_mb': 'set max_looks instead, how many looks of a place a map keeps',
     'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
 }
 # Choices that are gone, by parameter and choice.
-RETIRED_CHOICES = {('acceptance_rule', 'track'): 'set belief instead, or leave it out'}
+RETIRED_CHOICES = {
+    ('acceptance_rule', 'track'): 'set belief instead, or leave it out',
+    ('mode', 'lifelong'): 'set online instead, and max_looks, how many looks of a place it keeps',
+}
 
 
 def parameter(

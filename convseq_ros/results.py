@@ -29,6 +29,7 @@ COLUMNS = (
     'relative_yaw_rad', 'inliers', 'localization', 'localization_quality', 'relative_x_m',
     'relative_y_m', 'relative_z_m', 'relative_qx', 'relative_qy', 'relative_qz', 'relative_qw',
     'position_sigma_m', 'heading_sigma_rad', 'implausible_m', 'session', 'camera',
+    'anchor_session', 'anchor_stamp_ns',
 )  # fmt: skip
 _HEADER = ','.join(COLUMNS) + '\n'
 _SYNC_EVERY_S = 1.0  # what a cut of the power may cost
@@ -65,6 +66,8 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
         'implausible_m': _decimals(match.implausible_m, 2),
         'session': best.session if best else None,
         'camera': match.camera or None,
+        'anchor_session': match.anchor.session_id if match.anchor else None,
+        'anchor_stamp_ns': match.anchor.stamp_ns if match.anchor else None,
     }
 
 

@@ -5,6 +5,7 @@
 import time
 
 from convseq_ros.core.types import (
+    Anchor,
     Candidate,
     Localization,
     LocalizationState,
@@ -25,6 +26,7 @@ BEST = Candidate(4, 4000, 0.91234567, (0.5, -2.0), 231)
 ACCEPTED = Match(
     3, 3000, Status.ACCEPTED, Reason.ACCEPTED, (BEST,), 7, 100, 0.8, (7.5, -40.0), 0.08,
     SURE, localization=Localization(LocalizationState.LOCALISED, 0.8, 4), camera='/rear/image',
+    anchor=Anchor('monday', 1000),
 )  # fmt: skip
 REJECTED = Match(4, 3100, Status.REJECTED, Reason.AMBIGUOUS, (BEST,), 7, 100)
 SKIPPED = Match(5, 3200, Status.SKIPPED, Reason.UNINFORMATIVE)
@@ -37,7 +39,7 @@ def test_columns_are_those_that_other_programs_read():
         'duration_ms,shift_rows_px,shift_cols_px,relative_yaw_rad,inliers,'
         'localization,localization_quality,relative_x_m,relative_y_m,relative_z_m,relative_qx,'
         'relative_qy,relative_qz,relative_qw,position_sigma_m,heading_sigma_rad,implausible_m,'
-        'session,camera'
+        'session,camera,anchor_session,anchor_stamp_ns'
     )
 
 
@@ -74,7 +76,7 @@ def test_rows_round_trip(tmp_path):
                 '0.8000',
                 *('1.0000', '-0.2500', '0.0000', '0.000000', '0.000000', '0.000000', '1.000000'),
                 *('0.2000', '0.02000', ''),
-                *('0', '/rear/image'),
+                *('0', '/rear/image', 'monday', '1000'),
             ),
             strict=True,
         )

@@ -17,7 +17,8 @@ from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_conf
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
-from convseq_ros.errors import SourceError
+from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
@@ -56,6 +57,12 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--pose-frame', metavar='NAME', help='frame of its poses, if other sessions share it'
     )
     add_no_links(parser)
+    parser.add_argument(
+        '--max-looks',
+        default='0',
+        metavar='N',
+        help='keep so many looks of a place; by default every keyframe is kept',
+    )
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_settings(parser)
 
@@ -98,6 +105,7 @@ def run(chosen: argparse.Namespace) -> int:
         pose_frame=chosen.pose_frame,
         config=chosen_settings(chosen),
         links=not chosen.no_links,
+        max_looks=_max_looks(chosen),
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -128,6 +136,7 @@ def build(
     pose_frame: str | None = None,
     config: Config = Config(),
     links: bool = True,
+    max_looks: int = 0,
     tell: Callable[[str], None] | None = None,
 ) -> Built:
     """
@@ -158,6 +167,7 @@ def build(
             called,
             pose_frame or source.pose_frame,
             links,
+            max_looks,
         )
         try:
             with builder:
@@ -182,13 +192,20 @@ def build(
         str(path),
         frames,
         added,
-        len(builder.reference_map),
+        len(builder.reference_map) - builder.left_out,
         unreadable,
         with_pose,
         time.monotonic() - started,
         path.stat().st_size,
         interrupted,
     )
+
+
+def _max_looks(chosen: argparse.Namespace) -> int:
+    known = next(one for one in parameters(OnlineConfig) if one.name == 'max_looks')
+    if (count := int(known.parse(chosen.max_looks))) and chosen.no_links:
+        raise ConfigError('max_looks: looks are known by links; leave out --no-links')
+    return count
 
 
 def _warn(problem: str) -> None:

@@ -20,15 +20,10 @@ from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 
-_COUNTED = 'what mode: lifelong counted'
-
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('file', type=Path, help='map or recording; it is not changed')
-    parser.add_argument(
-        '--why', action='store_true', help='of a map, say what each session is kept for'
-    )
     parser.add_argument('--json', action='store_true', help='print as JSON')
     add_reading(parser)
 
@@ -53,8 +48,6 @@ def run(chosen: argparse.Namespace) -> int:
     }
     if opened.problem:
         print(f'warning: {opened.problem}', file=sys.stderr)
-    if chosen.why:
-        facts['why'] = why(opened)
     if chosen.json:
         print(json.dumps(facts))
     else:
@@ -90,36 +83,6 @@ def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
     }
 
 
-def why(reference_map: ReferenceMap) -> list[dict[str, object]]:
-    """Return of each session how many places are new, were answers, and when last."""
-    places, uses = reference_map.places, reference_map.uses
-    found = []
-    for number, some in groupby(range(len(places)), lambda index: places[index].session):
-        own = [uses[index] for index in some]
-        found.append(
-            {
-                'session': number,
-                'references': len(own),
-                'new': sum(use.look_of is None for use in own),
-                'answered': sum(use.answers > 0 for use in own),
-                'answers': sum(use.answers for use in own),
-                'last_ns': max(use.last_ns for use in own) or None,
-            }
-        )
-    return found
-
-
-def _why(session: dict[str, Any]) -> str:
-    looks = session['references'] - session['new']
-    new = f'{session["session"]}: {session["new"]} new, {looks} looks of places known before'
-    if not session['answers']:
-        return f'{new}; none was an answer'
-    return (
-        f'{new}; {session["answered"]} were answers, {session["answers"]} times, the last at '
-        f'{datetime.fromtimestamp(session["last_ns"] / 1e9, UTC):%Y-%m-%d %H:%M:%S} UTC'
-    )
-
-
 def _describe_drive(places: list[Place]) -> dict[str, Any]:
     known = [place.pose.position for place in places if place.pose]
     ways = [math.dist(*both) for both in pairwise(known)]
@@ -134,8 +97,6 @@ def _readable(name: str, fact: object) -> str:
         return f'{fact:.1f}'
     if name == 'sessions' and isinstance(fact, list):
         return '\n'.join([str(len(fact)), *(f'  {_line(session)}' for session in fact)])
-    if name == 'why' and isinstance(fact, list):
-        return '\n'.join([_COUNTED, *(f'  {_why(session)}' for session in fact)])
     return printable(', '.join(fact) if isinstance(fact, list) else str(fact))
 
 

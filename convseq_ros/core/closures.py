@@ -8,14 +8,14 @@ from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.types import Frame, Match, Reason, Status
+from convseq_ros.core.types import Anchor, Frame, Match, Reason, Status
 
 
 class Closures:
     """Measures matches, and keeps them apart in time."""
 
     def __init__(self, reference_map: ReferenceMap, matcher: Matcher, config: Config) -> None:
-        self._matcher = matcher
+        self._map, self._matcher = reference_map, matcher
         self._poses = RelativePoses(reference_map, matcher, config.reading)
         self._accepted_ns: int | None = None
 
@@ -41,4 +41,9 @@ class Closures:
             return replace(match, reason=Reason.COOL_DOWN)
         self._accepted_ns = frame.stamp_ns
         pose = self._poses.measure(features, frame, match.candidates[0])
-        return replace(match, status=Status.ACCEPTED, relative_pose=pose)
+        anchor = self._anchor(match.candidates[0].reference_index)
+        return replace(match, status=Status.ACCEPTED, relative_pose=pose, anchor=anchor)
+
+    def _anchor(self, index: int) -> Anchor:
+        place = self._map.places[self._map.links.anchor(index)]
+        return Anchor(self._map.sessions[place.session].id, place.stamp_ns)

@@ -13,6 +13,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import AnyOrder, FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.bounded import bound
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -31,7 +32,8 @@ class MapBuilder:
     missing, damaged, made with other settings or added to by another, or the disk is full.
 
     Each place is recognised among those before it, as online mode does, for the map's `links`;
-    without them, nothing is recognised.
+    without them, nothing is recognised. All keyframes are kept, unless there is a limit of
+    `max_looks`.
     """
 
     def __init__(
@@ -42,7 +44,12 @@ class MapBuilder:
         name: str = '',
         frame: str = '',
         links: bool = True,
+        max_looks: int = 0,
     ) -> None:
+        self._path, self._max_looks = path, max_looks
+        self.left_out = 0  # places of the map, at the end, for its limit
+        online = replace(config.online, mode='online', max_looks=max_looks)
+        config = replace(config, online=online)
         settings = config.encoding, config.keyframes
         self._autosave = NoAutosave()
         if path:
@@ -56,8 +63,7 @@ class MapBuilder:
         self._recognizer = self._make_recognizer() if links else None
 
     def _make_recognizer(self) -> PlaceRecognizer:
-        online = replace(self._config.online, mode='online')
-        made = PlaceRecognizer(self.reference_map, replace(self._config, online=online))
+        made = PlaceRecognizer(self.reference_map, self._config)
         # Whatever the stamps say, it is one session.
         made.order, made.gate, made.mapping = AnyOrder(), self._gate, self._mapping
         return made
@@ -91,6 +97,8 @@ class MapBuilder:
 
     def __exit__(self, *_: object) -> None:
         self._autosave.close()
+        if self._path and self._max_looks:
+            self.left_out = bound(self._path, self._max_looks)
 
 
 def build_map(

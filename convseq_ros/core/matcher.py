@@ -95,7 +95,11 @@ class Matcher:
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores` does for several queries, with all references read in one go."""
-        return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
+        found = self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
+        if removed := [*self._map.removed]:  # they show nothing any more
+            for (_, indices), row in zip(asked, found, strict=True):
+                row[np.isin(indices, removed)] = np.nan
+        return found
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""

@@ -12,7 +12,7 @@ from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
-from convseq_ros.core.map.lifelong import make_mapping
+from convseq_ros.core.map.online import make_mapping
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured

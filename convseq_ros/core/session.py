@@ -12,12 +12,11 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.editing import parts_of
-from convseq_ros.core.map.lifelong import LifelongMap
-from convseq_ros.core.map.limits import within_limits
+from convseq_ros.core.map.bounded import bound, surplus
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.errors import MapError
 import numpy as np
 
 
@@ -37,16 +36,20 @@ class Session:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self._autosave, self.left_out = NoAutosave(), 0  # places, to keep the map's limits
+        self._autosave, self._problem = NoAutosave(), ''  # why the map has more than `max_looks`
         encoding = with_mask_read(config.encoding, config.reading)
         if path is None:
             reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
         elif self.is_growing:
-            append = None if make else True
-            if config.online.mode == 'lifelong' and path.is_file() and path.stat().st_size:
-                parts = parts_of(path, encoding, config.keyframes)
-                _, self.left_out = within_limits(parts, config.online)
-            autosave = Autosave(path, encoding, config.keyframes, append)
+            settings = path, encoding, config.keyframes, None if make else True
+            autosave = Autosave(*settings)
+            if surplus(autosave.reference_map, config.online.max_looks):
+                autosave.close()
+                try:
+                    bound(path, config.online.max_looks)
+                except MapError as error:  # as of a disk that is full: the map works as it is
+                    self._problem = f'max_looks is ignored: {error}'
+                autosave = Autosave(*settings)
             self._autosave, reference_map = autosave, autosave.reference_map
         else:
             reference_map = open_map(path, encoding)
@@ -56,8 +59,6 @@ class Session:
             self._autosave.close()
             raise
         self.recognizer = self.cameras.first  # that of the first camera, which adds to the map
-        if isinstance(mapping := self.recognizer.mapping, LifelongMap):
-            mapping.is_full = lambda: self.is_full
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
         # Why that is slow, with the remedy, if nobody asked for it.
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
@@ -69,8 +70,8 @@ class Session:
         """What does not count, a line each: damaged links, or a spacing that is not the map's."""
         asked, usual = self.recognizer.config.keyframes.spacing, KeyframeConfig().spacing
         own = self.recognizer.reference_map.keyframes.spacing
-        problem = self.recognizer.reference_map.problem
-        return [problem] * bool(problem) + [
+        problems = self.recognizer.reference_map.problem, self._problem
+        return [problem for problem in problems if problem] + [
             f'{name} {asked[name]} is ignored: {self.path} was made with {own[name]}; build the '
             'map again to change it'
             for name in own
@@ -86,14 +87,6 @@ class Session:
     def added(self) -> int:
         """Places that came in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
-
-    @property
-    def is_full(self) -> bool:
-        """Whether the map's file is as large as it may be."""
-        is_lifelong = isinstance(self.recognizer.mapping, LifelongMap)
-        return (
-            is_lifelong and 0 < self.recognizer.config.online.max_map_mb < self._autosave.size_mb
-        )
 
     def warm_up(self) -> None:
         """Do as `warm_up` does."""
@@ -125,7 +118,6 @@ class Session:
 
     def close(self) -> None:
         """Make all that was added safe and close the file; MapError if it cannot be written."""
-        self.recognizer.mapping.finish()
         self._autosave.close()
 
 

@@ -175,6 +175,14 @@ class Localization:
 
 
 @dataclass(frozen=True, slots=True)
+class Anchor:
+    """The first look of a place, by what stays as the map grows, and as looks of it go."""
+
+    session_id: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Match:
     """The answer to one frame."""
 
@@ -195,6 +203,7 @@ class Match:
     relative_yaw_rad: float | None = None
     # Of the base, against the accepted reference's; None if it was not measured.
     relative_pose: RelativePose | None = None
+    anchor: Anchor | None = None  # of the accepted reference
     # By how many metres more than odometry may have drifted the place lies off, if it does.
     implausible_m: float | None = None
     localization: Localization | None = None  # after this frame; None if nobody kept it

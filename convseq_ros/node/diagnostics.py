@@ -121,11 +121,6 @@ class Diagnostics:
                 f'the map has a place every {situation.session.keyframes_m:g} m, but there is no '
                 'odometry by which to look as often; remap it: -r odom:=TOPIC'
             )
-        if situation.session.is_full:
-            return DiagnosticStatus.WARN, (
-                f'{situation.session.path}: has the size of max_map_mb, nothing is added; '
-                'its longest unused looks are left out when it is opened next'
-            )
         if situation.session.is_growing:
             return DiagnosticStatus.OK, 'recognising places and adding to them'
         return DiagnosticStatus.OK, 'recognising places'

@@ -105,7 +105,8 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
     assert sum(one.accepted is not None for one in ours) >= PLACES
     for one, other in zip(ours, theirs, strict=True):
         assert np.array_equal(one.relative_pose is None, other.relative_pose is None)
-        assert replace(one, relative_pose=None) == replace(other, relative_pose=None)
+        other = replace(other, relative_pose=one.relative_pose, anchor=one.anchor)
+        assert one == other
 
 
 def test_what_was_merged_is_split_again(two, maps, tmp_path, run):

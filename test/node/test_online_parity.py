@@ -111,12 +111,16 @@ def recording(tmp_path_factory):
 
 def rows_of(table):
     return [
-        {name: value for name, value in row.items() if name != 'duration_ms'}
+        {
+            name: value
+            for name, value in row.items()
+            if name not in ('duration_ms', 'anchor_session')
+        }
         for row in read_results(table)
     ]
 
 
-@pytest.mark.parametrize('spacing', [{}, {'keyframe_distance_m': 1.5}, {'mode': 'lifelong'}])
+@pytest.mark.parametrize('spacing', [{}, {'keyframe_distance_m': 1.5}, {'max_looks': 1}])
 def test_the_node_answers_as_replay_and_makes_the_same_map(
     client, start, recording, tmp_path, spacing
 ):
@@ -178,7 +182,7 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     expected = rows_of(offline)
     assert rows_of(live) == expected
     maps = [open_map(tmp_path / name) for name in ('offline.db', 'live.db')]
-    assert maps[0].uses.rows(len(PLACES)) == maps[1].uses.rows(len(PLACES))
+    assert [*maps[0].links] == [*maps[1].links]
     assert [place.pose for place in maps[0].places] == [place.pose for place in maps[1].places]
     assert [place.stamp_ns for place in maps[0].places] == [
         place.stamp_ns for place in maps[1].places
@@ -189,9 +193,10 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
         assert reasons.count('between_keyframes') > 15 and 'accepted' in reasons
         assert len(maps[1]) < len(PLACES) - 15
         return
-    assert len(maps[1]) == len(PLACES) - 2
     if spacing:
+        assert len(maps[1]) < len(PLACES) - 10
         return
+    assert len(maps[1]) == len(PLACES) - 2
     assert {'accepted', 'recent', 'stationary', 'ambiguous'} <= {row['reason'] for row in expected}
     yaws = [float(row['relative_yaw_rad']) for row in expected if row['reason'] == 'accepted']
     assert len(yaws) > 5

@@ -14,7 +14,6 @@ from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 
 _COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
-_USES_EVERY_S = 30.0  # which cost a commit, too, and nothing when they are lost
 _PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
 
 
@@ -24,7 +23,6 @@ class NoAutosave:
     committed = 0  # places that are safe in a file
     committed_s: float | None = None  # monotonic time at which the file grew last
     is_failing = False  # whether what was added last could not be written
-    size_mb = 0.0  # of the file, when it grew last
 
     def save(self) -> None:
         """Do nothing."""
@@ -65,14 +63,13 @@ class Autosave(NoAutosave):
             self._writer = MapWriter(path, encoding, keyframes, append)
             opened.callback(self._writer.close)
             self.reference_map = self._writer.reader.reference_map()
-            self._file, self.size_mb = path.stat().st_ino, path.stat().st_size / 1e6
+            self._file = path.stat().st_ino
             self.committed = self._writer.committed
             self._writer.linked = self.reference_map.links.rows
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
         self._error: MapError | None = None  # to be told
-        self._uses_due_s = time.monotonic() + _USES_EVERY_S
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()
@@ -84,8 +81,7 @@ class Autosave(NoAutosave):
         MapError, once, if it could not be written; it is tried again and again, without a word
         until it worked.
         """
-        uses_wait = self.reference_map.uses.wait and time.monotonic() >= self._uses_due_s
-        if uses_wait or self._is_behind(len(self.reference_map)):
+        if self._is_behind(len(self.reference_map)):
             self._news.set()
         error, self._error = self._error, None
         if error:
@@ -134,25 +130,11 @@ class Autosave(NoAutosave):
             self.committed, self.committed_s = stop, time.monotonic()
             self.reference_map.evict(stop, self._writer.reader.pictures)
             self._writer.settle()
-            with suppress(OSError):
-                self.size_mb = self._path.stat().st_size / 1e6
-        if self._end.is_set() or time.monotonic() >= self._uses_due_s:
-            self._write_uses()
 
     def _is_behind(self, end: int) -> bool:
         """Return whether places, up to before `end`, or links of what is safe wait."""
         links, linked = self.reference_map.links, self._writer.linked
         return self.committed < end or bool(links.since(linked, self.committed))
-
-    def _write_uses(self) -> None:
-        self._uses_due_s = time.monotonic() + _USES_EVERY_S
-        if rows := (uses := self.reference_map.uses).take_changed(self.committed):
-            try:
-                self._refuse_replaced()
-                self._writer.keep_uses(rows)
-            except MapError:
-                uses.put_back(rows)
-                raise
 
     def _is_in_place(self) -> bool:
         with suppress(OSError):

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the sessions of other maps; places are copied as they are stored."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
-from uuid import uuid4
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.database import explained
@@ -19,7 +18,6 @@ from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
-from convseq_ros.core.map.uses import Use, Uses
 from convseq_ros.core.map.writer import AT_ONCE, MapWriter
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
@@ -37,7 +35,7 @@ class Part:
     reference_map: ReferenceMap
     number: int  # of the session in it
     session: MapSession  # what is to be stored of it
-    places: range  # that it has in its map
+    places: Sequence[int]  # that it has in its map, ascending
     poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
 
     @property
@@ -127,8 +125,6 @@ def write_parts(parts: Sequence[Part], path: Path, watch: Watch, replaces: bool 
             writer.append(whole, 0)
             for start in watch(range(0, len(whole), AT_ONCE)):
                 writer.append(whole, min(start + AT_ONCE, len(whole)))
-            if uses := whole.uses.rows(len(whole)):
-                writer.keep_uses(uses)
         return writer.committed
 
 
@@ -179,32 +175,10 @@ def _whole(parts: Sequence[Part]) -> ReferenceMap:
             found.update(zip(some, pictures, strict=True))
         return [found[one] for one in wanted]
 
-    sessions, uses = [part.session for part in parts], Uses(_uses(every))
-    made = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions, uses=uses)
+    sessions = [part.session for part in parts]
+    made = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions)
     carry_links(every, made.links)
     return made
-
-
-def _uses(every: Sequence[tuple[ReferenceMap, int]]) -> Iterator[tuple[int, Use]]:
-    """Yield what places are good for; the first that is left of its looks is their first."""
-    firsts = dict[tuple[int, int], int]()
-    for new, (own, at) in enumerate(every):
-        if len(own.uses):
-            first = firsts.setdefault((id(own), own.uses.first(at)), new)
-            use = replace(own.uses[at], look_of=None if first == new else first)
-            if use != Use():
-                yield new, use
-
-
-def runs_of(part: Part, runs: Sequence[range]) -> list[Part]:
-    """Return stretches of a session, as a session each."""
-    places, parts = part.reference_map.places, []
-    for number, run in enumerate(runs):
-        session = replace(part.session, start_ns=places[run.start].stamp_ns)
-        if number:
-            session = replace(session, id=str(uuid4()), name=f'{part.name} ({number + 1})')
-        parts.append(replace(part, session=session, places=run))
-    return [part] if [*runs] == [part.places] else parts
 
 
 def rename_session(part: Part) -> None:

@@ -5,7 +5,7 @@ How a map is laid out in its SQLite file, format 5.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
 the places of one lie together, in their order. `places` are read when a map is opened, and so are
-`uses` and `links` where it has them; `pictures` and `images` when one is asked for. The cells are
+`links` where it has them; `pictures` and `images` when one is asked for. The cells are
 float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
 bit refuses an answer and never changes one.
 """
@@ -39,9 +39,6 @@ TABLES = {
     'thumbnail BLOB NOT NULL, crc32 INTEGER NOT NULL)',
     # Of a place, as a JPEG; NULL if it was not kept.
     'images': '(reference_index INTEGER PRIMARY KEY, jpeg BLOB, crc32 INTEGER NOT NULL)',
-    # Of places, once lifelong mode has driven; look_of is NULL of the first that shows the same.
-    'uses': '(reference_index INTEGER PRIMARY KEY, look_of INTEGER, answers INTEGER NOT NULL, '
-    'last_ns INTEGER NOT NULL, crc32 INTEGER NOT NULL)',
     # Of places that were looked up in what came before them; of those not found all is NULL.
     # Relative: 33 float64, those of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
@@ -52,7 +49,7 @@ TABLES = {
 }
 _CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
 # Tables that only some maps have.
-FURTHER = {name: _CREATE.pop(name) for name in ('uses', 'links', 'depths')}
+FURTHER = {name: _CREATE.pop(name) for name in ('links', 'depths')}
 SCHEMA = _CREATE
 # Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')

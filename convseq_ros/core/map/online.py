@@ -5,9 +5,12 @@
 import math
 
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.map.looks import LOOK, Looks
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
+import numpy as np
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
@@ -49,9 +52,6 @@ class PreloadedMap:
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
         """Add nothing."""
 
-    def finish(self) -> None:
-        """Add what is still to be added at the end: nothing."""
-
 
 class OnlineMap(PreloadedMap):
     """Adds the frames of this session, and excludes those that are recent from being matched."""
@@ -64,6 +64,7 @@ class OnlineMap(PreloadedMap):
         self._name, self._frame = name, frame or None  # of this session, and of its poses
         self._exclusion_ns = round(config.online.exclusion_s * 1e9)
         self._exclusion_m = config.online.exclusion_m
+        self._looks = Looks(reference_map, config.online.max_looks)
         kept = config.keyframes
         self._widths_px = kept.thumbnail_width_px, kept.keep_images_px
         super().__init__(reference_map)
@@ -73,6 +74,7 @@ class OnlineMap(PreloadedMap):
         self._usable, self._travelled_m = self.session_start, 0.0
         self._pose: Pose | None = None
         self._passed_m: list[float] = []
+        self._left_out = 0  # frames that are not added any more
 
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         """Sum up the way by odometry; return how many places are old enough to be matched."""
@@ -85,25 +87,29 @@ class OnlineMap(PreloadedMap):
         return self._usable
 
     def add(self, frame: Frame, descriptor: Descriptor, _match: Match | None = None) -> None:
-        """Add a frame to the map unless it could not be read, and link it as it was recognised."""
-        if frame.gray is not None:
-            begins = len(self._map) == self.session_start
-            self._append(frame, descriptor, _match, self._travelled_m, begins)
+        """
+        Add a frame to the map, and link it as it was recognised, unless it could not be read.
 
-    def _append(
-        self,
-        frame: Frame,
-        descriptor: Descriptor,
-        match: Match | None,
-        passed_m: float,
-        begins: bool,
-    ) -> None:
-        """Add a frame that was passed after so many metres, and with which a session may begin."""
-        if begins:
+        Where its place has all looks, and it is most like one of them, nothing is added for a
+        stretch, as long as it is recognised; else one of them is not matched any more, and goes
+        when the map is opened next.
+        """
+        if frame.gray is None or self._passes_over(known_as(_match), descriptor):
+            return
+        if len(self._map) == self.session_start:
             self._map.begin_session(frame.stamp_ns, frame.camera, self._name, self._frame)
         self._map.add_frame(frame, descriptor, *self._widths_px)
-        self._passed_m.append(passed_m)
-        link(self._map.links, len(self._map) - 1, match)
+        self._passed_m.append(self._travelled_m)
+        link(self._map.links, len(self._map) - 1, _match)
+
+    def _passes_over(self, known: int | None, descriptor: Descriptor) -> bool:
+        self._left_out -= 1
+        if known is None:
+            self._left_out = 0
+        elif self._left_out <= 0 and not len(self._passed_m) % LOOK.stretch:
+            shown = global_descriptor(descriptor.cells).astype(np.float16)
+            self._left_out = 0 if self._looks.has_room(known, shown) else LOOK.stretch
+        return self._left_out > 0
 
     def _is_past(self, index: int, stamp_ns: int) -> bool:
         way_m = self._travelled_m - self._passed_m[index - self.session_start]
@@ -124,3 +130,8 @@ class FollowedMap(PreloadedMap):
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
         return self._leader.update(stamp_ns, pose)
+
+
+def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
+    """Return the map as the mode has it."""
+    return OnlineMap(reference_map, config) if config.online.grows else PreloadedMap(reference_map)

@@ -20,12 +20,10 @@ from convseq_ros.core.map.link_rows import read_links
 from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.uses import Use, Uses
 from convseq_ros.errors import MapError
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
-_LOWEST = -(1 << 63)  # integer of SQLite
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
@@ -112,7 +110,7 @@ class MapReader:
             sessions = [MapSession.of_row(row[1:-1]) for row in rows]
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
-            places = Places(self._cell_shape, end := self._end())
+            places = Places(self._cell_shape, self._end())
             are_kept = self._database.has('depths')
             for rows in self._in_order('places', 0):
                 start, of = len(places), [row[-3] for row in rows]
@@ -126,11 +124,8 @@ class MapReader:
                     raise ValueError('places of one session lie apart')
                 places.extend(rows)
                 are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
-            uses, settings = (
-                self._uses(end),
-                (self.encoding, places, self.pictures, self.keyframes),
-            )
-            made = ReferenceMap(*settings, self.settings.map_id, sessions, uses)
+            settings = self.encoding, places, self.pictures, self.keyframes
+            made = ReferenceMap(*settings, self.settings.map_id, sessions)
             made.images.are_kept = are_kept
             read_links(self._database, self._path, made)
         return made
@@ -139,18 +134,6 @@ class MapReader:
         """Return how many rows there are from a place on, of as many as are read at once."""
         some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
         return self._database.number(f'SELECT {what} FROM {rows} AND {some}')
-
-    def _uses(self, end: int) -> Uses:
-        if not self._database.has('uses'):
-            return Uses()
-        some = (row for rows in self._in_order('uses', _LOWEST) for row in rows)
-        rows = [(index, Use(*said)) for index, *said, _ in some]
-        uses = Uses(rows)
-        for index, use in rows:
-            is_there = 0 <= index < end and not use.is_off(end)
-            if not is_there or uses[uses.first(index)].look_of is not None:
-                raise ValueError(f'reference {index} has a use that cannot be')
-        return uses
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""

@@ -25,7 +25,6 @@ from convseq_ros.core.map.place import (
     unpack_cells,
 )
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.map.uses import Uses
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt
@@ -54,11 +53,9 @@ class ReferenceMap:
         keyframes: KeyframeConfig = KeyframeConfig(),
         map_id: str = '',
         sessions: Sequence[MapSession] = (),
-        uses: Uses | None = None,
     ) -> None:
         self.encoding, self.keyframes = with_mask_read(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
-        self.uses = uses or Uses()
         self.cell_shape = cell_shape(encoding.image_size_px)
         self.places = Places(self.cell_shape) if places is None else places
         self._read_pictures, self._stored = read_pictures, len(self.places)
@@ -67,6 +64,7 @@ class ReferenceMap:
         # Where the camera was on the robot, of sessions that do not know; None: where it is now.
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
+        self.removed = set[int]()  # places that are not matched any more
         self.problem = ''  # in one line: what is wrong with the file, and can be done without
         self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
 

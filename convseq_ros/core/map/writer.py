@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
-from collections.abc import Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 import sqlite3
@@ -28,7 +27,6 @@ from convseq_ros.core.map.place import Picture, Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
-from convseq_ros.core.map.uses import Use
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
@@ -156,14 +154,6 @@ class MapWriter:
             self._count, (self._sessions, self.linked) = self.committed, before
             raise
 
-    def keep_uses(self, rows: Sequence[tuple[int, Use]]) -> None:
-        """Write and commit what places were good for, in place of what was known."""
-        with explained(self._path), self._database.transaction('IMMEDIATE'):
-            self._database.rows(FURTHER['uses'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
-            for index, use in rows:
-                self._database.rows('DELETE FROM uses WHERE reference_index = ?', (index,))
-                self._insert('uses', (index, use.look_of, use.answers, use.last_ns))
-
     def commit(self) -> None:
         """Make what was added safe."""
         with explained(self._path):
@@ -211,4 +201,3 @@ def save_map(reference_map: ReferenceMap, path: Path) -> None:
     with replaced(path) as part:
         with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
             writer.copy(reference_map, len(reference_map))
-            writer.keep_uses(reference_map.uses.rows(writer.committed))

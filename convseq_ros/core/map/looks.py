@@ -1,0 +1,120 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The looks of each place of a map, of which so many are kept."""
+
+from itertools import chain, pairwise
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.map.reference_map import ReferenceMap
+import numpy as np
+import numpy.typing as npt
+
+
+@constants
+class LOOK:
+    """By recall on a drawn round that is driven 34 times (scripts/same_way.py)."""
+
+    # Keyframes of a drive that stay or go together: without those beside them, the frames of a
+    # sequence meet other places, and recall falls to .75.
+    stretch: int = 16
+
+
+class Looks:
+    """
+    Tells which looks of a place a map does without that keeps `max_looks` of each; 0 is no limit.
+
+    A look is a stretch of one drive. Of more looks of a place the one that is most like another
+    goes, by the global descriptors of what shows the place; of the two, the later one. Anchors
+    stay. What was not recognised counts as if it had been, by what was beside it.
+    """
+
+    def __init__(self, reference_map: ReferenceMap, max_looks: int) -> None:
+        self._map, self._most = reference_map, max_looks
+        self._of = dict[int, list[int]]()  # stretches that are kept, by the first one of a place
+        self.surplus = list[int]()
+        if max_looks and len(reference_map.links):
+            for start, end in pairwise(
+                [*reference_map.bounds.starts.tolist(), len(reference_map)]
+            ):
+                for stretch in range(start, end, LOOK.stretch):
+                    self._judge(stretch)
+
+    def has_room(self, known: int, descriptor: npt.NDArray[np.float16]) -> bool:
+        """
+        Return whether a further stretch is kept that begins at a place, with a descriptor (m,).
+
+        If another one goes for it, its places are `removed` from the map from now on.
+        """
+        first = self._first(known)
+        own, new = self._own(first), len(self._map)
+        if len(own) >= self._most > 0:
+            at = self._to_go(own, first, descriptor)
+            if at is None or at == len(own):
+                return False
+            self._map.removed.update(self._places(own.pop(at)))
+        own.append(new)
+        return True
+
+    def _judge(self, stretch: int) -> None:
+        """Take in a stretch of the map, and have one go if its place has more."""
+        of_places = {place: self._first(place) for place in self._places(stretch)}
+        looks = [place for place, first in of_places.items() if first < stretch]
+        if 2 * len(looks) <= len(of_places):
+            return  # it shows more that is new
+        first, descriptor = of_places[looks[0]], self._map.global_descriptors[looks[0]]
+        own = self._own(first)
+        if len(own) < self._most:
+            own.append(stretch)
+        elif (at := self._to_go(own, first, descriptor, self._stays(stretch))) is not None:
+            own.append(stretch)
+            self.surplus += self._places(own.pop(at))
+
+    def _own(self, first: int) -> list[int]:
+        return self._of.setdefault(self._stretch(first), [self._stretch(first)])
+
+    def _stretch(self, place: int) -> int:
+        start, _ = self._map.bounds.span(place)
+        return start + (place - start) // LOOK.stretch * LOOK.stretch
+
+    def _places(self, stretch: int) -> range:
+        _, end = self._map.bounds.span(stretch)
+        return range(stretch, min(stretch + LOOK.stretch, end, len(self._map)))
+
+    def _stays(self, stretch: int) -> bool:
+        return any(self._map.links.followers(place) for place in self._places(stretch))
+
+    def _first(self, place: int) -> int:
+        """Return the first look of a place, or where it would be if it had been recognised."""
+        links, bounds = self._map.links, self._map.bounds
+        place = links.anchor(place)
+        start, end = bounds.span(place)
+        near = range(1, LINKS.beside // 2 + 1)
+        for off in chain.from_iterable((one, -one) for one in near):
+            if start <= place + off < end and (there := links.anchor(place + off)) != place + off:
+                passed = max(bounds.span(there)[0], there - off)
+                return self._first(passed) if passed < place else place
+        return place
+
+    def _to_go(
+        self,
+        stretches: list[int],
+        first: int,
+        descriptor: npt.NDArray[np.float16],
+        stays: bool = False,
+    ) -> int | None:
+        """Return which of some looks of a place, and a further one, goes; None if none may."""
+        shown = [
+            min(self._places(one), key=lambda place: abs(self._first(place) - first))
+            for one in stretches
+        ]
+        rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+        stay = np.array([*(not at or self._stays(one) for at, one in enumerate(stretches)), stays])
+        alike = rows @ rows.T
+        alike[np.triu_indices(len(rows))] = -np.inf
+        alike[np.ix_(stay, stay)] = -np.inf
+        later, sooner = divmod(int(alike.argmax()), len(rows))
+        if not np.isfinite(alike[later, sooner]):
+            return None
+        return sooner if stay[later] else later

@@ -1,0 +1,233 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps keep so many looks of a place: which go, that nothing else does, and what is said of it."""
+
+from convseq_ros.cli import main
+from convseq_ros.config import EncodingConfig, make_config
+from convseq_ros.core.map.bounded import bound, surplus
+from convseq_ros.core.map.looks import LOOK
+from convseq_ros.core.map.online import known_as
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import build_map, MapBuilder
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason, Status
+from convseq_ros.errors import ConfigError
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+ENCODING, SECOND, DAY = EncodingConfig(image_size_px=64), 10**9, 86_400 * 10**9
+ROUND = 3 * LOOK.stretch
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / 'map.db'
+
+
+def driven(lights, seed=0, missed=3):
+    """Return a map of some rounds, of which only the first frames were not recognised."""
+    rng = np.random.default_rng(seed)
+    shows = rng.random((ROUND, 4, 4, 8)).astype(np.float16)
+    whole = ReferenceMap(ENCODING)
+    for day, light in enumerate(lights):
+        whole.begin_session(day * DAY)
+        lit = np.random.default_rng([9, light]).random((4, 4, 8))
+        for at in range(ROUND):
+            noise = 0.02 * rng.random((4, 4, 8))
+            cells = (shows[at] + 3 * lit + noise).astype(np.float16)
+            whole.add(Place(day * DAY + at * SECOND, session=day), cells)
+            place = len(whole) - 1
+            if day and at >= missed:
+                whole.links.add(place, place - ROUND, 0.97, 40)
+            else:
+                whole.links.add_first(place)
+    return whole
+
+
+@pytest.mark.parametrize('most', [1, 2, 3, 5])
+def test_each_light_stays_before_any_stays_twice(most):
+    days = [0, 0, 1, 1, 0, 2, 1, 0, 2]
+    whole = driven(days)
+    out = surplus(whole, most)
+    left = {*range(len(whole))} - {*out}
+    assert len(left) == most * ROUND and left >= {*range(ROUND)}
+    for at in range(ROUND):
+        lights = [light for day, light in enumerate(days) if day * ROUND + at in left]
+        assert len(lights) == most and len({*lights}) == min(most, 3)
+
+
+def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
+    whole = driven([0, 1, 0])
+    assert surplus(whole, 0) == surplus(whole, 3) == []
+    bare = ReferenceMap(ENCODING)
+    for index in range(50):
+        bare.add(Place(index), np.ones((4, 4, 8), np.float16))
+    assert surplus(bare, 1) == []
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 119), st.integers(0, 118)), max_size=150),
+    st.lists(st.integers(1, 119), max_size=4),
+    st.integers(1, 3),
+)
+def test_anchors_stay_whatever_the_links(drawn, starts, most):
+    whole = ReferenceMap(ENCODING)
+    rng = np.random.default_rng(0)
+    for index in range(120):
+        if index in starts:
+            whole.begin_session(index)
+        session = max(0, len(whole.sessions) - 1)
+        whole.add(Place(index, session=session), rng.random((4, 4, 8)).astype(np.float16))
+    for place, other in drawn:
+        if other < place:
+            whole.links.add(place, other)
+    out = surplus(whole, most)
+    assert out == sorted({*out}) and not {*out} & {anchor for _, anchor in whole.links}
+    assert not [one for one in out if whole.links.anchor(one) == one and not _beside(whole, one)]
+
+
+def _beside(whole, place):
+    """Return whether something in the same stretch was recognised."""
+    start, end = whole.bounds.span(place)
+    near = range(max(start, place - 2 * LOOK.stretch), min(end, place + 2 * LOOK.stretch, 120))
+    return any(whole.links.anchor(one) != one for one in near)
+
+
+def test_a_file_loses_its_surplus_in_one_step_and_keeps_anchors_by_session_and_stamp(path):
+    whole = driven([0, 0, 1, 1, 0, 2, 1, 0, 2])
+    save_map(whole, path)
+    before = open_map(path)
+    anchors = {_by_stamp(before, anchor) for _, anchor in before.links if anchor < ROUND}
+    assert bound(path, 3) == 6 * ROUND
+    left = open_map(path)
+    assert len(left) == 3 * ROUND and len(left.sessions) == 3 and left.map_id != before.map_id
+    assert {one.id for one in left.sessions} <= {one.id for one in before.sessions}
+    assert {_by_stamp(left, anchor) for _, anchor in left.links} <= anchors
+    # A link past what went says how far that was sure, and leads to what is left.
+    assert all(one.confidence == 0.97 for one in left.links.each() if one.place % ROUND >= 3)
+    was = path.read_bytes()
+    assert bound(path, 3) == 0 and path.read_bytes() == was
+
+
+def _by_stamp(whole, index):
+    place = whole.places[index]
+    return whole.sessions[place.session].id, place.stamp_ns
+
+
+def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
+    save_map(driven([0, 1, 0, 1]), path)
+    was = path.read_bytes()
+
+    def fail(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('convseq_ros.core.map.replacing.os.replace', fail)
+    session = Session(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
+    assert path.read_bytes()[:64] and len(session.recognizer.reference_map) == 4 * ROUND
+    assert [one for one in session.ignored if one.startswith('max_looks is ignored: ')]
+    session.close()
+    assert len(open_map(path)) == 4 * ROUND and len(was) == path.stat().st_size
+
+
+@pytest.mark.parametrize(
+    ('status', 'reason', 'known'),
+    [
+        (Status.ACCEPTED, Reason.ACCEPTED, 7),
+        (Status.REJECTED, Reason.COOL_DOWN, 7),
+        (Status.REJECTED, Reason.WEAK, None),
+        (Status.REJECTED, Reason.AMBIGUOUS, None),
+    ],
+)
+def test_known_is_what_was_accepted_however_low_its_confidence(status, reason, known):
+    best = (Candidate(7, 1, 0.25),)
+    assert known_as(Match(3, 1, status, reason, best, 2, confidence=0.5)) == known
+    assert known_as(None) is None
+
+
+@pytest.fixture
+def drive(path, image):
+    """Return a way to drive past places on a day, and to get the session, closed, and answers."""
+
+    def run(day, count, most=2):
+        config = make_config({'mode': 'online', 'image_size_px': 128, 'max_looks': most})
+        session, found = Session(path, config), []
+        for place in range(count):
+            frame = Frame(day * DAY + place * SECOND, image(place, day))
+            found.append(session.recognizer.process(frame))
+            session.save()
+        session.close()
+        return session, found
+
+    return run
+
+
+def test_a_way_that_is_driven_again_and_again_stops_growing_and_is_recognised(drive, path):
+    for day in range(6):
+        session, found = drive(day, ROUND)
+        right = [
+            match.accepted.reference_stamp_ns // SECOND % 86_400 == at
+            for at, match in enumerate(found)
+            if match.accepted
+        ]
+        assert not day or (all(right) and len(right) > 0.8 * ROUND)
+        assert session.added <= (ROUND if day < 2 else 2 * LOOK.stretch)
+    assert len(open_map(path)) <= 2 * ROUND + 3 * LOOK.stretch
+    bound(path, 2)
+    assert len(open_map(path)) <= 2 * ROUND
+    # The anchor of an answer is the same, whatever went, and is what the first drive saw.
+    first = open_map(path)
+    anchors = [match.anchor for match in found if match.accepted]
+    assert {one.session_id for one in anchors[LOOK.stretch :]} == {first.sessions[0].id}
+    assert all(isinstance(one, Anchor) and one.stamp_ns < 90 * SECOND for one in anchors[20:])
+
+
+def test_what_is_removed_is_not_matched_any_more_and_keeps_its_index(drive, path, image):
+    drive(0, ROUND)
+    drive(1, ROUND, 0)
+    config = make_config({'image_size_px': 128})
+    session = Session(path, config)
+    whole = session.recognizer.reference_map
+    stamps = [place.stamp_ns for place in whole.places]
+    whole.removed.update(range(ROUND))
+    for place in range(ROUND):
+        match = session.recognizer.process(Frame(9 * DAY + place * SECOND, image(place, 1)))
+        assert not match.accepted or match.accepted.reference_index >= ROUND
+    assert [place.stamp_ns for place in whole.places] == stamps
+
+
+def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):
+    frames = [
+        Frame((day * 200 + at) * SECOND, image(at, day)) for day in range(3) for at in range(ROUND)
+    ]
+    config = make_config({'image_size_px': 128, 'exclusion_s': 20.0, 'max_looks': 1})
+    every = build_map(frames, None, config)
+    assert len(every) == 3 * ROUND
+    with MapBuilder(path, config, max_looks=1) as builder:
+        for frame in frames:
+            builder.process(frame)
+    left = open_map(path)
+    assert ROUND <= len(left) < 2 * ROUND and len(left) == len(builder.reference_map) - (
+        builder.left_out
+    )
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('mode', 'lifelong'), ('max_places_per_m', 2.0), ('max_map_mb', 50.0)]
+)
+def test_what_was_there_before_is_answered_with_what_to_set(name, value):
+    with pytest.raises(ConfigError, match='max_looks'):
+        make_config({name: value})
+
+
+def test_a_limit_of_looks_needs_links(tmp_path, capsys):
+    arguments = 'build-map', str(tmp_path), str(tmp_path / 'map.db'), '--max-looks', '3'
+    assert main([*arguments, '--no-links']) == 1
+    assert 'leave out --no-links' in capsys.readouterr().err
+    assert main([*arguments[:-1], '1000']) == 1
+    assert 'max_looks: 1000 is outside 0 .. 100' in capsys.readouterr().err
