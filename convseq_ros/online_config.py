@@ -19,12 +19,12 @@ class OnlineConfig(Checked):
         choices=('preloaded', 'online'),
     )
     exclusion_s: float = parameter(
-        30.0, 'Online mode: places of this session younger than this are not matched.',
+        30.0, 'Places of this drive that are younger than this are not matched.',
         unit='s', low=0.0, high=86400.0,
     )
     exclusion_m: float = parameter(
-        0.0, 'Online mode with odometry: places of this session that were passed less than this '
-        'way ago are not matched.', unit='m', low=0.0, high=100000.0,
+        0.0, 'With odometry, places of this drive that were passed less than this way ago are '
+        'not matched.', unit='m', low=0.0, high=100000.0,
     )
     max_looks: int = parameter(
         8, 'Online mode: how many looks of a place the map keeps. Of more, the one that is most '

@@ -82,6 +82,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     add_parameters(parser, 'motion', parameters(MotionConfig))
     add_parameters(parser, 'images', [*_encoding(), *parameters(ReadingConfig)])
     add_parameters(parser, 'robot', _mount())
+    add_parameters(parser, 'links', of_links())
 
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
@@ -201,9 +202,15 @@ def build(
     )
 
 
+def parsed_looks(said: str) -> int:
+    """Return a limit of looks; ConfigError if it is out of range."""
+    return int(
+        next(one for one in parameters(OnlineConfig) if one.name == 'max_looks').parse(said)
+    )
+
+
 def _max_looks(chosen: argparse.Namespace) -> int:
-    known = next(one for one in parameters(OnlineConfig) if one.name == 'max_looks')
-    if (count := int(known.parse(chosen.max_looks))) and chosen.no_links:
+    if (count := parsed_looks(chosen.max_looks)) and chosen.no_links:
         raise ConfigError('max_looks: looks are known by links; leave out --no-links')
     return count
 
@@ -231,7 +238,17 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
 def _asked() -> list[Parameter]:
     """Return the parameters that decide what is read and becomes a place, and how it is stored."""
     groups = KeyframeConfig, MotionConfig, ReadingConfig
-    return [*(item for group in groups for item in parameters(group)), *_encoding(), *_mount()]
+    return [
+        *(item for group in groups for item in parameters(group)),
+        *_encoding(),
+        *_mount(),
+        *of_links(),
+    ]
+
+
+def of_links() -> list[Parameter]:
+    """Return what says which places of a drive are its past."""
+    return [item for item in parameters(OnlineConfig) if item.name.startswith('exclusion')]
 
 
 def _mount() -> list[Parameter]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
@@ -25,6 +26,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('file', type=Path, help='map or recording; it is not changed')
     parser.add_argument('--json', action='store_true', help='print as JSON')
+    parser.add_argument('--picture', type=Path, metavar='FILE', help='draw a map and its links')
     add_reading(parser)
 
 
@@ -43,8 +45,7 @@ def run(chosen: argparse.Namespace) -> int:
         'bytes': file.stat().st_size,
         **reader.about(),
         **describe_places(opened),
-        'links': len(opened.links),
-        'linked': opened.is_linked,
+        **_describe_links(opened),
     }
     if opened.problem:
         print(f'warning: {opened.problem}', file=sys.stderr)
@@ -53,7 +54,33 @@ def run(chosen: argparse.Namespace) -> int:
     else:
         for name, fact in facts.items():
             print(f'{name.replace("_", " "):12} {_readable(name, fact)}')
+        print(_in_short(facts))
+    if chosen.picture:
+        print(f'{chosen.picture}: drawn {draw_map(chosen.picture, opened)}', file=sys.stderr)
     return 0
+
+
+def _describe_links(opened: ReferenceMap) -> dict[str, Any]:
+    """Return how many links there are, and how many places, if linked keyframes show the same."""
+    session = [place.session for place in opened.places]
+    between = sum(session[one.place] != session[one.other] for one in opened.links.each())
+    return {
+        'places': len(opened) - len(opened.links),
+        'links': len(opened.links),
+        'links_between_sessions': between,
+        'linked': opened.is_linked,
+    }
+
+
+def _in_short(facts: dict[str, Any]) -> str:
+    keyframes, places = facts['references'], facts['places']
+    if not facts['linked']:
+        return f'{keyframes} keyframes, not all of them linked: convseq map link {facts["map"]}'
+    times = f', each passed {keyframes / places:.1f} times' if facts['links'] else ''
+    return (
+        f'{keyframes} keyframes, {places} places{times}; {facts["links"]} links, '
+        f'{facts["links_between_sessions"]} between sessions'
+    )
 
 
 def describe_places(reference_map: ReferenceMap) -> dict[str, object]:

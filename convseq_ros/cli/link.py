@@ -10,15 +10,20 @@ import json
 from pathlib import Path
 import sys
 
+from convseq_ros.cli.build_map import of_links
+from convseq_ros.cli.map_picture import draw_drives
+from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.pose_graph import brought_together, edges_of, g2o, Poses, poses_of, solved
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.sessions import watched
+from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.editing import Part, parts_of, write_parts
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import pose_of
 from convseq_ros.errors import MapError
 from convseq_ros.evaluation.plots.figure import new_figure, save
@@ -29,6 +34,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
     add_outputs(parser)
+    add_parameters(parser, 'links', of_links())
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -46,10 +52,13 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Look up what was not looked up before, keep its links, and make what is asked for."""
     _refuse_existing(chosen)
+    config = make_config(given(chosen, of_links()))
     whole = open_map(chosen.map)
     if count := sum(map(len, not_linked(whole))):
         with closing(Autosave(chosen.map, whole.encoding, whole.keyframes, True)) as kept:
-            for _ in progress(link_map(kept.reference_map), count, chosen.map.name, 'places'):
+            for _ in progress(
+                link_map(kept.reference_map, config), count, chosen.map.name, 'places'
+            ):
                 kept.save()
     make_outputs(chosen, parts_of(chosen.map))
     return 0
@@ -76,7 +85,7 @@ def make_outputs(chosen: argparse.Namespace, parts: list[Part]) -> None:
             )
         after = solved(edges, start)
         if chosen.picture:
-            _draw(chosen.picture, parts, links, poses_of(whole), after)
+            _draw(chosen.picture, whole, poses_of(whole), after)
         if chosen.output:
             write_parts(
                 [_moved(part, after) for part in parts], chosen.output, watched(chosen.output)
@@ -131,22 +140,14 @@ def _report(parts: list[Part], links: list[Link], as_json: bool) -> None:
         )
 
 
-def _draw(path: Path, parts: list[Part], links: list[Link], before: Poses, after: Poses) -> None:
+def _draw(path: Path, whole: ReferenceMap, before: Poses, after: Poses) -> None:
     figure = new_figure(10, 4)
     for number, (title, poses) in enumerate((('before', before), ('after', after)), 1):
         axes = figure.add_subplot(1, 2, number)
+        points = {at: pose[:2, 3] for at, pose in poses.items()}
+        draw_drives(axes, whole, points, whole.links.each())
         axes.set_title(title)
-        axes.set_aspect('equal')
-        for link in links:
-            if link.place in poses and link.other in poses:
-                ends = [poses[at][:2, 3] for at in (link.place, link.other)]
-                axes.plot(*zip(*ends, strict=True), color='0.8', linewidth=0.5)
-        for part in parts:
-            way = [poses[at][:2, 3] for at in part.places if at in poses]
-            if way:
-                axes.plot(*zip(*way, strict=True), linewidth=1, label=printable(part.name))
         axes.set_xlabel('x, m')
         axes.set_ylabel('y, m')
-    axes.legend(fontsize='small')
     save(figure, path)
     print(f'{path}: drawn', file=sys.stderr)

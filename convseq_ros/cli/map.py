@@ -7,9 +7,10 @@ from importlib import import_module
 
 COMMANDS = {
     'link': 'link the places of a map that show the same, and solve its poses',
+    'unlink': 'take links out of a map',
     'merge': 'put the sessions of several maps into one',
     'split': 'make a map of each session of a map',
-    'remove': 'take sessions out of a map',
+    'remove': 'take sessions, or more looks of a place than a number, out of a map',
     'rename': 'call a session of a map by another name',
 }
 

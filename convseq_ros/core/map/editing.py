@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the sessions of other maps; places are copied as they are stored."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.database import explained
+from convseq_ros.core.graph.links import Links
+from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
-from convseq_ros.core.map.link_rows import carry_links
+from convseq_ros.core.map.link_rows import carry_links, write_links
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.opening import open_to_write
 from convseq_ros.core.map.place import Picture, Places
@@ -184,11 +185,43 @@ def _whole(parts: Sequence[Part]) -> ReferenceMap:
 def rename_session(part: Part) -> None:
     """Give a session the name of a part, in its file; MapError if another program adds to it."""
     row = part.number, *part.session.row
-    with MapLock(part.path), explained(part.path), closing(open_to_write(part.path)) as database:
+    with _changed(part.path) as database:
+        database.rows(
+            'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
+            (part.name, row_crc(row), part.number, part.session.id),
+        )
+        if not database.number('SELECT changes()'):
+            raise MapError(f'{part.path}: was changed meanwhile; run it again')
+
+
+def unlink(path: Path, places: Collection[int] | None = None) -> int:
+    """
+    Take links out of a map file, and return how many; MapError if another program adds to it.
+
+    Some `places` count as looked up from then on, and are not linked again; by default all links
+    go, and places count as not looked up.
+    """
+    with _changed(path) as database:
+        whole = MapReader(path).reference_map()
+        before = len(whole.links)
+        if not database.has('links'):
+            return 0
+        if places is None:
+            database.rows('DELETE FROM links')
+            return before
+        left = Links(whole.bounds.around)
+        for one in whole.links.each():
+            if one.place in places:
+                left.add_first(one.place)
+            else:
+                left.add(one.place, one.other, one.confidence, one.inliers, one.relative)
+        write_links(database, left.since(0, len(whole)))
+    return before - len(left)
+
+
+@contextmanager
+def _changed(path: Path) -> Iterator[Database]:
+    """Give a map's file to be changed in one transaction."""
+    with MapLock(path), explained(path), closing(open_to_write(path)) as database:
         with database.transaction('IMMEDIATE'):
-            database.rows(
-                'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
-                (part.name, row_crc(row), part.number, part.session.id),
-            )
-            if not database.number('SELECT changes()'):
-                raise MapError(f'{part.path}: was changed meanwhile; run it again')
+            yield database

@@ -1,0 +1,117 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map as a picture: its drives as lines, sessions in colours, and its links as arcs."""
+
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.cli.printable import printable
+from convseq_ros.core.constants import constants
+from convseq_ros.core.graph.links import Link
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.evaluation.plots.figure import new_figure, save
+import numpy as np
+import numpy.typing as npt
+
+Points = Mapping[int, npt.NDArray[np.float64]]  # (2,), by the index of a place
+
+
+@constants
+class PICTURE:
+    """Engineering, not studied."""
+
+    bent: float = 0.2  # of an arc's chord, that its middle is aside
+    linked: float = 0.01  # steps of a drive, as which a link counts in a layout
+    landmarks: int = 300  # places of a component by whose distances others are laid out
+    named: int = 12  # sessions that the legend names
+
+
+def draw_map(path: Path, reference_map: ReferenceMap) -> str:
+    """Draw a map along its poses if it has some, else as its links lay it out; return which."""
+    figure = new_figure(8, 6)
+    axes = figure.add_subplot()
+    links = [*reference_map.links.each()]
+    poses = {at: one.pose for at, one in enumerate(reference_map.places) if one.pose}
+    if poses:
+        points: Points = {at: np.array(pose.position[:2]) for at, pose in poses.items()}
+        axes.set_xlabel('x, m')
+        axes.set_ylabel('y, m')
+    else:
+        points = laid_out(reference_map, links)
+        axes.set_axis_off()
+    draw_drives(axes, reference_map, points, links)
+    save(figure, path)
+    return 'along its poses' if poses else 'laid out by its links'
+
+
+def draw_drives(
+    axes: Any, reference_map: ReferenceMap, points: Points, links: Iterable[Link]
+) -> None:
+    """Draw the drives of a map whose places lie at some points, and its links."""
+    from matplotlib.collections import PathCollection
+    from matplotlib.path import Path as Curve
+
+    curves = []
+    for link in links:
+        if link.place in points and link.other in points:
+            start, end = points[link.other], points[link.place]
+            x, y = end - start
+            aside = (start + end) / 2 + PICTURE.bent * np.array((-y, x))
+            curves.append(Curve([start, aside, end], [Curve.MOVETO, Curve.CURVE3, Curve.CURVE3]))
+    arcs = PathCollection(curves, facecolor='none', edgecolor='0.6', linewidth=0.5)
+    axes.add_collection(arcs)
+    starts = [*reference_map.bounds.starts.tolist(), len(reference_map)]
+    for first, stop in pairwise(starts):
+        way = [points[at] for at in range(first, stop) if at in points]
+        if way:
+            number = reference_map.places[first].session
+            name = printable(reference_map.sessions[number].name or f'session {number}')
+            axes.plot(*np.transpose(way), linewidth=1.2, marker='.', markersize=2, label=name)
+    axes.set_aspect('equal')
+    if 2 < len(starts) <= PICTURE.named + 1:
+        axes.legend(fontsize='small')
+
+
+def laid_out(reference_map: ReferenceMap, links: Iterable[Link]) -> Points:
+    """
+    Return points whose distances are about those along drives and links, in steps of a drive.
+
+    It is multidimensional scaling by landmarks (de Silva and Tenenbaum 2004), for each component
+    of the graph; components lie side by side.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
+    count = len(reference_map)
+    session = np.array([place.session for place in reference_map.places])
+    along = np.flatnonzero(session[:-1] == session[1:])
+    across = np.array([(link.other, link.place) for link in links], np.int64).reshape(-1, 2)
+    rows, cols = np.r_[along, across[:, 0]], np.r_[along + 1, across[:, 1]]
+    steps = np.r_[np.ones(len(along)), np.full(len(across), PICTURE.linked)]
+    graph = coo_array((steps, (rows, cols)), (count, count)).tocsr()
+    number, component = connected_components(graph, directed=False)
+    points, right = np.zeros((count, 2)), 0.0
+    for one in range(number):
+        own = np.flatnonzero(component == one)
+        marks = own[np.linspace(0, len(own) - 1, min(len(own), PICTURE.landmarks)).astype(int)]
+        squares = dijkstra(graph, directed=False, indices=marks)[:, own] ** 2
+        placed = _scaled(squares, np.searchsorted(own, marks))
+        low, high = placed.min(axis=0), placed.max(axis=0)
+        points[own] = placed + np.array((right - low[0], -(low[1] + high[1]) / 2))
+        right += high[0] - low[0] + 0.1 * count**0.5 + 1
+    return dict(enumerate(points))
+
+
+def _scaled(
+    squares: npt.NDArray[np.float64], marks: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float64]:
+    """Return points (n, 2) by squares of distances (m, n) from m of them, the landmarks."""
+    own = squares[:, marks]
+    middle = own.mean(axis=0)
+    centred = -0.5 * (own - middle - middle[:, None] + own.mean())
+    values, vectors = np.linalg.eigh(centred)
+    axes = vectors[:, -2:] / np.sqrt(np.maximum(values[-2:], 1e-9))
+    axes = np.hstack([np.zeros((len(axes), 2 - axes.shape[1])), axes])
+    return np.asarray(-0.5 * (squares - middle[:, None]).T @ axes)

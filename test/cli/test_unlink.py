@@ -1,0 +1,94 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`convseq map unlink`, `remove --max-looks`, and what `convseq info` says of links."""
+
+import json
+
+from convseq_ros.cli import main
+from convseq_ros.cli.map_picture import laid_out
+from convseq_ros.core.linking import not_linked
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+import numpy as np
+import pytest
+
+ROUND = 32
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return a map of three rounds, a session each, of which all but the first are linked."""
+    rng, whole = np.random.default_rng(0), ReferenceMap()
+    cells = rng.random((ROUND, 32, 32, 8)).astype(np.float16)
+    for number in range(3):
+        whole.begin_session(number * 10**12, name=f'round {number}')
+        for at in range(ROUND):
+            index = len(whole)
+            whole.add(Place(number * 10**12 + at, session=number), cells[at])
+            if number:
+                whole.links.add(index, index - ROUND, 0.95, 40)
+            else:
+                whole.links.add_first(index)
+    made = tmp_path / 'map.db'
+    save_map(whole, made)
+    return made
+
+
+def test_one_link_goes_for_good_and_what_hung_on_it_keeps_its_own(path, capsys):
+    assert main(['map', 'unlink', str(path), '--place', str(ROUND + 5)]) == 0
+    assert '1 of 64 links taken out' in capsys.readouterr().out
+    left = open_map(path)
+    assert len(left.links) == 63 and left.links.anchor(ROUND + 5) == ROUND + 5
+    # The look of the third round hung on it, and has a new anchor; the others' stay.
+    assert left.links.anchor(2 * ROUND + 5) == ROUND + 5
+    assert left.links.anchor(2 * ROUND + 6) == 6
+    assert left.is_linked and not not_linked(left)
+    assert left.links.details(ROUND + 6).confidence == 0.95
+
+
+def test_links_of_a_session_go_or_all_which_are_looked_up_anew_then(path, capsys):
+    assert main(['map', 'unlink', str(path), '--session', 'round 2']) == 0
+    left = open_map(path)
+    assert {place for place, _ in left.links} == {*range(ROUND, 2 * ROUND)}
+    assert main(['map', 'unlink', str(path)]) == 0
+    left = open_map(path)
+    assert not len(left.links) and len(not_linked(left)) == 3
+    assert '32 of 32 links taken out; convseq map link' in capsys.readouterr().out
+
+
+def test_a_place_without_a_link_is_one_line_and_nothing_changes(path, capsys):
+    before = path.read_bytes()
+    assert main(['map', 'unlink', str(path), '--place', '3']) == 1
+    assert 'place 3 has no link' in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_looks_beyond_a_number_go(path, capsys):
+    assert main(['map', 'remove', str(path), '--max-looks', '2', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)[0]['references'] == 2 * ROUND
+    assert len(open_map(path)) == 2 * ROUND
+    assert main(['map', 'remove', str(path), '--max-looks', '1000']) == 1
+    assert 'outside 0 .. 100' in capsys.readouterr().err
+
+
+def test_info_counts_places_and_draws_them_by_their_links(path, tmp_path, capsys):
+    pytest.importorskip('matplotlib')
+    picture = tmp_path / 'map.svg'
+    assert main(['info', str(path), '--picture', str(picture)]) == 0
+    said = capsys.readouterr()
+    assert '96 keyframes, 32 places, each passed 3.0 times; 64 links, 64 between' in said.out
+    assert 'laid out by its links' in said.err and picture.stat().st_size > 5_000
+
+
+def test_a_layout_keeps_distances_along_a_drive_and_brings_looks_together(path):
+    whole = open_map(path)
+    points = laid_out(whole, whole.links.each())
+    for at in range(ROUND):
+        near = [np.linalg.norm(points[at] - points[at + off]) for off in (ROUND, 2 * ROUND)]
+        assert max(near) < 0.5
+    long = np.linalg.norm(points[0] - points[ROUND - 1])
+    assert long == pytest.approx(ROUND - 1, rel=0.05)
+    apart = laid_out(whole, [])  # three drives that share nothing lie side by side
+    assert len({tuple(point.round(3)) for point in apart.values()}) == 3 * ROUND
