@@ -12,6 +12,7 @@ from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, S
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import (
+    Anchor,
     Candidate,
     Localization,
     LocalizationState,
@@ -233,6 +234,7 @@ def _match(stored: dict[str, Any]) -> Match:
             'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
             'localization': stored['localization'] and _localization(stored['localization']),
             'relative_pose': stored['relative_pose'] and _relative(stored['relative_pose']),
+            'anchor': stored['anchor'] and Anchor(**stored['anchor']),
         }
     )
 

@@ -149,7 +149,7 @@ def test_many_who_wait_take_no_threads_and_too_many_are_told(
     before = threading.active_count()
     futures = ask(8)
     client.wait_for(lambda: sum(future.done() for future in futures) == 3)
-    assert threading.active_count() == before
+    assert threading.active_count() <= before
     told = {one.result().message.split(';')[0] for one in futures if one.done()}
     assert told == {'more than 5 calls wait'}
     show(4)
