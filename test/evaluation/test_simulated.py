@@ -160,7 +160,8 @@ def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(st
     num_measured = 0
     for frame, match, dots in zip(material.query, said.matches, said.fields, strict=True):
         answer, plain = online.process(frame), bare.process(frame)
-        assert replace(match, relative_pose=None, anchor=None) == replace(plain, anchor=None)
+        same = {'relative_pose': None, 'anchor': None}
+        assert replace(match, **same) == replace(plain, **same)
         assert np.array_equal(dots, inliers(bare.buffer.field(plain.best)))
         here, there = match.accepted, answer.accepted
         if here and there and here.reference_index == there.reference_index:
