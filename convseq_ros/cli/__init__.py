@@ -9,7 +9,6 @@ import os
 import sys
 
 from convseq_ros import __version__
-from convseq_ros.cli import map as map_verbs
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
@@ -35,7 +34,10 @@ COMMANDS = {
 
 # Commands of earlier versions, and what does their work now.
 RETIRED = {
-    **{verb: f'is now: convseq map {verb}' for verb in map_verbs.COMMANDS},
+    **{
+        verb: f'is now: convseq map {verb}'
+        for verb in ('link', 'merge', 'split', 'remove', 'rename')
+    },
     'thin': 'is gone: take a session out by convseq map remove',
     'convert': 'is gone: build the map again from its recording',
 }

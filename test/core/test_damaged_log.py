@@ -6,10 +6,10 @@ import shutil
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.log import _sums
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.wal_check import _sums
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 import numpy as np

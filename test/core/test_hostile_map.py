@@ -11,7 +11,7 @@ import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import database as limits
-from convseq_ros.core.map import opening, reader
+from convseq_ros.core.map import crash_recovery, reader
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import Database, explained
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
@@ -306,15 +306,15 @@ def test_the_journal_of_the_old_map_does_not_spoil_the_one_that_replaces_it(cras
 
 def test_a_copy_of_what_changes_meanwhile_is_not_read(crashed, monkeypatch):
     """Another program mends the map, and replaces it, while its journal is copied."""
-    copy = opening.shutil.copyfile
+    copy = crash_recovery.shutil.copyfile
 
     def copy_slowly(source, target):
-        monkeypatch.setattr(opening.shutil, 'copyfile', copy)
+        monkeypatch.setattr(crash_recovery.shutil, 'copyfile', copy)
         found = copy(source, target)
         save_map(grown(30), crashed)
         return found
 
-    monkeypatch.setattr(opening.shutil, 'copyfile', copy_slowly)
+    monkeypatch.setattr(crash_recovery.shutil, 'copyfile', copy_slowly)
     opened = open_map(crashed)
     assert len(opened) == 30
     assert all((opened.packed(index) == cells(index)).all() for index in range(30))
@@ -380,7 +380,7 @@ def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_
 
 
 def test_a_read_only_file_is_not_called_a_full_disk(path, monkeypatch):
-    monkeypatch.setattr(opening.sqlite3, 'connect', read_only(sqlite3.connect))
+    monkeypatch.setattr(crash_recovery.sqlite3, 'connect', read_only(sqlite3.connect))
     with MapWriter(path, ENCODING, KeyframeConfig(), append=True) as writer:
         with pytest.raises(MapError, match=r'map.db: is read-only .*make it and its folder writ'):
             writer.copy(grown(21), 21)

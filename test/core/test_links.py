@@ -15,10 +15,8 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
 from convseq_ros.core.graph.links import beyond, Link, LINKS, Links
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.bounded import without
-from convseq_ros.core.map.editing import joined, parts_of, write_parts
+from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_slices
 from convseq_ros.core.map.format import row_crc
-from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -354,11 +352,11 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     for index in range(60):
         whole.links.add_first(index)
     save_map(whole, path)
-    parts, other = parts_of(path), tmp_path / 'other.db'
-    write_parts(parts[1:], other, iter)  # the first session, with anchors, goes
+    parts, other = slices_of(path), tmp_path / 'other.db'
+    write_slices(parts[1:], other, iter)  # the first session, with anchors, goes
     left = open_map(other)
     assert [*left.links] == [(25, 5), (30, 10)] and left.is_linked
-    left = joined(without(parts, [25]))[0].reference_map
+    left = joined(without(parts, [25]))
     assert [*left.links] == [(25, 6), (44, 5), (49, 29)] and left.is_linked
 
 
@@ -369,7 +367,7 @@ def test_what_comes_from_another_map_is_still_to_be_looked_up(tmp_path):
         for index in range(20):
             whole.links.add_first(index)
         save_map(whole, one)
-    merged = joined([part for one in paths for part in parts_of(one)])[0].reference_map
+    merged = joined([part for one in paths for part in slices_of(one)])
     assert [*merged.links] == [(15, 3), (35, 23)]
     assert not merged.is_linked and not_linked(merged) == [range(20, 40)]
 

@@ -8,8 +8,8 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.atomic_replace import delete_parts
 from convseq_ros.core.map.lock import MapLock
-from convseq_ros.core.map.replacing import delete_parts
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 

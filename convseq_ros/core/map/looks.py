@@ -118,3 +118,8 @@ class Looks:
         if not np.isfinite(alike[later, sooner]):
             return None
         return sooner if stay[later] else later
+
+
+def surplus(reference_map: ReferenceMap, max_looks: int) -> list[int]:
+    """Return which places a map does without that keeps so many looks of each; 0 is no limit."""
+    return sorted(Looks(reference_map, max_looks).surplus)

@@ -13,7 +13,6 @@ from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.depth import packed_depths
-from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.kept_image import kept_image, KeptImages
 from convseq_ros.core.map.place import (
     pack_cells,
@@ -24,7 +23,7 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
 )
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt

@@ -10,9 +10,9 @@ import re
 import stat
 import tempfile
 
+from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.lock import MapLock
-from convseq_ros.core.map.opening import open_to_write
 from convseq_ros.errors import MapError
 from convseq_ros.regular_file import sync
 
