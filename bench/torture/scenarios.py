@@ -81,7 +81,7 @@ def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
     for index in range(len(reference_map), len(reference_map) + count):
         pose = Pose((index, 0, 0), (0, 0, 0, 1)) if index % 2 else None
         place = Place(index, f'drive {drive}', pose)
-        reference_map.add(place, _cells(index, drive), b'%d' % index)
+        reference_map.add(place, cells(index, drive), b'%d' % index)
         if (other := linked_to(index)) is None:
             reference_map.links.add_first(index)
         else:
@@ -93,7 +93,8 @@ def linked_to(index: int) -> int | None:
     return index // 2 if index % 3 else None
 
 
-def _cells(index: int, drive: int) -> np.ndarray:
+def cells(index: int, drive: int = 0) -> np.ndarray:
+    """Return the packed cells of a place that `grow` adds."""
     return pack_cells(np.random.default_rng([index, drive]).random((4, 4, 8), np.float32) * 1e5)
 
 
@@ -102,7 +103,7 @@ def holds(path: Path, drive: int = 0) -> int:
     opened = open_map(path, ENCODING)
     for index, place in enumerate(opened.places):
         assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
-        assert (opened.packed(index) == _cells(index, drive)).all(), index
+        assert (opened.packed(index) == cells(index, drive)).all(), index
         assert opened.thumbnail(index) == b'%d' % index, index
     # Who is killed may have noted a place, and not yet its link.
     assert not opened.problem and opened.links.known >= len(opened) - 1, opened.links.known

@@ -38,7 +38,7 @@ RETIRED = {
         verb: f'is now: convseq map {verb}'
         for verb in ('link', 'merge', 'split', 'remove', 'rename')
     },
-    'thin': 'is gone: take a session out by convseq map remove',
+    'thin': 'is gone: use convseq map remove --session NAME or --max-looks N',
     'convert': 'is gone: build the map again from its recording',
 }
 

@@ -4,11 +4,7 @@
 
 from contextlib import closing
 from dataclasses import replace
-import os
-import signal
 import sqlite3
-import subprocess
-import sys
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
@@ -257,40 +253,6 @@ def test_links_are_written_with_their_places_or_later_and_never_before(path):
     again.reference_map.links.add(24, 15)
     again.close()
     assert [*open_map(path).links] == [(12, 3), (15, 2), (22, 4), (24, 2)]
-
-
-GROW_UNTIL_KILLED = """
-import sys
-from pathlib import Path
-sys.path.insert(0, {folder!r})
-from test_links import grow, own
-autosave = own(Path({path!r}))
-whole = autosave.reference_map
-while True:
-    grow(whole, 5)
-    for place in range(len(whole) - 5, len(whole)):
-        other = place % 5 if place > 5 else 0
-        whole.links.add(place, other) if other else whole.links.add_first(place)
-    autosave.save()
-    print(autosave.committed, flush=True)
-"""
-
-
-@pytest.mark.once
-def test_links_of_what_was_committed_outlive_being_killed(path):
-    program = GROW_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
-    run = [sys.executable, '-c', program]
-    with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-        while int(process.stdout.readline()) < 200:
-            pass
-        process.send_signal(signal.SIGKILL)
-    opened = open_map(path)
-    assert len(opened) >= 200 and not opened.problem
-    assert all(place < len(opened) for place, _ in opened.links)
-    # The links of the last places may lack; what is there, is so in order.
-    expected = [(at, at % 5) for at in range(6, len(opened)) if at % 5]
-    assert [*opened.links] == expected[: len(opened.links)]
-    assert len(opened.links) >= len(expected) - 500
 
 
 UNTURNED = np.array([0, 0, 0, 2, *[1] * 29], '<f8').tobytes()

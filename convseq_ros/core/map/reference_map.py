@@ -12,8 +12,7 @@ from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
-from convseq_ros.core.map.depth import packed_depths
-from convseq_ros.core.map.kept_image import kept_image, KeptImages
+from convseq_ros.core.map.kept_image import kept_image, KeptImages, packed_depths
 from convseq_ros.core.map.place import (
     pack_cells,
     Packed,
