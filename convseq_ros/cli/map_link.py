@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 from convseq_ros.cli.build_map import of_links
-from convseq_ros.cli.map_picture import draw_drives
+from convseq_ros.cli.map_picture import draw_solved
 from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.printable import printable
 from convseq_ros.cli.progress import of_map, progress
@@ -26,7 +26,6 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError
-from convseq_ros.evaluation.plots.figure import new_figure, save
 from convseq_ros.results import complete_or_absent
 
 
@@ -85,7 +84,8 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
         )
     after = solved(edges, start)
     if chosen.picture:
-        _draw(chosen.picture, whole, poses, after)
+        draw_solved(chosen.picture, whole, poses, after)
+        print(f'{chosen.picture}: drawn', file=sys.stderr)
     if chosen.output:
         first = whole.sessions[session[min(after)]]
         frame = first.frame or f'linked {whole.map_id}'
@@ -132,16 +132,3 @@ def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool
             f'{one.number} {printable(one.name)}: {len(own)} of {len(one.places)} places '
             f'linked, {measured} measured in metres{": " if where else ""}{where}'
         )
-
-
-def _draw(path: Path, whole: ReferenceMap, before: Poses, after: Poses) -> None:
-    figure = new_figure(10, 4)
-    for number, (title, poses) in enumerate((('before', before), ('after', after)), 1):
-        axes = figure.add_subplot(1, 2, number)
-        points = {at: pose[:2, 3] for at, pose in poses.items()}
-        draw_drives(axes, whole, points, whole.links.each())
-        axes.set_title(title)
-        axes.set_xlabel('x, m')
-        axes.set_ylabel('y, m')
-    save(figure, path)
-    print(f'{path}: drawn', file=sys.stderr)
