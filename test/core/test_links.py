@@ -303,6 +303,18 @@ def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_g
     assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
 
 
+def test_a_page_whose_rows_are_in_a_circle_is_left_out_and_read_once(path):
+    save_map(made(20, (12, 2), (18, 3)), path)
+    with closing(sqlite3.connect(path)) as database, database:
+        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
+        (size,) = database.execute('PRAGMA page_size')
+    content, page = bytearray(path.read_bytes()), (root[0] - 1) * size[0]
+    content[page + 10 : page + 12] = content[page + 8 : page + 10]  # the last row is the first
+    path.write_bytes(content)
+    opened = open_map(path)
+    assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
+
+
 def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     whole = ReferenceMap(ENCODING)
     for session in range(3):

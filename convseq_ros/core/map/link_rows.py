@@ -31,8 +31,11 @@ def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> N
     try:
         left_out = database.number(off)
         while rows := database.rows(asked, (start, _AT_ONCE)):
+            places = [row[0] for row in rows]
+            if places[0] < start or places != sorted({*places}):
+                raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
             left_out += _add(reference_map.links, rows)
-            start = rows[-1][0] + 1
+            start = places[-1] + 1
     except sqlite3.DatabaseError:
         database.roll_back()  # what was read before is sound
         said = f'the links of places from {start} on are damaged'
