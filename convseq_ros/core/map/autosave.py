@@ -8,7 +8,6 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.atomic_replace import delete_parts
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
@@ -59,7 +58,6 @@ class Autosave(NoAutosave):
         self._path, self._keeps_empty = path, keeps_empty
         with ExitStack() as opened:
             opened.enter_context(MapLock(path))
-            delete_parts(path)
             self._writer = MapWriter(path, encoding, keyframes, append)
             opened.callback(self._writer.close)
             self.reference_map = self._writer.reader.reference_map()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 @constants
 class LOOK:
-    """By recall on a drawn round that is driven 34 times (scripts/same_way.py)."""
+    """By recall on a drawn round that is driven 34 times (scripts/links.py --part round)."""
 
     # Keyframes of a drive that stay or go together: without those beside them, the frames of a
     # sequence meet other places, and recall falls to .75.
