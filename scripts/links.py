@@ -29,7 +29,6 @@ from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Pose, Reason
 from convseq_ros.simulation.drive import draw, Drive
-from convseq_ros.simulation.odometry import Drift
 from convseq_ros.simulation.route import Corner, Route
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.recording import read_poses
@@ -182,28 +181,30 @@ def of_poses(_data: Path) -> None:
     import simulated
     from trajectory_error import absolute_error_m
 
-    simulated.DRIFT = Drift(scale=0.02, yaw_bias_deg=3.0, noise_m=0.02, yaw_noise_deg=3.0, seed=1)
-    with tempfile.TemporaryDirectory() as folder:
-        town, made, solved, graph = (
-            Path(folder, name) for name in ('town', 'town.db', 'solved.db', 'town.g2o')
-        )
-        simulated.record(town, simulated.two_blocks(110.0, 70.0))
-        camera = '--odom', '/odom', '--camera-info', '/camera/camera_info'
-        outputs = '--g2o', graph, '-o', solved, '--picture', Path(folder, 'drawn.svg')
-        for command in (('build-map', town, made, *camera), ('map', 'link', made, *outputs)):
-            if cli.main([*map(str, command)]):
-                raise SystemExit(1)
-        true = dict(read_poses(town, '/ground_truth'))
-        for name, path in (('odometry', made), ('solved', solved)):
-            places = [place for place in open_map(path).places if place.pose]
-            points = [place.pose.position[:2] for place in places if place.pose]
-            really = [true[min(true, key=lambda at: abs(at - one.stamp_ns))] for one in places]
-            error_m = absolute_error_m(
-                np.array(points), np.array([pose.position[:2] for pose in really])
+    for scale in (simulated.DRIFT.scale, 0.02):
+        simulated.DRIFT = replace(simulated.DRIFT, scale=scale)
+        with tempfile.TemporaryDirectory() as folder:
+            town, made, solved, graph = (
+                Path(folder, name) for name in ('town', 'town.db', 'solved.db', 'town.g2o')
             )
-            print(f'poses, {name}: {error_m:.2f} m')
-        edges, poses = gtsam.readG2o(str(graph), True)
-        print(f"poses, read back by GTSAM's reader: {edges.size()} edges, {poses.size()} poses")
+            simulated.record(town, simulated.two_blocks(110.0, 70.0))
+            camera = '--odom', '/odom', '--camera-info', '/camera/camera_info'
+            outputs = '--g2o', graph, '-o', solved
+            for command in (('build-map', town, made, *camera), ('map', 'link', made, *outputs)):
+                if cli.main([*map(str, command)]):
+                    raise SystemExit(1)
+            true = dict(read_poses(town, '/ground_truth'))
+            for name, path in (('odometry', made), ('solved', solved)):
+                places = [place for place in open_map(path).places if place.pose]
+                points = [place.pose.position[:2] for place in places if place.pose]
+                really = [true[min(true, key=lambda at: abs(at - one.stamp_ns))] for one in places]
+                real = np.array([pose.position[:2] for pose in really])
+                error_m = absolute_error_m(np.array(points), real)
+                print(f'poses, odometry {scale:.1%} too long, {name}: {error_m:.2f} m', flush=True)
+            edges, poses = gtsam.readG2o(str(graph), True)
+            print(
+                f"poses, read back by GTSAM's reader: {edges.size()} edges, {poses.size()} poses"
+            )
 
 
 def of_size(_data: Path) -> None:

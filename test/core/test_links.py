@@ -398,6 +398,20 @@ def test_a_session_that_is_appended_is_looked_up_in_those_before(tmp_path, image
     assert not open_map(path).is_linked
 
 
+def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
+    path, frames = tmp_path / 'map.db', laps(image)
+    for start in range(0, len(frames), LAP):
+        with MapBuilder(path, config(), append=start > 0) as builder:
+            for frame in frames[start : start + LAP]:
+                builder.process(frame)
+    one, three = build_map(frames, None, config()), open_map(path)
+    assert len(three.sessions) == LAPS
+    for made in (one, three):
+        assert all(is_right(*pair) for pair in made.links)
+        assert len(made.links) > 0.8 * (LAPS - 1) * LAP
+    assert len(dict(one.links).keys() ^ dict(three.links).keys()) < 0.1 * LAPS * LAP
+
+
 def test_a_map_without_links_is_linked_afterwards(image):
     bare = build_map(laps(image), None, config(), links=False)
     assert not_linked(bare) == [range(len(bare))]

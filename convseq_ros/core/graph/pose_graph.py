@@ -154,8 +154,10 @@ def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tupl
     A factor counts if a `share` of the right ones would agree as badly.
     """
     gtsam = _gtsam()
+    # The first step of the method; where all agree, it is the last one.
+    start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
     if graph.size() == believed:
-        return gtsam.LevenbergMarquardtOptimizer(graph, start).optimize(), []
+        return start, []
     settings = gtsam.GncLMParams()
     settings.setLossType(gtsam.GncLossType.TLS)
     settings.setKnownInliers([*range(believed)])
