@@ -67,7 +67,7 @@ class Autosave(NoAutosave):
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
-        self._error: MapError | None = None  # to be told
+        self._error: MapError | None = None  # to be reported
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()

@@ -165,5 +165,5 @@ def explained(path: Path) -> Iterator[None]:
         code = getattr(error, 'sqlite_errorcode', 0)
         words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, DAMAGED)
         # A stranger's words may be long, and more than text to a terminal.
-        said = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
-        raise MapError(f'{path}: {words.format(said)}') from error
+        text = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
+        raise MapError(f'{path}: {words.format(text)}') from error

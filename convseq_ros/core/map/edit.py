@@ -124,10 +124,10 @@ def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
         made = _settings(one.reference_map)
         for name, wanted in _settings(first.reference_map).items():
             if made[name] != wanted:
-                told = (f'{str(each)[:_MOST_SAID]!r}' for each in (made[name], wanted))
+                values = (f'{str(each)[:_MOST_SAID]!r}' for each in (made[name], wanted))
                 raise MapError(
-                    f'{one.path}: made with {name} {next(told)}, {first.path} with '
-                    f'{next(told)}; build one of them again with the settings of the other'
+                    f'{one.path}: made with {name} {next(values)}, {first.path} with '
+                    f'{next(values)}; build one of them again with the settings of the other'
                 )
         if before := seen.get(one.session.id):
             raise MapError(

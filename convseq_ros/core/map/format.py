@@ -91,14 +91,14 @@ class Settings:
         }
 
     @classmethod
-    def of_rows(cls, said: dict[str, str]) -> 'Settings':
+    def of_rows(cls, stored: dict[str, str]) -> 'Settings':
         """Return what was stored; ValueError if it is not what a map says."""
         try:
-            made = json.loads(said['encoding'])
+            made = json.loads(stored['encoding'])
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
-            keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-            return cls(checked_id(said['map_id']), encoding, keyframes)
+            keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
+            return cls(checked_id(stored['map_id']), encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 

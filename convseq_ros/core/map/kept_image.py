@@ -32,7 +32,7 @@ class SAMPLE:
     """Of depth images; engineering, not studied."""
 
     grid: int = 5  # pixels that are read across and down of a region's middle cell
-    fewest: int = 13  # of the 25, that must tell a depth
+    fewest: int = 13  # of the 25, that must show a depth
     nearest_m: float = 0.1  # what is nearer is no depth
     furthest_m: float = 1000.0
     aspect: float = 0.02  # by which its sides may have another ratio than the image's
@@ -120,7 +120,7 @@ def packed_depths(
     Return the median depth of each region's middle cell, as a map stores it.
 
     That is half floats, little-endian, 0 where unknown. `depth_m`, (h, w) in metres, may hold
-    what is not finite or no depth; the image has a shape of (H, W), and so many cells in a row.
+    what is not finite or no depth; the image has a shape of (H, W), and `cells` cells in a row.
     None if nothing is known, or if the depth image has other proportions than the image, and so
     is not registered to it.
     """
@@ -139,12 +139,12 @@ def packed_depths(
     counts = known.sum(axis=2)
     ranked = np.sort(np.where(known, each, np.float32(np.inf)), axis=2)
     median = np.take_along_axis(ranked, np.maximum(counts - 1, 0)[..., None] // 2, axis=2)
-    told = np.where(counts >= SAMPLE.fewest, median[..., 0], 0).astype('<f2')
-    return told.tobytes() if told.any() else None
+    depths = np.where(counts >= SAMPLE.fewest, median[..., 0], 0).astype('<f2')
+    return depths.tobytes() if depths.any() else None
 
 
 def unpacked_depths(stored: bytes, cells: int) -> Depths:
-    """Return depths of regions, row by row; ValueError if they are not of so many cells."""
+    """Return depths of regions, row by row; ValueError if their number does not fit."""
     side = cells - REGION.span + 1
     depths = np.frombuffer(stored, '<f2').astype(np.float64)
     if len(depths) != side**2:

@@ -22,7 +22,7 @@ _OFF_UNIT = 1e-6  # that the length of an orientation may be
 
 
 def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
-    """Add its links to a map; those that are damaged are left out, and told as its `problem`."""
+    """Add its links to a map; its `problem` says how many are damaged, and left out."""
     if not database.has('links'):
         return
     start, count = 0, len(reference_map)
@@ -38,11 +38,11 @@ def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> N
             start = places[-1] + 1
     except sqlite3.DatabaseError:
         database.roll_back()  # what was read before is sound
-        said = f'the links of places from {start} on are damaged'
+        problem = f'the links of places from {start} on are damaged'
     else:
-        said = f'{left_out} links are damaged' if left_out else ''
-    if said:
-        reference_map.problem = f'{path}: {said} and left out; all else works'
+        problem = f'{left_out} links are damaged' if left_out else ''
+    if problem:
+        reference_map.problem = f'{path}: {problem} and left out; all else works'
 
 
 def _add(links: Links, rows: Rows) -> int:

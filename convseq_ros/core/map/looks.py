@@ -111,11 +111,11 @@ class Looks:
         rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
         stay = np.array([*(not at or self._stays(one) for at, one in enumerate(stretches)), stays])
-        alike = rows @ rows.T
-        alike[np.triu_indices(len(rows))] = -np.inf
-        alike[np.ix_(stay, stay)] = -np.inf
-        later, sooner = divmod(int(alike.argmax()), len(rows))
-        if not np.isfinite(alike[later, sooner]):
+        similar = rows @ rows.T
+        similar[np.triu_indices(len(rows))] = -np.inf
+        similar[np.ix_(stay, stay)] = -np.inf
+        later, sooner = divmod(int(similar.argmax()), len(rows))
+        if not np.isfinite(similar[later, sooner]):
             return None
         return sooner if stay[later] else later
 

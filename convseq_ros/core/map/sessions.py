@@ -49,19 +49,19 @@ def _camera(stored: object) -> Camera | None:
     """Return a camera that was stored; ValueError or TypeError if it is none."""
     if stored is None:
         return None
-    said = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
+    fields = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
     model, distortion = (
-        str(said.pop('distortion_model')),
-        tuple(map(float, said.pop('distortion'))),
+        str(fields.pop('distortion_model')),
+        tuple(map(float, fields.pop('distortion'))),
     )
-    mount = None if (given := said.pop('mount')) is None else Pose(**dict(given))
+    mount = None if (given := fields.pop('mount')) is None else Pose(**dict(given))
     if mount:
         x, y, z = map(float, mount.position)
         qx, qy, qz, qw = map(float, mount.orientation)
         mount = Pose((x, y, z), (qx, qy, qz, qw))
-    if not all(isinstance(value, int | float) for value in said.values()):
+    if not all(isinstance(value, int | float) for value in fields.values()):
         raise ValueError('camera: what should be numbers is not')
-    return Camera(**said, distortion_model=model, distortion=distortion, mount=mount)
+    return Camera(**fields, distortion_model=model, distortion=distortion, mount=mount)
 
 
 def checked_id(stored: object) -> str:
