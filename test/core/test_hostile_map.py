@@ -13,6 +13,7 @@ from convseq_ros.core.map import crash_recovery, reader
 from convseq_ros.core.map import database as limits
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import PAGE_BYTES, row_crc
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader, open_map
@@ -338,7 +339,8 @@ def test_a_file_of_the_user_beside_the_map_is_left_alone(path):
     assert len(list(path.parent.iterdir())) == 4
 
 
-def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_path):
+@pytest.mark.parametrize('then', [lambda path: Autosave(path, ENCODING, APART).close(), unlink])
+def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_path, then):
     """Killed once before and once after something is in the part; what is others' stays."""
     for moment in ('__init__', 'commit'):
         if not os.fork():
@@ -352,7 +354,7 @@ def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_
         (one / 'map.db').touch()
     (tmp_path / 'map.db.12345678.part').mkdir(0o700)
     (tmp_path / 'map.db.12345678.part' / 'notes').touch()
-    Autosave(path, ENCODING, APART).close()
+    then(path)
     kept = {'map.db', 'map.db.12345678.part', *(one.name for one in others)}
     assert {one.name for one in tmp_path.iterdir()} == kept
 
