@@ -105,7 +105,9 @@ def _unlink(chosen: argparse.Namespace) -> None:
     for wanted in chosen.session:
         places |= {*chosen_slice(slices, wanted).places}
     count = unlink(chosen.map, places or None)
-    rest = 'are not looked up again' if places else 'convseq map link looks them up anew'
+    rest = 'their places are not looked up again'
+    if not places:
+        rest = 'convseq map link looks them up anew'
     print(f'{chosen.map}: {count} of {len(linked)} links taken out; {rest}')
 
 
