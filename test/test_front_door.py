@@ -177,7 +177,6 @@ def test_the_launch_lines_of_the_readme_set_what_they_say(launched):
     assert file == '/share/config/vpr_node.yaml'
     assert chosen == {'map_path': 'map.db', 'use_sim_time': False}
     assert ('image', '/camera/image_raw') in node['remappings']
-    assert ('image/compressed', '/camera/image_raw/compressed') in node['remappings']
     assert ('odom', '/odom') in node['remappings']
     node = launched(online)
     assert node['namespace'] == 'robot1' and node['remappings'] == []

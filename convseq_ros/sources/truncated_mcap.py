@@ -49,7 +49,7 @@ class TruncatedMcap:
         size = path.stat().st_size
         largest_mb = self._largest / 1e6
         what = f'; a chunk of {largest_mb:.4g} MB'
-        too_large = limits.reading.above('max_chunk_mb', largest_mb, what)
+        too_large = limits.reading.above('max_file_mb', largest_mb, what)
         if not self.topics:
             remedy = too_large or '; record again'
             raise SourceError(f'{path}: no whole message in its {size} bytes of mcap{remedy}')
