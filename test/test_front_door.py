@@ -209,7 +209,7 @@ def test_every_hint_about_pip_is_made_in_one_place():
         for path in package.rglob('*.py')
         if 'pip install' in path.read_text(encoding='utf-8')
     }
-    assert named == {'installing.py'}
+    assert named == {'errors.py'}
 
 
 def test_no_page_or_hint_names_what_no_index_has():

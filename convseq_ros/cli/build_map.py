@@ -11,8 +11,8 @@ import sys
 import time
 
 from convseq_ros.cli.options import add_annotations, add_parameters, chosen_reading, given
-from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
+from convseq_ros.cli.terminal import progress
 from convseq_ros.config import (
     Config,
     EncodingConfig,

@@ -14,9 +14,8 @@ from convseq_ros.cli.build_map import of_links
 from convseq_ros.cli.map_picture import draw_drives
 from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.pose_graph import brought_together, edges_of, g2o, Poses, poses_of, solved
-from convseq_ros.cli.printable import printable
-from convseq_ros.cli.progress import progress
 from convseq_ros.cli.sessions import watched
+from convseq_ros.cli.terminal import printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.linking import link_map, not_linked

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.cli.printable import printable
+from convseq_ros.cli.terminal import printable
 from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from convseq_ros.cli.build_map import parsed_looks
-from convseq_ros.cli.progress import progress
 from convseq_ros.cli.sessions import add_json, report, watched
+from convseq_ros.cli.terminal import progress
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.bounded import bound
 from convseq_ros.core.map.editing import joined, parts_of, write_parts

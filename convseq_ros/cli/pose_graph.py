@@ -12,8 +12,7 @@ from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
 from convseq_ros.core.types import Pose
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 import numpy as np
 
 Poses = Mapping[int, Matrix]  # (4, 4), by the index of a place

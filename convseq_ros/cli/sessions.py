@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 
-from convseq_ros.cli.printable import printable
-from convseq_ros.cli.progress import progress
+from convseq_ros.cli.terminal import printable, progress
 from convseq_ros.core.map.editing import Part, Watch
 
 SESSION_HELP = 'name, number or id of a session, as `convseq info` shows it'

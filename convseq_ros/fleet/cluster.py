@@ -7,7 +7,7 @@ Dask unpickles what its peers send, so whoever reaches a scheduler or worker run
 processes listen on 127.0.0.1 only; a cluster elsewhere is talked to by TLS alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
 import ipaddress
@@ -16,8 +16,7 @@ import tempfile
 from typing import Any
 
 from convseq_ros import __version__
-from convseq_ros.errors import FleetError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, FleetError, pip_install
 
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
 # Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
@@ -182,3 +181,33 @@ def _refuse_foreign(client: Any, scheduler: str) -> None:
                 f'{scheduler}: worker {worker} has convseq_ros {own}, this is {__version__}; '
                 'install the same'
             )
+
+
+def done(
+    client: Any, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """
+    Yield the name of each job, as it is done, with what the work returned or the ConvseqError.
+
+    Jobs are the arguments of the work. Those of a worker that dies go to another; FleetError for
+    one whose workers die again and again.
+    """
+    from distributed import as_completed, KilledWorker
+
+    futures = {client.submit(_tried, work, job, pure=False): name for name, job in jobs.items()}
+    for future in as_completed(futures):
+        try:
+            yield futures[future], future.result()
+        except KilledWorker as error:
+            died = FleetError(f'its worker died {error.allowed_failures + 1} times')
+            yield futures[future], died
+
+
+def _tried(work: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+    """Return what a work returns, or its error, of which Dask would print the whole trace."""
+    try:
+        return work(*job)
+    except ConvseqError as error:
+        return error
+    except OSError as error:
+        return FleetError(f'{error.filename or ""}: {error.strerror}')

@@ -8,8 +8,7 @@ import mmap
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.errors import SourceError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import pip_install, SourceError
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, RecordingLimits
 from convseq_ros.sources.raw_message import RawMessage

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A progress bar on standard error, for people only."""
+"""What a person at a terminal sees."""
 
 from collections.abc import Iterable, Iterator
 import sys
@@ -20,3 +20,8 @@ def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames')
         yield from items
         return
     yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
+
+
+def printable(text: str) -> str:
+    """Return a stranger's words without what is more than text to a terminal."""
+    return ''.join(one if one.isprintable() else '?' for one in text)
