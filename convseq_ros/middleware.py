@@ -1,9 +1,11 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of Fast DDS that come with this package; other middlewares do not read them."""
+"""What a process of ROS needs before it starts: settings of Fast DDS, a place for its logs."""
 
 import os
 from pathlib import Path
+import sys
+import tempfile
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 LARGE_IMAGES = 'fastdds_large_images.xml'
@@ -30,3 +32,17 @@ def fast_dds(profile: str) -> dict[str, str]:
         if (folder / profile).is_file() and not any(name in os.environ for name in _CHOSEN_BY):
             return {VARIABLE: str(folder / profile)}
     return {}
+
+
+def settle_logs() -> None:
+    """Have ROS write its logs to a folder of its own where the home is read-only; it says so."""
+    if 'ROS_LOG_DIR' in os.environ:
+        return
+    folder = Path(os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros'), 'log')
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
+        told = f'{folder}: {error.strerror}; ROS logs to {os.environ["ROS_LOG_DIR"]}'
+        print(f'warning: {told}', file=sys.stderr)

@@ -16,6 +16,7 @@ if __name__ == '__main__':
 
 from convseq_ros.config import make_group
 from convseq_ros.errors import ConvseqError
+from convseq_ros.middleware import settle_logs
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist, Timeline
 from convseq_ros.parameter import parameters
@@ -249,6 +250,7 @@ def main(args: list[str] | None = None) -> int:
     stand(0)
     try:
         source = open_source(options.recording, options.topic, _reading(options))
+        settle_logs()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         hand_over(try_shutdown)
         player = Player(source, options)

@@ -10,7 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.middleware import fast_dds, QUICK_START
+from convseq_ros.middleware import fast_dds, QUICK_START, settle_logs
 from convseq_ros.process import hand_over, ignore, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -31,6 +31,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     stand(0)
     keep_memory_at_hand()
     os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
+    settle_logs()
     try:
         # Its own handlers would shut ROS down under whatever is at work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

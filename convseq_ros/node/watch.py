@@ -20,6 +20,7 @@ from convseq_ros.core.map.place import shown
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
+from convseq_ros.middleware import settle_logs
 from convseq_ros.node.running import turns
 from convseq_ros.node.subscription import FollowingSubscription
 from convseq_ros.node.topic_finder import COMPRESSED
@@ -152,6 +153,7 @@ def main(args: list[str] | None = None) -> int:
     argv = sys.argv if args is None else ['convseq watch', *args]
     options = parser().parse_args(remove_ros_args(argv)[1:])
     stand(0)
+    settle_logs()
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         watcher = Watcher(options)
