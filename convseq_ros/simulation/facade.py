@@ -9,29 +9,13 @@ import cv2
 import numpy as np
 
 _WALLS: tuple[Colour, ...] = (
-    (70, 88, 150),
-    (60, 76, 128),
-    (92, 112, 168),
-    (150, 190, 214),
-    (178, 204, 220),
-    (196, 206, 212),
-    (168, 176, 180),
-    (128, 158, 182),
-    (120, 168, 202),
-    (150, 170, 150),
-    (184, 168, 148),
-    (150, 150, 196),
-    (104, 128, 148),
-    (140, 196, 226),
-    (210, 216, 218),
-)
+    (70, 88, 150), (60, 76, 128), (92, 112, 168), (150, 190, 214), (178, 204, 220),
+    (196, 206, 212), (168, 176, 180), (128, 158, 182), (120, 168, 202), (150, 170, 150),
+    (184, 168, 148), (150, 150, 196), (104, 128, 148), (140, 196, 226), (210, 216, 218),
+)  # fmt: skip
 _ROOFS: tuple[Colour, ...] = (
-    (58, 70, 120),
-    (70, 72, 78),
-    (86, 84, 82),
-    (64, 90, 140),
-    (74, 84, 96),
-)
+    (58, 70, 120), (70, 72, 78), (86, 84, 82), (64, 90, 140), (74, 84, 96),
+)  # fmt: skip
 
 
 def _wall_relief(rng: np.random.Generator, shape: tuple[int, int], resolution: float) -> Floats:
@@ -123,21 +107,7 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
 
 
 def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: float) -> None:
-    """
-    Paint the front of a house.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Decides everything; the same state gives the same house.
-    sheet : Sheet
-        As wide as the house and higher than its eaves by the roof.
-    floors : int
-        Storeys, the ground floor included.
-    eaves : float
-        Height of the wall, metres.
-
-    """
+    """Paint the front of a house, its ground floor included, whose wall is `eaves` metres high."""
     width = sheet.width_m
     wall = shade_of(_WALLS[rng.integers(len(_WALLS))], rng.uniform(0.75, 1.12))
     relief = _wall_relief(rng, sheet.image.shape[:2], sheet.resolution)

@@ -28,21 +28,10 @@ _BIN = 0.35, 0.8, 1.5, furniture.paint_bin, 50.0
 
 class Layout:
     """
-    Places everything of one stretch.
+    Places everything of one stretch, which begins at `index` times `STRETCH_M`.
 
-    Parameters
-    ----------
-    seed : int
-        Of the street.
-    index : int
-        The stretch begins at `index` times `STRETCH_M`.
-    light : Light
-        What falls on it.
-    lamps_seed : int, optional
-        Of the street whose lamps these are, if they are another's.
-    own : tuple of int and float
-        Another seed, and the share of surfaces that are painted by it.
-
+    `lamps_seed` is of the street whose lamps these are, if they are another's; `own` another seed,
+    and the share of surfaces that are painted by it.
     """
 
     def __init__(
@@ -80,20 +69,8 @@ class Layout:
         seeds = (seed,) if seed is not None else self._paint_seeds()
         if gain is None:
             gain = (self._light.left if start[1] + end[1] > 0 else self._light.right) * 1.05
-        return Panel(
-            start,
-            end,
-            bottom,
-            top,
-            visible_m,
-            facing,
-            resolution,
-            seeds,
-            paint,
-            gain,
-            self._light,
-            self._lamps,
-        )
+        drawn = visible_m, facing, resolution, seeds, paint, gain
+        return Panel(start, end, bottom, top, *drawn, self._light, self._lamps)
 
     def _paint_seeds(self) -> tuple[int, ...]:
         """Return what decides how the newest panel is painted."""
