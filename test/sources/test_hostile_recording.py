@@ -55,9 +55,9 @@ def first(data, opcode):
     return at
 
 
-def zeros(megabytes):
+def zeros(megabytes, piece=bytes(MEGABYTE)):
     packer = zstandard.ZstdCompressor(level=1).compressobj()
-    pieces = [packer.compress(bytes(MEGABYTE)) for _ in range(megabytes)]
+    pieces = [packer.compress(piece) for _ in range(megabytes)]
     return b''.join(pieces) + packer.flush()
 
 
@@ -98,23 +98,22 @@ def test_how_large_a_chunk_may_be_is_a_parameter(recorder, layout):
 def test_many_chunks_of_zeros_are_no_recording(recorder, pictures):
     path = recorder.write('mcap plain', recorder.drive(pictures))
     whole = path.read_bytes()
-    packed = zeros(250)
-    head = struct.pack('<QQQI', 0, 1, 250 * MEGABYTE, 0) + struct.pack('<I', 4) + b'zstd'
+    packed = zeros(240, record(0x80, bytes(MEGABYTE - 9)))  # of a private kind, passed over
+    head = struct.pack('<QQQI', 0, 1, 240 * MEGABYTE, 0) + struct.pack('<I', 4) + b'zstd'
     bomb = record(6, head + struct.pack('<Q', len(packed)) + packed)
     at = first(whole, 6)
     path.write_bytes(whole[:at] + bomb * 10)
     assert 'which no recording does' in in_time(lambda: read(path))[1]
 
 
-def test_an_index_that_lists_a_chunk_again_and_again_is_not_used(recorder, pictures):
+def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(recorder, pictures):
     path = recorder.write('mcap zstd', recorder.drive(pictures))
     whole = path.read_bytes()
     at = first(whole, 8)
     length = 9 + struct.unpack_from('<Q', whole, at + 1)[0]
     path.write_bytes(whole[:at] + whole[at : at + length] * 3_000 + whole[at:])
-    frames, _, warnings = in_time(lambda: read(path))
+    frames, _, _ = in_time(lambda: read(path))
     assert len(frames) == 12
-    assert 'its index cannot be used' in warnings[0]
 
 
 def test_nothing_is_made_of_message_definitions_in_a_file(recorder, layout, pictures, monkeypatch):
@@ -137,7 +136,7 @@ def test_a_device_and_links_in_a_circle_are_refused(tmp_path):
     assert 'Too many levels' in read(tmp_path / 'circle.mcap')[1]
 
 
-@pytest.mark.parametrize('pipe', ['metadata.yaml', 'other.mcap', 'other.db3'])
+@pytest.mark.parametrize('pipe', ['other.mcap', 'other.db3'])
 def test_a_pipe_in_a_folder_is_left_out(recorder, pictures, pipe):
     path = recorder.write('mcap folder', recorder.drive(pictures))
     (path / pipe).unlink(missing_ok=True)
@@ -201,19 +200,6 @@ def test_pages_that_stand_for_many_are_refused(recorder, pictures):
     frames, error, warnings = in_time(lambda: read(path))
     assert len(frames) <= 400
     assert error or warnings or len(frames) == 400
-
-
-def test_metadata_that_refers_to_itself_is_not_used(recorder, pictures):
-    path = recorder.write('mcap folder', recorder.drive(pictures))
-    laughs = 'a0: &a0 [x, x]\n' + ''.join(
-        f'a{number}: &a{number} [*a{number - 1}, *a{number - 1}]\n' for number in range(1, 22)
-    )
-    text = (path / 'metadata.yaml').read_text()
-    text = text.replace('storage_identifier: ', 'storage_identifier: *a21 #')
-    (path / 'metadata.yaml').write_text(laughs + text)
-    frames, _, warnings = in_time(lambda: read(path))
-    assert len(frames) == 12
-    assert 'has aliases' in warnings[0]
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'bz2'])
