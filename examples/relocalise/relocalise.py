@@ -104,10 +104,9 @@ def _steps(
         if seen := row['reference_index'] or (row['best_index'] if is_found else ''):
             place = int(seen)
         before = state
-        quality = float(row['localization_quality'] or 0.0)
         known = None if state == 'lost' else place
         pose = None if known is None else reference_map.places[known].pose
-        steps.append(Step(stay, shot, state, known, pose, quality))
+        steps.append(Step(stay, shot, state, known, pose))
     return steps
 
 
