@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A short part of what `make torture` gives to all that reads; and it sees what is wrong."""
 
-import os
 from pathlib import Path
 import resource
 import subprocess
@@ -18,11 +17,10 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 SPARE_BYTES = 200_000_000
 
 
-@pytest.mark.parametrize('name', ['hostile_files', 'fuzz'])
-def test_reading_survives_a_short_part_of_the_torture(name):
-    if name == 'fuzz' and fuzz.MISSING:
+def test_reading_survives_a_short_part_of_the_torture():
+    if fuzz.MISSING:
         pytest.skip(fuzz.MISSING)
-    command = [sys.executable, '-m', 'bench.torture', name, '--short']
+    command = [sys.executable, '-m', 'bench.torture', 'fuzz', '--short']
     done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -56,14 +54,20 @@ def test_the_oracle_sees_what_is_wrong(monkeypatch):
     assert 'took more than' in forked.problem_of(lambda: time.sleep(60), most_s=0.2)
 
 
-def test_the_fuzzer_goes_on_behind_what_breaks_a_decoder(tmp_path):
+@pytest.mark.parametrize('name', ['fails', 'dies', 'burns', 'holds'])
+def test_the_fuzzer_reports_what_breaks_a_decoder_and_keeps_the_input(tmp_path, monkeypatch, name):
     if fuzz.MISSING:
         pytest.skip(fuzz.MISSING)
-    # libFuzzer is forked off, which harms nobody only where there are no threads, as here.
-    command = [sys.executable, Path(__file__).parent / 'breaking_decoders.py', tmp_path]
-    own = os.environ | {'PYTHONPATH': str(REPOSITORY)}
-    done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    monkeypatch.setattr(fuzz, 'FOUND', tmp_path / 'found')
+    monkeypatch.setenv('PYTHONPATH', str(REPOSITORY))
+    program = [str(Path(__file__).with_name('breaking_decoders.py'))]
+    executions, problem = fuzz.fuzzed(name, 100, 0, tmp_path, program)
+    if name == 'holds':
+        assert (executions, problem) == (100, '')
+    else:
+        assert executions < 100
+        kept = tmp_path / 'found' / problem.split('; ')[-1]
+        assert kept.read_bytes().startswith(b'!'), problem
 
 
 def test_growth_is_told_from_places():
