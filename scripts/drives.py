@@ -24,14 +24,15 @@ Shots = list[tuple[float, Frame]]  # how far along its way each frame was taken,
 
 
 def options(description: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return what the command line says; None is for a path, a list for several of a kind."""
+    """Return what the command line says; None is for a path, [] for paths, a list for several."""
     parser = argparse.ArgumentParser(description=description)
     for name, default in defaults.items():
         flag = f'--{name.replace("_", "-")}'
         if default is False:
             parser.add_argument(flag, action='store_true')
         elif isinstance(default, list):
-            parser.add_argument(flag, type=type(default[0]), nargs='*', default=default)
+            kind = type(default[0]) if default else Path
+            parser.add_argument(flag, type=kind, nargs='*', default=default)
         else:
             kind = Path if default is None else type(default)
             parser.add_argument(flag, type=kind, default=default)

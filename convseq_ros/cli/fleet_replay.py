@@ -14,7 +14,7 @@ from convseq_ros.core.session import warm_up
 from convseq_ros.errors import MapError
 from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.session import FleetSession
-from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.folder import natural_key
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
