@@ -27,8 +27,8 @@ class ReadingConfig(Checked):
         unit='Mpx', low=0.01, high=1000.0,
     )
     max_chunk_mb: float = parameter(
-        256.0, 'A chunk of a recording that declares more is not inflated, nor, of chunks of the '
-        'same time, twice as much. Live images have none.', unit='MB', low=1.0, high=100_000.0,
+        256.0, 'A chunk or a message of a recording that declares more is not read. Live images '
+        'have none.', unit='MB', low=1.0, high=100_000.0,
     )
     max_file_mb: float = parameter(
         256.0, 'Of a file that is read as a whole, an array or a mask may have no more, text an '
