@@ -23,15 +23,9 @@ def paint_tree(rng: np.random.Generator, sheet: Sheet) -> None:
     bark = shade_of((62, 84, 104), rng.uniform(0.7, 1.2))
     middle, fork = width / 2, height * rng.uniform(0.32, 0.45)
     foot = 0.12 + 0.012 * height
-    sheet.polygon(
-        [
-            (middle - foot, 0),
-            (middle + foot, 0),
-            (middle + foot / 2, fork + 0.8),
-            (middle - foot / 2, fork + 0.8),
-        ],
-        bark,
-    )
+    trunk = [(middle - foot, 0), (middle + foot, 0)]
+    trunk += [(middle + foot / 2, fork + 0.8), (middle - foot / 2, fork + 0.8)]
+    sheet.polygon(trunk, bark)
     for angle in rng.uniform(-1.0, 1.0, 6):
         reach = rng.uniform(0.2, 0.4) * width
         sheet.line([(middle, fork), (middle + angle * reach, fork + reach * 1.2)], 0.09, bark)
