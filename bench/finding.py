@@ -12,41 +12,17 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """
-    What was measured of one side.
+    """What was measured of one side."""
 
-    Parameters
-    ----------
-    what : str
-        What was done.
-    side : str
-        Which part of it, or by whom.
-    value : float, optional
-        The median; None if it could not be measured, and `note` says why.
-    unit : str
-        Of `value`, `low` and `high`.
-    threads : int
-        That it was allowed; so many cores, too.
-    low, high : float, optional
-        Quartiles over the runs.
-    runs : int
-        How many there were.
-    most, least : float, optional
-        What is wanted of `value`.
-    note : str
-        What else should be known.
-
-    """
-
-    what: str
-    side: str = ''
-    value: float | None = None
-    unit: str = 'ms'
-    threads: int = 1
-    low: float | None = None
+    what: str  # was done
+    side: str = ''  # which part of it, or by whom
+    value: float | None = None  # the median; None if not measured, and `note` says why
+    unit: str = 'ms'  # of the numbers
+    threads: int = 1  # that it was allowed; so many cores, too
+    low: float | None = None  # quartiles over the runs
     high: float | None = None
     runs: int = 1
-    most: float | None = None
+    most: float | None = None  # what is wanted of `value`
     least: float | None = None
     note: str = ''
 

@@ -14,26 +14,12 @@ from bench import material
 
 @dataclass(frozen=True)
 class Work:
-    """
-    Material, and how much of it to use.
+    """Material, and how much of it to use."""
 
-    Parameters
-    ----------
-    folder : Path
-        Where the material is.
-    sizes : tuple of int
-        Of the maps, ascending.
-    threads : int
-        That a part may use.
-    quick : bool
-        Whether only to see that everything runs.
-
-    """
-
-    folder: Path
-    sizes: tuple[int, ...]
-    threads: int
-    quick: bool
+    folder: Path  # where the material is
+    sizes: tuple[int, ...]  # of the maps, ascending
+    threads: int  # that a part may use
+    quick: bool  # whether only to see that everything runs
 
     def map_path(self, size: int) -> Path:
         """Return the map of a size."""

@@ -3,25 +3,28 @@
 """
 Every decoder, given what is almost right, by libFuzzer, which Atheris leads along our lines.
 
-`python -m bench.torture.fuzz COUNT SEED FOLDER DECODER` is such a program, for one decoder; it
-prints how often it executed it, and what broke it, as JSON. That input is kept in `FOUND`.
+`python -m bench.torture.fuzz COUNT SEED FOLDER [DECODER ...]` prints for each decoder how often it
+was executed, and what broke it, as JSON. Such an input is kept in `FOUND`.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import contextlib
 import hashlib
 from importlib.util import find_spec
 import io
+import json
+import mmap
 import os
 from pathlib import Path
 import resource
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import traceback
-from typing import Any
+from typing import Any, NoReturn
 
 import cv2
 
@@ -36,8 +39,9 @@ ABOUT = (
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
 COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 50, 16
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
-_PROGRAM = '-m', 'bench.torture.fuzz'
 FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')
+_MOST_INPUT_BYTES = 1 << 20  # libFuzzer makes none longer than the longest sample
+_LAST = struct.Struct('qq')  # executions so far, and the length of the last input, before it
 _MOST_SAID = 2000  # characters of an error
 _LONGEST_S = 600  # of a run that does nothing, as on a pipe; the machine may be stopped meanwhile
 
@@ -46,35 +50,19 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Have a program of its own fuzz every decoder `count` times."""
     if MISSING:
         raise SystemExit(f'fuzz: {MISSING}')
-    from bench.torture.decoders import decoders
-
-    for name in decoders():
-        with tempfile.TemporaryDirectory(dir=folder) as own:
-            executions, problem = fuzzed(name, count, seed, Path(own))
-        yield from (Try(name) for _ in range(executions - 1))
-        yield Try(name, problem)
-
-
-def fuzzed(
-    name: str, count: int, seed: int, folder: Path, program: Sequence[str] = _PROGRAM
-) -> tuple[int, str]:
-    """Return how often a decoder was executed until it broke, or all was done, and what broke."""
-    command = [sys.executable, *program, str(count), str(seed), str(folder), name]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    executions, last = int((folder / 'count').read_text()), folder / 'last'
-    if not done.returncode and executions >= count:
-        return executions, ''
-    said = folder / 'problem'
-    problem = said.read_text() if said.exists() else f'ended with {done.returncode}'
-    data = last.read_bytes()
-    kept = FOUND / f'{name.replace(" ", "_")}-{hashlib.sha1(data).hexdigest()[:8]}'
-    FOUND.mkdir(exist_ok=True)
-    kept.write_bytes(data)
-    return executions, f'{problem}; {kept.name}'
+    command = [sys.executable, '-m', 'bench.torture.fuzz', str(count), str(seed), str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        for line in process.stdout:
+            name, executions, problem = json.loads(line)
+            yield from (Try(name) for _ in range(executions - 1))
+            yield Try(name, problem)
+    if process.returncode:
+        yield Try('all', f'ended with {process.returncode}')
 
 
 def main(known: Mapping[str, Any] | None = None) -> None:
-    """Be libFuzzer, which ends this process, on one of the decoders."""
+    """Fuzz the decoders that are named, or all, each in a fork of this process."""
     import atheris
 
     # It names every module that it instruments.
@@ -82,30 +70,47 @@ def main(known: Mapping[str, Any] | None = None) -> None:
         contextlib.redirect_stderr(io.StringIO()),
         atheris.instrument_imports(include=['convseq_ros']),
     ):
-        from convseq_ros.errors import ConvseqError
-
         from bench.torture import decoders
 
     cv2.setNumThreads(1)
-    count, seed, folder, name = int(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), sys.argv[4]
-    samples, decode = (known or decoders.decoders())[name]
+    count, seed, folder, *names = sys.argv[1:]
+    known = known or decoders.decoders()
+    for name in names or known:
+        with tempfile.TemporaryDirectory(dir=folder) as made:
+            own, last = Path(made), mmap.mmap(-1, _MOST_INPUT_BYTES)
+            if not (child := os.fork()):
+                (own / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
+                _be_libfuzzer(known[name], int(count), seed, own, last)
+            code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+            executions, length = _LAST.unpack_from(last)
+            problem = ''
+            if code or executions < int(count):
+                said, data = own / 'problem', last[_LAST.size : _LAST.size + length]
+                kept = f'{name.replace(" ", "_")}-{hashlib.sha1(data).hexdigest()[:8]}'
+                FOUND.mkdir(exist_ok=True)
+                (FOUND / kept).write_bytes(data)
+                told = said.read_text(encoding='utf-8') if said.exists() else ''
+                problem = f'{told or f"ended with {code}, or took too much"}; {kept}'
+        print(json.dumps([name, executions, problem]), flush=True)
+
+
+def _be_libfuzzer(decoder: Any, count: int, seed: str, folder: Path, last: mmap.mmap) -> NoReturn:
+    """Fuzz a decoder until it breaks; whatever ends this process, `last` has the last input."""
+    import atheris
+    from convseq_ros.errors import ConvseqError
+
+    samples, decode = decoder
     work, executions = folder / 'work', 0
     work.mkdir()
     (folder / 'samples').mkdir()
     for number, sample in enumerate(samples):
         (folder / 'samples' / f'{number}').write_bytes(sample)
-    (folder / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
-    # What breaks leaves its input there, however it ends this process.
-    last, counted = (folder / 'last').open('wb'), (folder / 'count').open('w')
 
     def once(data: bytes) -> None:
         nonlocal executions
         executions += 1
-        for file, content in ((last, data), (counted, str(executions))):
-            file.seek(0)
-            file.write(content)
-            file.truncate()
-            file.flush()
+        last[_LAST.size : _LAST.size + len(data)] = data
+        _LAST.pack_into(last, 0, executions, len(data))
         signal.setitimer(signal.ITIMER_PROF, MOST_S)
         try:
             decode(data, work)
@@ -122,8 +127,9 @@ def main(known: Mapping[str, Any] | None = None) -> None:
 
     # libFuzzer's own limit is by the clock, and this machine has other things to do.
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
-    (folder / 'problem').write_text(f'took more than {MOST_S:g} s, or {MOST_BYTES / 1e9:g} GB')
     resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1), os.dup2(silence, 2)
     options = [
         f'-runs={count}',
         f'-seed={seed}',

@@ -18,9 +18,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 NEED_A_COMPILER = 'map_power', 'map_writes'
 
 
-@pytest.mark.parametrize(
-    'name', ['hostile_maps', 'map_damage', 'log_damage', *NEED_A_COMPILER]
-)
+@pytest.mark.parametrize('name', ['hostile_maps', 'map_damage', 'log_damage', *NEED_A_COMPILER])
 def test_maps_survive_a_short_part_of_the_torture(name):
     if name in NEED_A_COMPILER and not compiler():
         pytest.skip('needs a C compiler')
