@@ -11,7 +11,6 @@ from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.folder import pictures_in
 from convseq_ros.sources.images import decoded, picture_bytes, pixels_of
-from convseq_ros.sources.raw_message import RawMessage
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -89,19 +88,19 @@ def _read(picture: Path, reading: ReadingConfig) -> Depth:
 
 
 class DepthTopic:
-    """Depth images of a recording by their stamps; what is damaged is left out, with a warning."""
+    """Depth images of `RawMessage`s by their stamps; what is damaged is left out, with a warning."""
 
     def __init__(
         self,
-        messages: Callable[[], Iterable[RawMessage]],
+        messages: Callable[[], Iterable[Any]],
         topic: str,
         reading: ReadingConfig,
         warnings: list[str],
     ) -> None:
         self._messages, self._topic, self._reading = messages, topic, reading
         self._warnings = warnings
-        self._coming: Iterator[RawMessage] = iter(())
-        self._waiting = deque[tuple[int, RawMessage]](maxlen=KEPT)
+        self._coming: Iterator[Any] = iter(())
+        self._waiting = deque[tuple[int, Any]](maxlen=KEPT)
 
     def __call__(self, index: int, stamp_ns: int) -> Depth | None:
         """Return the depth image whose stamp is nearest, within reach; frames come in order."""
