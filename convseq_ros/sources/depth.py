@@ -88,7 +88,7 @@ def _read(picture: Path, reading: ReadingConfig) -> Depth:
 
 
 class DepthTopic:
-    """Depth images of `RawMessage`s by their stamps; what is damaged is left out, with a warning."""
+    """Depth images of messages by their stamps; what is damaged is left out, with a warning."""
 
     def __init__(
         self,
