@@ -32,9 +32,9 @@ int main(void) {
     double best = 0;
     __asm__ volatile("" : "+r"(step));
     for (int round = 0; round < 20; ++round) {
-        clock_gettime(CLOCK_MONOTONIC, &begin);
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &begin);
         for (int i = 0; i < 500000; ++i) { STEPS STEPS STEPS STEPS }
-        clock_gettime(CLOCK_MONOTONIC, &end);
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &end);
         double ns = (end.tv_sec - begin.tv_sec) * 1e9 + end.tv_nsec - begin.tv_nsec;
         if (16e6 / ns > best) best = 16e6 / ns;
     }
@@ -100,6 +100,6 @@ def _most_a_second(work: Callable[[], object], operations: int) -> float:
 
 
 def _took_ns(work: Callable[[], object]) -> int:
-    start_ns = time.perf_counter_ns()
+    start_ns = time.thread_time_ns()
     work()
-    return time.perf_counter_ns() - start_ns
+    return time.thread_time_ns() - start_ns
