@@ -27,7 +27,7 @@ from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.fleet.link import serve
 from convseq_ros.fleet.session import FleetSession
-from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.folder import natural_key
 
 COMMANDS = {
     'build': 'build a map of each recording in a folder, in parallel',

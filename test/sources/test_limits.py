@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.cli.options import read_parameter_file
-from convseq_ros.cli.recording_info import describe_recording
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
@@ -129,18 +128,6 @@ def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     write(path)
     refused_then_read('max_file_mb', lambda reading: read(path, reading))
     read(path, ReadingConfig())
-
-
-def test_the_metadata_of_a_recording(recorder, pictures):
-    path = recorder.write('mcap folder', recorder.drive(pictures))
-
-    def read(reading):
-        warnings = describe_recording(path, reading)['warnings']
-        if warnings:
-            # Its files are read one by one.
-            raise ConvseqError(re.sub(r'\);.*', '', warnings[0]))
-
-    refused_then_read('max_file_mb', read, least=0.1)
 
 
 @pytest.mark.parametrize('cut', [0, 100])
