@@ -10,7 +10,7 @@ import re
 from convseq_ros.errors import ConfigError
 
 _PATTERN = re.compile(
-    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-forward)?)(?:-k(?P<length>[0-9]+))?'
+    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-(?:forward|bow|vlad))?)(?:-k(?P<length>[0-9]+))?'
     r'(?::(?P<argument>.+?))?(?:@(?P<sequence>dynamic|single|k[0-9]+))?'
     r'(?P<options>(?:\+\w+=[^+]+)*)'
 )

@@ -15,11 +15,12 @@ from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError
+from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.cache import content_digest
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.ranking import SequenceScorer
+from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.recognition import pair_scores, with_known
 from convseq_ros.parameter import refuse_retired, Value
 import numpy as np
@@ -28,28 +29,6 @@ import numpy.typing as npt
 Gray = npt.NDArray[np.uint8]
 _PUBLISHED: Mapping[str, Value] = {'matching': 'regional', 'search': 'exhaustive'}
 _ANSWERS_ALWAYS: Mapping[str, Value] = {'acceptance_rule': 'margin', 'min_margin': 0.0}
-
-
-@dataclass(frozen=True, slots=True)
-class PairScores:
-    """
-    What a method gives.
-
-    Parameters
-    ----------
-    scores : ndarray of float32, shape (Q, R)
-        Query by reference, higher is more similar; NaN where a pair was not scored.
-    encode_ms, row_ms : float or None
-        Median time to encode an image and to score it against all references, if known.
-    scorer : callable or None
-        The method's own way to score a sequence.
-
-    """
-
-    scores: npt.NDArray[np.float32]
-    encode_ms: float | None = None
-    row_ms: float | None = None
-    scorer: SequenceScorer | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +154,10 @@ def _onnx(material: Material, name: MethodName, _: Config) -> PairScores:
     return _by_cosine(*_descriptors(material, model.describe, facts))
 
 
+def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
+    return peers.peer_scores(material, name, config.reading)
+
+
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:
     lower = name.options.get('lower_is_better', 'false')
     if lower not in ('true', 'false'):
@@ -253,6 +236,8 @@ KINDS: Mapping[str, Kind] = {
     'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
     'seqslam': _other(_seqslam, seqslam.LENGTH),
     'hog': _other(_hog),
+    'orb-bow': _other(_peer, options=peers.OPTIONS),
+    'sift-vlad': _other(_peer, options=peers.OPTIONS),
     'scores': _other(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
     'descriptors': _other(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
     'onnx': _other(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'std')),

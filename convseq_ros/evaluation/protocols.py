@@ -16,7 +16,9 @@ from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.geometry import Dots, NO_DOTS
 from convseq_ros.evaluation.given_scores import match_given
 from convseq_ros.evaluation.material import Material
-from convseq_ros.evaluation.methods import Method, PairScores
+from convseq_ros.evaluation.methods import Method
+from convseq_ros.evaluation.pair_scores import PairScores
+from convseq_ros.evaluation.peers import matches_of
 from convseq_ros.evaluation.ranking import rank_references
 from convseq_ros.evaluation.recognition import answer_again, past_only, recognize, with_known
 from convseq_ros.evaluation.rerun import part_of
@@ -213,7 +215,7 @@ def _answers(
         matches, dots = answer_again(material, method.config, first, last)
     else:
         part = part_of(reference.reference_map, first, last)
-        matches = _given(kept, query, part, method, pairs)
+        matches = _given(kept, query, part, method, pairs, first)
         dots = [NO_DOTS] * len(matches)
     lengths = [match.sequence_length for match in matches]
     found = rank_references(kept, query, lengths, forward, pairs.scorer, _leaves_the_map(method))
@@ -228,8 +230,11 @@ def _given(
     part: ReferenceMap,
     method: Method,
     pairs: PairScores,
+    first: int,
 ) -> list[Match]:
-    """Return the answers by given pair scores, or by the method's own scores of sequences."""
+    """Return the answers by given pair scores, or by the method's own decision or sequences."""
+    if pairs.detect is not None:
+        return matches_of(pairs.detect(rows, first), query, part)
     config, forward = method.config, method.kind.forward
     if pairs.scorer is None:
         return match_given(rows, query, part, config, forward)
