@@ -60,6 +60,10 @@ class Verdicts:
         }
         return Verdicts(**flags, values={name: one[chosen] for name, one in self.values.items()})
 
+    def taken(self, criterion: str, threshold: float) -> Flags:
+        """Return which answers exceed a threshold."""
+        return self.matched & (self.sure(criterion) > threshold)
+
     def sure(self, criterion: str) -> Values:
         """Return the values of a criterion, -inf where the method does not say."""
         values = self.values[criterion]
@@ -207,7 +211,7 @@ def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
         )
         found = []
         for card, verdicts in zip(cards, all_verdicts, strict=True):
-            taken = verdicts.matched & (verdicts.sure(criterion) > threshold)
+            taken = verdicts.taken(criterion, threshold)
             right = int((taken & verdicts.correct).sum())
             first = first_closures(verdicts, card.outcome.halves, taken=taken)
             found.append(
