@@ -157,7 +157,7 @@ def _measure(
         **provenance(),
         'argv': list(plan.argv),
     }
-    return Scorecard(outcome, verdicts, summary)
+    return Scorecard(summary, verdicts, outcome.halves)
 
 
 def _describe_set(

@@ -43,7 +43,6 @@ class Outcome:
     sequence_scores: SequenceScores  # (M, R)
     right: Flags  # (M, R), which references are right
     slip: Flags  # (M, R), which are the right place but a little off
-    reach: Flags  # (M,), whether the whole sequence of a right answer lies in the map
     halves: list[str]  # M; which part of the map was kept, empty with the whole map
     query: Drive
     pairs: PairScores  # of single frames
@@ -87,19 +86,17 @@ def ask(
         if protocol == ONLINE:
             rows = _past_only(rows, max(1, material.data_set.exclude_recent))
         answers = [_of_part(material, method, pairs, rows, span) for span in spans.values()]
-    rights, reach = [], []
-    for one, (first, last) in zip(answers, spans.values(), strict=True):
+    rights = []
+    for first, last in spans.values():
         kept = np.zeros_like(material.truth.right)
         kept[:, first:last] = material.truth.right[:, first:last]
         rights.append(kept)
-        reach.append(in_reach(kept[:, first:last], one.matches, method.kind.forward))
     return Outcome(
         protocol,
         [match for one in answers for match in one.matches],
         np.concatenate([one.scores for one in answers]),
         np.concatenate(rights),
         np.concatenate([material.truth.slip] * len(spans)),
-        np.concatenate(reach),
         [half for half in spans for _ in range(len(query))],
         query,
         pairs,
@@ -116,19 +113,6 @@ def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
         return {'first': (0, round(keep * count))}
     half, quarter = count // 2, count // 4
     return {'first': (0, half), 'last': (count - half, count), 'middle': (quarter, quarter + half)}
-
-
-def in_reach(right: Flags, matches: Sequence[Match], forward: bool = False) -> Flags:
-    """
-    Return which queries (Q,) have a right reference whose whole sequence lies in the map.
-
-    `right` (Q, R) is of the map, and the matches have k; 0 is never in reach. If `forward`, the k
-    frames lie after the query, not before it.
-    """
-    lengths = np.array([match.sequence_length for match in matches])[:, None]
-    index = np.arange(right.shape[1])
-    inside = index <= index.size - lengths if forward else index >= lengths - 1
-    return np.asarray((right & inside & (lengths > 0)).any(axis=1))
 
 
 def _ranked(

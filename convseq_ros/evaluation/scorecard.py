@@ -22,7 +22,7 @@ from convseq_ros.evaluation.metrics import (
     share,
     Values,
 )
-from convseq_ros.evaluation.protocols import Outcome
+from convseq_ros.evaluation.protocols import CLOSED, Outcome
 import numpy as np
 import numpy.typing as npt
 
@@ -40,7 +40,6 @@ class Verdicts:
     correct: Flags  # the best one is right
     slip: Flags  # it is the right place but a little off
     accepted: Flags  # the method stands by it
-    reach: Flags  # the whole sequence of a right answer lies in the map
     lengths: npt.NDArray[np.int64]  # k; 0 where none could be chosen
     # How sure the method is, by criterion; NaN where it does not say.
     values: Mapping[str, Values]
@@ -74,9 +73,9 @@ class Verdicts:
 class Scorecard:
     """What one method did on one set."""
 
-    outcome: Outcome
-    verdicts: Verdicts
     summary: Summary
+    verdicts: Verdicts
+    halves: Sequence[str]  # M; which part of the map was kept
 
 
 def margin(match: Match) -> float:
@@ -100,7 +99,6 @@ def judge(outcome: Outcome) -> Verdicts:
         correct=matched & outcome.right[index, best],
         slip=matched & outcome.slip[index, best] & ~outcome.right[index, best],
         accepted=np.array([match.accepted is not None for match in matches], np.bool_),
-        reach=outcome.reach,
         lengths=np.array([match.sequence_length for match in matches], np.int64),
         values={
             'score': np.array(scores),
@@ -117,8 +115,8 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     `accuracy_matched`: right ones among the queries that were matched and have an answer;
     `accuracy_all`: among all queries that have an answer. `auc_pr`: area under the
     precision-recall curve of the matched frames, recall over the right matches, as scikit-learn
-    and VPR-Bench count it; `auc_pr_known` and `recall_at_100_precision`: recall over the matched
-    queries that have an answer.
+    and VPR-Bench count it; `recall_at_100_precision`: recall over the matched queries that have an
+    answer.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
@@ -127,7 +125,6 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
         'accuracy_matched': share(right, answerable),
         'accuracy_all': share(right, int(verdicts.known.sum())),
         'auc_pr': average_precision(verdicts.curve(criterion)),
-        'auc_pr_known': average_precision(known_curve),
         'recall_at_100_precision': recall_at_full_precision(known_curve),
     }
 
@@ -137,19 +134,16 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
     Return what the method's own decisions are worth.
 
     `accepted`, of which `accepted_right`, `slips` and `false_closures`; `accepted_recall`: right
-    ones among all queries that have an answer; `accepted_recall_in_reach`: among those whose whole
-    sequence lies in the map.
+    ones among all queries that have an answer.
     """
     right = verdicts.accepted & verdicts.correct
     slips = verdicts.accepted & verdicts.slip
-    reach = int(verdicts.reach.sum())
     return {
         'accepted': int(verdicts.accepted.sum()),
         'accepted_right': int(right.sum()),
         'false_closures': int((verdicts.accepted & ~right & ~slips).sum()),
         'slips': int(slips.sum()),
         'accepted_recall': share(int(right.sum()), int(verdicts.known.sum())),
-        'accepted_recall_in_reach': share(int((right & verdicts.reach).sum()), reach),
     }
 
 
@@ -190,7 +184,7 @@ def add_thresholds(cards: Sequence[Scorecard]) -> None:
     """
     groups: dict[tuple[str, bool], list[Scorecard]] = {}
     for card in cards:
-        key = card.summary['method'], card.outcome.protocol == 'closed'
+        key = card.summary['method'], card.summary['protocol'] == CLOSED
         groups.setdefault(key, []).append(card)
     for group in groups.values():
         for card in group:
@@ -213,7 +207,7 @@ def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
         for card, verdicts in zip(cards, all_verdicts, strict=True):
             taken = verdicts.taken(criterion, threshold)
             right = int((taken & verdicts.correct).sum())
-            first = first_closures(verdicts, card.outcome.halves, taken=taken)
+            first = first_closures(verdicts, card.halves, taken=taken)
             found.append(
                 {
                     name: threshold if math.isfinite(threshold) else None,
@@ -267,7 +261,6 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
             for name, values in verdicts.values.items()
             if not np.isnan(values).all()
         },
-        'in_reach': int(verdicts.reach.sum()),
         **decisions(verdicts),
         'frames_to_first_closure': first_closures(verdicts, outcome.halves),
         'metres_to_first_closure': metres,

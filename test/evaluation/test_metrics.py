@@ -47,13 +47,6 @@ def test_missed_places_count_when_their_number_is_given():
     assert recall_at_full_precision(curve) == 1 / 4
 
 
-def test_without_positives_there_is_no_recall():
-    curve = precision_recall(flags(0, 0), numbers(0.2, 0.1))
-    assert curve.precision.tolist() == [0, 0]
-    assert average_precision(curve) is None
-    assert recall_at_full_precision(curve) is None
-
-
 def test_of_nothing_there_is_nothing():
     curve = precision_recall(flags(), numbers())
     assert len(curve.threshold) == 0
@@ -82,17 +75,6 @@ def test_recall_never_falls_and_both_stay_within_bounds(given_answers):
         assert (np.diff(curve.recall) >= 0).all()
         assert curve.recall[-1] == 1
         assert curve.precision[-1] == pytest.approx(correct.mean())
-
-
-@given(answers, strategies.randoms())
-def test_the_order_of_the_answers_does_not_matter(given_answers, random):
-    shuffled = list(given_answers)
-    random.shuffle(shuffled)
-    areas = []
-    for rows in (given_answers, shuffled):
-        correct, values = map(np.array, zip(*rows, strict=True))
-        areas.append(average_precision(precision_recall(correct, values.astype(float))))
-    assert areas[0] == areas[1]
 
 
 @given(answers)

@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run of five frames, worked out by hand."""
 
-from types import SimpleNamespace
-
-from convseq_ros.core.types import Match, Reason, Status
-from convseq_ros.evaluation.protocols import in_reach
 from convseq_ros.evaluation.scorecard import (
     add_thresholds,
     decisions,
@@ -26,7 +22,6 @@ def verdicts(**changes):
         'correct': np.array([0, 1, 1, 0, 0], bool),
         'slip': np.array([0, 0, 0, 1, 0], bool),
         'accepted': np.array([0, 1, 0, 1, 1], bool),
-        'reach': np.array([0, 1, 1, 1, 0], bool),
         'lengths': np.array([0, 2, 2, 3, 3]),
         'values': {
             'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
@@ -48,22 +43,19 @@ def test_recall_at_full_precision_is_among_the_matched_queries_that_have_an_answ
     assert figures(verdicts(), 'margin')['recall_at_100_precision'] == pytest.approx(2 / 3)
 
 
-def test_the_area_counts_right_matches_or_all_answerable_ones():
+def test_the_area_counts_right_matches():
     found = figures(verdicts(), 'score')
     assert found['auc_pr'] == pytest.approx(1 / 2 * 1 + 1 / 2 * 2 / 4)
-    assert found['auc_pr_known'] == pytest.approx(1 / 3 * 1 + 1 / 3 * 2 / 4)
 
 
-def test_decisions_are_counted_over_known_places_and_over_those_in_reach():
+def test_decisions_are_counted_over_known_places():
     assert decisions(verdicts()) == {
         'accepted': 3,
         'accepted_right': 1,
         'false_closures': 1,
         'slips': 1,
         'accepted_recall': 1 / 4,
-        'accepted_recall_in_reach': 1 / 3,
     }
-    assert decisions(verdicts(reach=np.zeros(5, bool)))['accepted_recall_in_reach'] is None
 
 
 def test_waits_for_the_first_right_closure_count_from_the_first_known_frame_of_each_half():
@@ -82,8 +74,7 @@ def test_without_answers_there_are_no_figures():
 
 def card(name, own):
     """Return what a method did on a set that has these verdicts."""
-    outcome = SimpleNamespace(protocol='open', halves=[''] * 5)
-    return Scorecard(outcome, own, {'method': 'net', 'set': name})
+    return Scorecard({'method': 'net', 'set': name, 'protocol': 'open'}, own, [''] * 5)
 
 
 def test_a_threshold_lets_through_what_beats_all_wrong_answers_here_or_everywhere():
@@ -112,13 +103,3 @@ def test_where_no_answer_is_wrong_everything_is_taken():
     add_thresholds([sound])
     assert sound.summary['own_threshold'] is None
     assert sound.summary['own_threshold_recall'] == 1
-
-
-@pytest.mark.parametrize(('forward', 'expected'), [(False, [0, 0, 1, 1]), (True, [0, 1, 0, 0])])
-def test_a_place_is_in_reach_if_its_whole_sequence_is_in_the_map(forward, expected):
-    matches = [
-        Match(index, index, Status.REJECTED, Reason.WEAK, sequence_length=length)
-        for index, length in enumerate((0, 3, 3, 3))
-    ]
-    right = np.eye(4, dtype=bool)[[3, 1, 2, 3]]
-    assert in_reach(right, matches, forward).tolist() == expected

@@ -135,7 +135,7 @@ def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
     sentence = f'{verdict.capitalize()}: {row["reason"].replace("_", " ")}'
     sentence += ', a slip' if row.get('slip') == '1' else ''
     sentence += '' if is_known else ', and this place is not in the map'
-    sentence += f' (only the {half} part of it was kept)' if half else ''
+    sentence += f'; only the {half} part of the map was kept' if half else ''
     figures = [f'{one.removeprefix("best_")} {float(row[one]):.3f}'
                for one in ('best_score', 'margin', 'confidence') if row.get(one)]  # fmt: skip
     figures += [f'inliers {row["inliers"]}'] if row.get('inliers') else []
