@@ -84,13 +84,18 @@ def _table(runs: Sequence[Shown]) -> str:
         )
         link = escape(f'#{quote(one.run.set)}/{quote(one.name)}')
         body += (
-            f'<tr><th scope="row">{escape(one.run.set)}</th><th scope="row"><a href="{link}">'
-            f'{escape(one.name)}</a></th>{cells}</tr>'
+            f'<tr><th scope="row">{_breakable(one.run.set)}</th><th scope="row"><a href="{link}">'
+            f'{_breakable(one.name)}</a></th>{cells}</tr>'
         )
     return (
         '<table><thead><tr><th scope="col">set</th><th scope="col">method</th>'
         f'{heads}</tr></thead><tbody>{body}</tbody></table>'
     )
+
+
+def _breakable(name: str) -> str:
+    """Return a name as HTML that may break after an underscore."""
+    return escape(name).replace('_', '_<wbr>')
 
 
 def _section(runs: Sequence[Shown]) -> str:
