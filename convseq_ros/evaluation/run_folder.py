@@ -44,6 +44,7 @@ from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.recognition import Dots, NO_DOTS
 from convseq_ros.evaluation.scorecard import margin, Verdicts
+from convseq_ros.evaluation.table import check_figures
 from convseq_ros.files import read_array, read_text
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import COLUMNS, complete_or_absent, row
@@ -219,7 +220,8 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
             one = read_json(path, reading)
             version, images = one['protocol_version'], one['images']
             name, _ = str(one['set']), str(one['method'])
-        except (ValueError, KeyError) as error:
+            check_figures(one)
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
             raise SourceError(f'{path}: no export of `convseq evaluate` ({error})') from None
         if version != VERSION:
             raise SourceError(

@@ -3,6 +3,7 @@
 """The table of all sets and methods, for a terminal and for the report."""
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
 HEADINGS = {
@@ -38,6 +39,19 @@ def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
         shown = {**summary, 'interval': interval, 'first_closures': first_closures(summary)}
         rows.append({name: shown.get(name) for name in HEADINGS})
     return rows
+
+
+def check_figures(summary: Mapping[str, Any]) -> None:
+    """Raise an exception of some kind if a figure of a summary that somebody made is no number."""
+    texts = 'set', 'method', 'interval', 'first_closures'
+    names = [name for name in HEADINGS if name not in texts]
+    names += ['accuracy_matched_low', 'accuracy_matched_high']
+    found = [summary.get(name) for name in names]
+    for name in ('frames_to_first_closure', 'metres_to_first_closure'):
+        found += (summary.get(name) or {}).values()
+    for one in found:
+        if isinstance(one, str) or (one is not None and not math.isfinite(one)):
+            raise ValueError(f'{one!r} is no figure')
 
 
 def first_closures(summary: Mapping[str, Any]) -> str:

@@ -265,6 +265,11 @@ def one_line(captured: str) -> bool:
     [
         ('summary.json', '{"set": "street", '),
         ('summary.json', '[]'),
+        ('summary.json', '{"accuracy_matched": "high"}'),
+        ('summary.json', '{"accuracy_matched_low": NaN, "accuracy_matched_high": 1}'),
+        ('summary.json', '{"frames_to_first_closure": [1]}'),
+        ('summary.json', '{"configuration": {"entropy_threshold": "low"}}'),
+        ('summary.json', '{"calibration": {"as_shipped": [{"said": 1}]}}'),
         ('summary.json', '[' * 100_000),
         ('frames.csv', 'query_index\n1\n'),
         ('frames.csv', ''),

@@ -70,7 +70,9 @@ def write_report(
 
 def _table(runs: Sequence[Shown]) -> str:
     """Return the table of all runs, with the columns of the terminal's."""
-    rows = summary_rows([{**one.run.summary, 'method': one.name} for one in runs])
+    rows = summary_rows(
+        [{**one.run.summary, 'set': one.run.set, 'method': one.name} for one in runs]
+    )
     names = [name for name in HEADINGS if any(row[name] not in (None, '') for row in rows)][2:]
     heads = ''.join(f'<th scope="col">{escape(HEADINGS[name])}</th>' for name in names)
     body = ''

@@ -14,11 +14,16 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.evaluation.recognition import Dots
 from convseq_ros.evaluation.run_folder import read_run, read_table, Run
+from convseq_ros.evaluation.table import check_figures
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
 
 _MOVE = [f'relative_{one}' for one in ('x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')]
+
+_DAMAGED = (
+    csv.Error, OSError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +73,7 @@ def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig())
                 found[run.set, name] = _shown(run, name)
             except SourceError:
                 raise
-            except (csv.Error, OSError, ValueError, TypeError, LookupError) as error:
+            except _DAMAGED as error:
                 raise ConvseqError(
                     f'{run.folder}: damaged results ({" ".join(str(error).split())[:100]}); '
                     'run `convseq evaluate` again'
@@ -98,6 +103,12 @@ def right_to_show(right: npt.NDArray[np.bool_], best: int | None) -> int | None:
 
 
 def _shown(run: Run, name: str) -> Shown:
+    summary = run.summary
+    check_figures(summary)
+    for row in (summary.get('calibration') or {}).get('as_shipped', ()):
+        _ = float(row['said']), float(row['right'])
+    configuration, machine = (summary.get(name) or {} for name in ('configuration', 'machine'))
+    _ = float(configuration.get('entropy_threshold') or 0), machine.get('cpu')
     about, truth, scores, fields = run.about_set(), run.truth(), run.scores(), run.fields()
     rows = []
     for position, frame in enumerate(run.frames):
