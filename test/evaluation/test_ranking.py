@@ -4,10 +4,15 @@
 
 from dataclasses import replace
 
+from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import answers_to, rank_references
+from convseq_ros.evaluation.method_name import MethodName
+from convseq_ros.evaluation.methods import Kind, Method
+from convseq_ros.evaluation.pair_scores import PairScores
+from convseq_ros.evaluation.protocols import ask, OPEN
 from convseq_ros.evaluation.recognition import recognize, with_known
 import numpy as np
 import pytest
@@ -148,3 +153,19 @@ def test_rows_without_any_score_are_passed_over(street, quick):
     found, _ = answers_to(rows, query, reference.reference_map, config)
     assert found[5].reason is Reason.UNINFORMATIVE and not found[5].candidates
     assert found[6].best.reference_index == 6
+
+
+def test_a_method_may_decide_itself_in_every_part_of_the_map(street, quick):
+    def detect(rows, first):
+        assert rows.shape == (24, 12) and first in (0, 6, 12)
+        return [Detection(int(row.argmax()), 30) if row.any() else Detection() for row in rows]
+
+    pairs = PairScores(np.eye(24, dtype=np.float32), 2.0, 1.0, detect=detect, place_bytes=8)
+    method = Method(MethodName('own', 'own'), Kind(lambda *_: pairs), quick)
+    outcome = ask(street.open(), method, OPEN)
+    found = [one.accepted.reference_index if one.accepted else None for one in outcome.matches]
+    expected = []
+    for first in (0, 12, 6):
+        expected += [index if first <= index < first + 12 else None for index in range(24)]
+    assert found == expected
+    assert outcome.frame_ms == 3.0
