@@ -9,7 +9,6 @@ import os
 import sys
 
 from convseq_ros import __version__
-from convseq_ros.cli import map as map_verbs
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
@@ -35,8 +34,11 @@ COMMANDS = {
 
 # Commands of earlier versions, and what does their work now.
 RETIRED = {
-    **{verb: f'is now: convseq map {verb}' for verb in map_verbs.COMMANDS},
-    'thin': 'is gone: take a session out by convseq map remove',
+    **{
+        verb: f'is now: convseq map {verb}'
+        for verb in ('link', 'merge', 'split', 'remove', 'rename')
+    },
+    'thin': 'is gone: use convseq map remove --session NAME or --max-looks N',
     'convert': 'is gone: build the map again from its recording',
 }
 

@@ -9,12 +9,12 @@ from uuid import uuid4
 
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.fleet_replay import maps_in
-from convseq_ros.cli.link import add_outputs, make_outputs
+from convseq_ros.cli.map_link import add_outputs, make_outputs
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.replay import warn
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.linking import link_map, not_linked, selected
-from convseq_ros.core.map.editing import joined, Part, parts_of
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected
 from convseq_ros.fleet.jobs import done
@@ -35,17 +35,16 @@ def run(chosen: argparse.Namespace) -> int:
 
     Sessions are looked up at the same time: none knows what another one was linked to meanwhile.
     """
-    paths, parts = list[Path](), list[Part]()
+    paths, slices = list[Path](), list[SessionSlice]()
     for path in maps_in(chosen.map):
         try:
-            parts += parts_of(path)
+            slices += slices_of(path)
             paths.append(path.resolve())
         except MapError as error:
             warn(f'{error}; the other maps are linked')
-    if not parts:
+    if not slices:
         raise MapError(f'{chosen.map}: no map of it has a place')
-    parts = joined(parts)
-    whole, once = parts[0].reference_map, (tuple(paths), uuid4().hex)
+    whole, once = joined(slices), (tuple(paths), uuid4().hex)
     jobs = {f'{one.start}': (*once, one) for one in not_linked(whole)}
     links = list[Link]()
     with connected(chosen_cluster(chosen)) as client:
@@ -56,18 +55,18 @@ def run(chosen: argparse.Namespace) -> int:
             links += those
     for one in sorted(links, key=lambda one: one.place):
         whole.links.add(one.place, one.other, one.confidence, one.inliers, one.relative)
-    make_outputs(chosen, parts)
+    make_outputs(chosen, whole)
     return 0
 
 
 def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
     """Return the links of a session of some maps to what comes before, in one run."""
-    seen = selected(_whole(paths, run)[0].reference_map, range(session.stop))
-    for _ in link_map(seen, sessions=[session]):
+    whole = joined(_slices(paths, run))
+    for _ in link_map(whole, sessions=[session]):
         pass
-    return [one for one in seen.links.each() if one.place in session]
+    return [one for one in whole.links.each() if one.place in session]
 
 
 @lru_cache(maxsize=1)
-def _whole(paths: tuple[Path, ...], _run: str) -> list[Part]:
-    return joined([part for path in paths for part in parts_of(path)])
+def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
+    return [one for path in paths for one in slices_of(path)]

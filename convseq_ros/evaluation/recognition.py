@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.config import Config, flatten, make_config
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.map.link_rows import carry_links
+from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
