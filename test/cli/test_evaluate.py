@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-OPTIONS = ['--image-size-px', '128', '--saliency-threshold', '0.2', '--max-length', '15']
+OPTIONS = ['--image-size-px', '128']
 
 
 @pytest.fixture
