@@ -83,7 +83,7 @@ gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif
 
 board: .venv/board.stamp
-	.venv/bin/python -m bench encoding pairs frames --sizes 1000 --json board.json
+	.venv/bin/python -m bench kernels frames between --sizes 1000 10000 --best-kernels --json board.json
 	@echo 'Thank you: please attach board.json to an issue.'
 
 torture: .venv/test.stamp

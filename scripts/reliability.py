@@ -9,11 +9,9 @@ the folder of the data sets, Gardens Point with three halves, as it is and with 
 taken.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-import sys
 import tempfile
 
 from convseq_ros.config import EVERY_FRAME, make_config
@@ -30,6 +28,7 @@ from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.evaluation.rerun import part_of
 from convseq_ros.evaluation.truth import Truth
 from drawn_drives import CHECKS, drawn, Pair
+from drives import options
 import numpy as np
 
 REAL = 'gardens_point_day_day'
@@ -103,11 +102,9 @@ def show(name: str, found: np.ndarray) -> None:
     print(f'of {len(sure)} that say {EDGES[-2]}, right {sure.mean():.4f}' if len(sure) else 'none')
 
 
-def main() -> int:
+def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path)
-    data = parser.parse_args().data
+    data = options(__doc__, data=None).data
     tables = {pair.name: np.array(list(of_drawn(pair)), float) for pair in CHECKS}
     with tempfile.TemporaryDirectory() as folder:
         for darkened in (0.0, 0.8) if data else ():
@@ -115,8 +112,7 @@ def main() -> int:
             tables[f'{REAL} {darkened}'] = np.array(answered, float)
     for name, rows in (*tables.items(), ('all', np.concatenate([*tables.values()]))):
         show(name, rows)
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 import sqlite3
 import tempfile
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import EncodingConfig
@@ -25,7 +24,7 @@ from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.camera_info import camera_from_info
-from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture, ENCODINGS
+from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage
@@ -40,17 +39,7 @@ WORDS = ['9' * 30, *'-1 1e308 nan inf 1e99999999 [] {} 0x ~ &a *a !!'.split()]
 
 
 class Decoder(NamedTuple):
-    """
-    A decoder.
-
-    Parameters
-    ----------
-    samples : list of bytes
-        What it can decode.
-    decode : callable
-        Decodes anything, in a folder that is empty.
-
-    """
+    """A decoder: what it can decode, and what decodes anything, given an empty folder."""
 
     samples: list[bytes]
     decode: Callable[[bytes, Path], object]
@@ -72,17 +61,10 @@ def decoders() -> dict[str, Decoder]:
             [corpus.cdr(kind)],
             lambda given, _, kind=kind, decode=decode: decode(RawMessage(0, kind, given).decode()),
         )
-    found['fields of an image'] = Decoder(
-        [bytes(100)], lambda given, _: decode_image(_image_fields(given))
-    )
-    found['fields of a camera_info'] = Decoder(
-        [bytes(100)], lambda given, _: camera_from_info(_camera_fields(given))
-    )
     for kind, (name, files) in corpus.recordings().items():
         if '' in files:
             found[f'recording {kind}'] = Decoder([files['']], partial(_recording, name))
     return found | {
-        'recording folder': Decoder([_metadata()], _recording_folder),
         'map': Decoder([_map()], _in_file('map.db', _read_map)),
         'log of a map': Decoder([_ahead()[1]], _map_and_log),
         'image mask': Decoder(
@@ -132,17 +114,6 @@ def _in_file(name: str, read: Callable[[Path], object]) -> Callable[[bytes, Path
 def _recording(name: str, data: bytes, folder: Path) -> None:
     (folder / name).write_bytes(data)
     for _ in open_source(folder / name):
-        pass
-
-
-def _metadata() -> bytes:
-    return corpus.recordings()['folder mcap'][1]['metadata.yaml']
-
-
-def _recording_folder(data: bytes, folder: Path) -> None:
-    path = corpus.put('folder mcap', folder)
-    (path / 'metadata.yaml').write_bytes(data)
-    for _ in open_source(path):
         pass
 
 
@@ -206,53 +177,6 @@ def _run_folder(data: bytes, folder: Path) -> None:
         one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one)
 
 
-def _provider(data: bytes) -> Any:
-    import atheris  # who has none fuzzes nothing
-
-    return atheris.FuzzedDataProvider(data)
-
-
-def _image_fields(data: bytes) -> Any:
-    draw = _provider(data)
-
-    def side() -> int:
-        return draw.PickValueInList([0, 1, 2, 3, 47, 48, 65_536, 2**31 - 1, 2**32 - 1])
-
-    width = side()
-    return SimpleNamespace(
-        height=side(),
-        width=width,
-        encoding=draw.PickValueInList([*ENCODINGS, '', 'mono8 ', '32FC1', 'x' * 1000]),
-        is_bigendian=draw.ConsumeIntInRange(0, 255),
-        step=draw.PickValueInList([0, 1, width, 2 * width, 3 * width, 2**32 - 1]),
-        data=bytes(draw.PickValueInList([0, 1, 100, 48 * 47, 3 * 48 * 48])),
-    )
-
-
-def _camera_fields(data: bytes) -> Any:
-    draw = _provider(data)
-
-    def number() -> float:
-        known = [0.0, -1.0, 1e-300, 1.0, 320.0, 1e308, float('inf'), float('nan')]
-        return draw.PickValueInList(known) if draw.ConsumeBool() else draw.ConsumeFloat()
-
-    def whole() -> int:
-        return draw.PickValueInList([0, 1, 2, 640, 2**32 - 1])
-
-    part = SimpleNamespace(width=whole(), height=whole(), x_offset=whole(), y_offset=whole())
-    return SimpleNamespace(
-        k=[number() for _ in range(9)],
-        p=[number() for _ in range(12)],
-        width=whole(),
-        height=whole(),
-        roi=part,
-        binning_x=whole(),
-        binning_y=whole(),
-        d=[number() for _ in range(draw.ConsumeIntInRange(0, 14))],
-        distortion_model=draw.PickValueInList(['plumb_bob', 'equidistant', '', 'x']),
-    )
-
-
 def _arrays() -> list[bytes]:
     """Return .npy files of truth: pairs, a matrix, and VPR-Bench's array of objects."""
     objects = np.empty((3, 2), object)
@@ -274,9 +198,9 @@ def _table() -> bytes:
 _PARAMETERS = b"""/**:
   ros__parameters:
     matching: coherent
-    max_length: 25
+    fixed_length: 25
     closure_interval_s: 0.5
-    subtract_background: true
+    both_directions: true
 """
 _DATA_SET = b"""name: street
 query: {path: query, count: 3}

@@ -5,7 +5,7 @@
 from collections.abc import Iterator
 
 from convseq_ros.config import Config
-from convseq_ros.core.map.link_rows import carry_links
+from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match

@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.process import hand_over, run_node, stand
+from convseq_ros.process import hand_over, run_node, settle_logs, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -16,7 +16,6 @@ if __name__ == '__main__':
 
 from convseq_ros.config import make_group
 from convseq_ros.errors import ConvseqError
-from convseq_ros.middleware import settle_logs
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist, Timeline
 from convseq_ros.parameter import parameters

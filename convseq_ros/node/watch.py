@@ -9,7 +9,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.process import run_node, stand
+from convseq_ros.process import run_node, settle_logs, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -20,10 +20,9 @@ from convseq_ros.core.map.place import shown
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
-from convseq_ros.middleware import settle_logs
 from convseq_ros.node.running import turns
-from convseq_ros.node.subscription import FollowingSubscription
 from convseq_ros.node.topic_finder import COMPRESSED
+from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import decode_compressed, decode_image

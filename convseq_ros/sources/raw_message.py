@@ -6,8 +6,7 @@ import functools
 import struct
 from typing import Any, NamedTuple
 
-from convseq_ros.errors import ConvseqError, ImageError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, ImageError, pip_install
 
 MAX_STAMP_NS = 2**63 - 1
 STAMP_END = 12  # bytes: CDR header, seconds, nanoseconds
@@ -45,15 +44,7 @@ class RawMessage(NamedTuple):
 
 @functools.cache
 def typestore() -> Any:
-    """
-    Return the message definitions of ROS 2 Jazzy; image and pose types are older than that.
-
-    Raises
-    ------
-    ConvseqError
-        If rosbags is not installed.
-
-    """
+    """Return the message definitions of ROS 2 Jazzy; ConvseqError if rosbags is not installed."""
     try:
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
