@@ -12,7 +12,7 @@ import sys
 import sysconfig
 import types
 
-from convseq_ros import installing
+from convseq_ros import errors
 from convseq_ros.cli import COMMANDS
 from convseq_ros.config import core_parameters
 from convseq_ros.core.types import Reason
@@ -220,11 +220,11 @@ def test_no_page_or_hint_names_what_no_index_has():
 
 
 def test_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
-    assert installing.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
+    assert errors.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
     (tmp_path / 'EXTERNALLY-MANAGED').touch()
     monkeypatch.setattr(sysconfig, 'get_path', lambda _: str(tmp_path))
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    assert installing.pip_install('mcap').startswith('pip install --break-system-packages mcap')
+    assert errors.pip_install('mcap').startswith('pip install --break-system-packages mcap')
 
 
 # The node without ROS.
