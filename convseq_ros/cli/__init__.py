@@ -9,7 +9,6 @@ import os
 import sys
 
 from convseq_ros import __version__
-from convseq_ros.cli import map as map_verbs
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
@@ -24,7 +23,7 @@ COMMANDS = {
     'locate': 'say where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
     'watch': 'see in a terminal what a running node recognises',
-    'info': 'say what a map or a recording holds',
+    'info': 'say what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',
@@ -38,8 +37,11 @@ NODES = {'play': 'convseq_ros.node.player', 'watch': 'convseq_ros.node.watch'}
 
 # Commands of earlier versions, and what does their work now.
 RETIRED = {
-    **{verb: f'is now: convseq map {verb}' for verb in map_verbs.COMMANDS},
-    'thin': 'is gone: take a session out by convseq map remove',
+    **{
+        verb: f'is now: convseq map {verb}'
+        for verb in ('link', 'merge', 'split', 'remove', 'rename')
+    },
+    'thin': 'is gone: use convseq map remove --session NAME or --max-looks N',
     'convert': 'is gone: build the map again from its recording',
 }
 

@@ -3,35 +3,31 @@
 """Many maps on many processes or machines: `convseq fleet build` and so on."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 import json
 from pathlib import Path
 from threading import Event
-from typing import Any
 from uuid import uuid4
 
 from convseq_ros.cli import fleet_build
-from convseq_ros.cli.evaluate import add_run, run_studies
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
-from convseq_ros.cli.link import add_outputs, make_outputs
+from convseq_ros.cli.map_link import add_outputs, make_outputs
 from convseq_ros.cli.options import chosen_config
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen, warn
 from convseq_ros.cli.terminal import progress
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.linking import link_map, not_linked, selected
-from convseq_ros.core.map.editing import joined, Part, parts_of
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
 from convseq_ros.core.session import warm_up
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.fleet.link import serve
 from convseq_ros.fleet.session import FleetSession
-from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.folder import natural_key
 
 COMMANDS = {
     'build': 'build a map of each recording in a folder, in parallel',
-    'evaluate': 'run studies of what parameters do, in parallel',
     'link': 'recognise each session of the maps in a folder in the others',
     'replay': 'recognise the frames of a recording in all maps of a folder',
     'serve': 'have robots ask all maps of a folder',
@@ -131,17 +127,16 @@ def _link(chosen: argparse.Namespace) -> int:
 
     Sessions are looked up at the same time: none knows what another one was linked to meanwhile.
     """
-    paths, parts = list[Path](), list[Part]()
+    paths, slices = list[Path](), list[SessionSlice]()
     for path in maps_in(chosen.map):
         try:
-            parts += parts_of(path)
+            slices += slices_of(path)
             paths.append(path.resolve())
         except MapError as error:
             warn(f'{error}; the other maps are linked')
-    if not parts:
+    if not slices:
         raise MapError(f'{chosen.map}: no map of it has a place')
-    parts = joined(parts)
-    whole, once = parts[0].reference_map, (tuple(paths), uuid4().hex)
+    whole, once = joined(slices), (tuple(paths), uuid4().hex)
     jobs = {f'{one.start}': (*once, one) for one in not_linked(whole)}
     links = list[Link]()
     with connected(chosen_cluster(chosen)) as client:
@@ -152,56 +147,25 @@ def _link(chosen: argparse.Namespace) -> int:
             links += those
     for one in sorted(links, key=lambda one: one.place):
         whole.links.add(one.place, one.other, one.confidence, one.inliers, one.relative)
-    make_outputs(chosen, parts)
+    make_outputs(chosen, whole)
     return 0
 
 
 def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
     """Return the links of a session of some maps to what comes before, in one run."""
-    seen = selected(_whole(paths, run)[0].reference_map, range(session.stop))
-    for _ in link_map(seen, sessions=[session]):
+    whole = joined(_slices(paths, run))
+    for _ in link_map(whole, sessions=[session]):
         pass
-    return [one for one in seen.links.each() if one.place in session]
+    return [one for one in whole.links.each() if one.place in session]
 
 
 @lru_cache(maxsize=1)
-def _whole(paths: tuple[Path, ...], _run: str) -> list[Part]:
-    return joined([part for path in paths for part in parts_of(path)])
-
-
-def _describe_evaluate(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        'study', type=Path, nargs='+', metavar='STUDY', help='YAML file, or a ready-made study'
-    )
-    add_cluster(parser)
-    add_run(parser)
-
-
-def _evaluate(chosen: argparse.Namespace) -> int:
-    """Run them as `convseq evaluate --study` does, a row of a table a job."""
-    chosen.sets = []
-    # Workers may have another present folder.
-    chosen.data_root, chosen.output = chosen.data_root.resolve(), chosen.output.resolve()
-    chosen.cache = chosen.cache and chosen.cache.resolve()
-    with connected(chosen_cluster(chosen)) as client:
-
-        def each(
-            measure: Callable[[Any], dict[str, Any]], pieces: Sequence[Any]
-        ) -> Iterable[dict[str, Any]]:
-            jobs = {str(number): (piece,) for number, piece in enumerate(pieces)}
-            found = dict(progress(done(client, measure, jobs), len(jobs), 'study', 'rows'))
-            for name in jobs:
-                if isinstance(found[name], Exception):
-                    raise found[name]
-                yield found[name]
-
-        return run_studies(chosen, each)
+def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
+    return [one for path in paths for one in slices_of(path)]
 
 
 VERBS = {
     'build': (fleet_build.describe, fleet_build.run),
-    'evaluate': (_describe_evaluate, _evaluate),
     'link': (_describe_link, _link),
     'replay': (_describe_replay, _replay),
     'serve': (_describe_serve, _serve),

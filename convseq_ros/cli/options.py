@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import Config, core_parameters, make_config, make_group
+from convseq_ros.config import Config, core_parameters, make_config, make_group, OnlineConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
@@ -33,6 +33,18 @@ def add_parameters(
             default=argparse.SUPPRESS,
             help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
         )
+
+
+def add_max_looks(parser: Any) -> None:
+    """Add an option for how many looks of a place a map keeps; by default it keeps all."""
+    (known,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
+    parser.add_argument(
+        '--max-looks',
+        type=known.parse,
+        default=0,
+        metavar='N',
+        help='looks of a place that stay; of more, the one most like another goes; 0 keeps all',
+    )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a person at a terminal sees."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 import sys
 from typing import TypeVar
 
@@ -20,6 +21,11 @@ def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames')
         yield from items
         return
     yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
+
+
+def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
+    """Return what shows how far a map is written."""
+    return lambda steps: progress(steps, len(steps), path.name, '64 places')
 
 
 def printable(text: str) -> str:

@@ -1,0 +1,133 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Link the places of a map that show the same, and solve its poses: `convseq map link MAP`."""
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+import json
+from pathlib import Path
+import sys
+
+from convseq_ros.cli.build_map import of_links
+from convseq_ros.cli.map_picture import draw_solved
+from convseq_ros.cli.options import add_parameters, given
+from convseq_ros.cli.terminal import of_map, printable, progress
+from convseq_ros.config import make_config
+from convseq_ros.core.graph.links import Link
+from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.edit import SessionSlice, slices_in, write_slices
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.rigid import matrix, pose_of
+from convseq_ros.errors import MapError
+from convseq_ros.results import complete_or_absent
+
+
+def describe(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument('map', type=Path, help='map file; gets the links that it lacks')
+    add_outputs(parser)
+    add_parameters(parser, 'links', of_links())
+
+
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Declare what may be made of links."""
+    parser.add_argument('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
+    parser.add_argument(
+        '-o', '--output', type=Path, metavar='MAP', help='write a map whose poses are in one frame'
+    )
+    parser.add_argument(
+        '--picture', type=Path, metavar='FILE', help='draw the drives before and after'
+    )
+    parser.add_argument('--json', action='store_true', help='print the links as JSON')
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Look up what was not looked up before, keep its links, and make what is asked for."""
+    _refuse_existing(chosen)
+    config = make_config(given(chosen, of_links()))
+    whole = open_map(chosen.map)
+    if count := sum(map(len, not_linked(whole))):
+        with closing(Autosave(chosen.map, whole.encoding, whole.keyframes, True)) as kept:
+            linking = link_map(kept.reference_map, config)
+            for _ in progress(linking, count, chosen.map.name, 'places'):
+                kept.save()
+    make_outputs(chosen, open_map(chosen.map))
+
+
+def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
+    """Report the links of a map, and make of them what is asked for."""
+    _refuse_existing(chosen)
+    slices, links = slices_in(chosen.map, whole), [*whole.links.each()]
+    if not slices:
+        raise MapError(f'{chosen.map}: has no place')
+    _report(slices, links, chosen.json)
+    poses = {at: matrix(place.pose) for at, place in enumerate(whole.places) if place.pose}
+    session = [place.session for place in whole.places]
+    edges = [*edges_of(poses, session, links)]
+    if chosen.g2o:
+        with complete_or_absent(chosen.g2o) as file:
+            file.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)), encoding='utf-8')
+    if not (chosen.output or chosen.picture):
+        return
+    start = brought_together(poses, session, edges)
+    if not start:
+        raise MapError(
+            f'{chosen.map}: no link is measured in metres; that needs a map built with --odom '
+            'and --camera-info'
+        )
+    after = solved(edges, start)
+    if chosen.picture:
+        draw_solved(chosen.picture, whole, poses, after)
+        print(f'{chosen.picture}: drawn', file=sys.stderr)
+    if chosen.output:
+        first = whole.sessions[session[min(after)]]
+        frame = first.frame or f'linked {whole.map_id}'
+        moved = [_moved(one, after, frame) for one in slices]
+        write_slices(moved, chosen.output, of_map(chosen.output))
+
+
+def _refuse_existing(chosen: argparse.Namespace) -> None:
+    if chosen.output and chosen.output.exists():
+        raise MapError(f'{chosen.output}: exists already; name another file')
+
+
+def _moved(one: SessionSlice, after: Poses, frame: str) -> SessionSlice:
+    """Return a session with its new poses, in the frame of all that are linked."""
+    poses = {at: pose_of(after[at]) for at in one.places if at in after}
+    return replace(one, session=replace(one.session, frame=frame), poses=poses) if poses else one
+
+
+def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool) -> None:
+    session = {at: one for one in slices for at in one.places}
+    if as_json:
+        facts = [
+            {
+                'place': link.place,
+                'session': session[link.place].number,
+                'other': link.other,
+                'other_session': session[link.other].number,
+                'anchor': link.anchor,
+                'confidence': link.confidence,
+                'inliers': link.inliers,
+                'position_m': link.relative.position_m if link.relative else None,
+                'orientation': link.relative.orientation if link.relative else None,
+            }
+            for link in links
+        ]
+        print(json.dumps(facts))
+        return
+    for one in slices:
+        own = [link for link in links if session[link.place] is one]
+        into = Counter(printable(session[link.other].name) for link in own)
+        measured = sum(bool(link.relative and link.relative.pose) for link in own)
+        where = ', '.join(f'{count} in {name}' for name, count in into.most_common())
+        print(
+            f'{one.number} {printable(one.name)}: {len(own)} of {len(one.places)} places '
+            f'linked, {measured} measured in metres{": " if where else ""}{where}'
+        )

@@ -1,0 +1,183 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The graph of a map's poses: steps of odometry and links as edges, as a g2o file, and solved."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.graph.links import Link
+from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
+from convseq_ros.errors import ConvseqError, pip_install
+import numpy as np
+
+Poses = Mapping[int, Matrix]  # (4, 4), by the index of a place
+
+
+@constants
+class GRAPH:
+    """Engineering, not studied."""
+
+    least_m: float = 0.02  # standard deviation of a step of odometry, ...
+    of_way: float = 0.05  # ... of its way, ...
+    least_rad: float = 0.01
+    of_turn: float = 0.05  # ... and of its turn
+    finest_m: float = 0.1  # that a link has at least: neighbours see the same map alike
+    finest_rad: float = 0.02
+    held: float = 1e-4  # standard deviation of the first pose, metres and radians
+    near_m: float = 3.0  # within which two links agree on where a session lies
+    tried: int = 60  # links of two sessions by which that is guessed
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Edge:
+    """Where one place lies in another's frame, and the covariance of that."""
+
+    start: int
+    end: int
+    moved: Matrix  # (4, 4)
+    covariance: Matrix  # (6, 6), of x, y, z in metres and turns about them, in the start's frame
+    is_link: bool
+
+
+def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Iterator[Edge]:
+    """
+    Yield the steps of odometry within each session, then the links that are measured in metres.
+
+    `session` is that of each place; a step goes from a place to the next one that has a pose.
+    """
+    for one, two in pairwise(poses):
+        if session[one] == session[two]:
+            moved = inverse(poses[one]) @ poses[two]
+            way_m, turn_rad = float(np.linalg.norm(moved[:3, 3])), angle(moved[:3, :3])
+            sigma_m = GRAPH.least_m + GRAPH.of_way * way_m
+            sigma_rad = GRAPH.least_rad + GRAPH.of_turn * turn_rad
+            sigmas = np.array([sigma_m] * 3 + [sigma_rad] * 3)
+            yield Edge(one, two, moved, np.diag(sigmas**2), False)
+    floor = np.diag([GRAPH.finest_m**2] * 3 + [GRAPH.finest_rad**2] * 3)
+    for link in links:
+        relative = link.relative
+        if relative and relative.pose and link.place in poses and link.other in poses:
+            covariance = relative.covariance + floor
+            yield Edge(link.other, link.place, matrix(relative.pose), covariance, True)
+
+
+def g2o(poses: Poses, edges: Iterable[Edge]) -> Iterator[str]:
+    """Yield the lines of a g2o file: a vertex for each place by its index, and the edges."""
+    for index, pose in poses.items():
+        yield f'VERTEX_SE3:QUAT {index} {_numbers(pose)}'
+    for edge in edges:
+        information = np.linalg.inv(edge.covariance)
+        upper = ' '.join(f'{value:.9g}' for value in information[np.triu_indices(6)])
+        yield f'EDGE_SE3:QUAT {edge.start} {edge.end} {_numbers(edge.moved)} {upper}'
+
+
+def _numbers(moved: Matrix) -> str:
+    pose = pose_of(moved)
+    return ' '.join(f'{value:.9g}' for value in (*pose.position, *pose.orientation))
+
+
+def brought_together(
+    poses: Poses, session: Sequence[int], edges: Iterable[Edge]
+) -> dict[int, Matrix]:
+    """
+    Return the poses of the sessions that links connect with the first linked one, in its frame.
+
+    Each session is moved as a whole, by the link that most other links agree with.
+    """
+    links = [edge for edge in edges if edge.is_link]
+    if not links:
+        return {}
+    moves = {min(session[end] for edge in links for end in (edge.start, edge.end)): np.eye(4)}
+    while True:
+        found = [
+            edge if session[edge.start] in moves else _turned_round(edge)
+            for edge in links
+            if (session[edge.start] in moves) != (session[edge.end] in moves)
+        ]
+        if not found:
+            break
+        new = session[found[0].end]
+        asked = [
+            (moves[session[edge.start]] @ poses[edge.start] @ edge.moved, poses[edge.end])
+            for edge in found
+            if session[edge.end] == new
+        ]
+        moves[new] = _agreed(asked)
+    return {at: moves[session[at]] @ pose for at, pose in poses.items() if session[at] in moves}
+
+
+def _turned_round(edge: Edge) -> Edge:
+    return replace(edge, start=edge.end, end=edge.start, moved=inverse(edge.moved))
+
+
+def _agreed(asked: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
+    """Return the motion that brings most poses, the second ones, to where they should be."""
+    goals = np.array([goal[:3, 3] for goal, _ in asked])
+    here = np.array([own[:3, 3] for _, own in asked])
+    best, most = np.eye(4), -1
+    for goal, own in asked[:: max(1, len(asked) // GRAPH.tried)]:
+        move = goal @ inverse(own)
+        off_m = np.linalg.norm(here @ move[:3, :3].T + move[:3, 3] - goals, axis=1)
+        if (count := int((off_m <= GRAPH.near_m).sum())) > most:
+            best, most = move, count
+    return best
+
+
+def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
+    """Return poses that agree best with odometry and links, of which wrong ones do not count."""
+    gtsam = _gtsam()
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for index, pose in start.items():
+        values.insert(index, gtsam.Pose3(pose))
+    first = min(start)
+    held = gtsam.noiseModel.Isotropic.Sigma(6, GRAPH.held)
+    graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), held))
+    known = [edge for edge in edges if edge.start in start and edge.end in start]
+    for edge in sorted(known, key=lambda edge: edge.is_link):
+        noise = gtsam.noiseModel.Gaussian.Covariance(_of_gtsam(edge))
+        moved = gtsam.Pose3(edge.moved)
+        graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
+    found, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in known))
+    return {index: np.asarray(found.atPose3(index).matrix()) for index in start}
+
+
+def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tuple[Any, list[bool]]:
+    """
+    Return the values that agree best with a graph of GTSAM, and which factors they agree with.
+
+    The first `believed` factors are right; which of the others are is decided by graduated
+    non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, RA-L 2020).
+    A factor counts if a `share` of the right ones would agree as badly.
+    """
+    gtsam = _gtsam()
+    # The first step of the method; where all agree, it is the last one.
+    start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
+    if graph.size() == believed:
+        return start, []
+    settings = gtsam.GncLMParams()
+    settings.setLossType(gtsam.GncLossType.TLS)
+    settings.setKnownInliers([*range(believed)])
+    optimizer = gtsam.GncLMOptimizer(graph, start, settings)
+    optimizer.setInlierCostThresholdsAtProbability(share)
+    found = optimizer.optimize()
+    return found, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
+
+
+def _of_gtsam(edge: Edge) -> Matrix:
+    """Return a covariance in the end's axes, turns first, as GTSAM has it."""
+    turn = np.zeros((6, 6))
+    turn[:3, 3:] = turn[3:, :3] = edge.moved[:3, :3].T
+    return turn @ edge.covariance @ turn.T
+
+
+def _gtsam() -> Any:
+    try:
+        import gtsam
+    except ImportError:
+        raise ConvseqError(
+            f'gtsam is not installed, which brings sessions into one frame: {pip_install("gtsam")}'
+        ) from None
+    return gtsam
