@@ -8,10 +8,9 @@ import io
 import os
 from pathlib import Path
 import re
-from types import ModuleType
 from typing import Any
 
-from convseq_ros.cli import COMMANDS, main
+from convseq_ros.cli import COMMANDS, main, NODES
 
 _REPOSITORY = Path(__file__).resolve().parents[1]
 _LINK = re.compile(r'(?<!!)\[([^\]]+)\]\(([^)#:\s]+)(#[^)\s]*)?\)')
@@ -42,17 +41,19 @@ def commands() -> str:
     os.environ['COLUMNS'] = '96'
     parts = []
     for name, text in COMMANDS.items():
+        parts.append(_section(name, text))
+        if name in NODES:
+            continue
         command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
-        parts.append(_section(command, name, text))
         for own, about in getattr(command, 'COMMANDS', {}).items():
-            parts.append(_section(command, f'{name} {own}', about))
+            parts.append(_section(f'{name} {own}', about))
     return '\n'.join(parts)
 
 
-def _section(command: ModuleType, name: str, text: str) -> str:
+def _section(name: str, text: str) -> str:
     told = io.StringIO()
     with redirect_stdout(told), suppress(SystemExit):
-        if not hasattr(command, 'describe'):
+        if name in NODES:
             # A process of its own, which needs ROS.
             print(f'convseq {name} --help says more, where ROS is installed.')
         else:
