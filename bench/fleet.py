@@ -32,8 +32,7 @@ from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Match, Status
 from convseq_ros.fleet import shard
-from convseq_ros.fleet.cluster import Cluster, connected
-from convseq_ros.fleet.jobs import done
+from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street

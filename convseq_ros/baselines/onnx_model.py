@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.errors import SourceError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import pip_install, SourceError
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -17,17 +17,23 @@ from convseq_ros.cli.options import (
     chosen_reading,
     given,
 )
-from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.cli.terminal import progress
+from convseq_ros.config import (
+    Config,
+    EncodingConfig,
+    KeyframeConfig,
+    make_config,
+    MotionConfig,
+    OnlineConfig,
+    RobotConfig,
+)
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
-from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.robot_config import RobotConfig
 from convseq_ros.sources import open_each_camera
 
 

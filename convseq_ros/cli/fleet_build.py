@@ -12,14 +12,13 @@ import time
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
-from convseq_ros.cli.progress import progress
+from convseq_ros.cli.terminal import progress
 from convseq_ros.config import Config
 from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.errors import ConvseqError, MapError, SourceError
-from convseq_ros.fleet.cluster import connected
-from convseq_ros.fleet.jobs import done
+from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.sources import recordings_in
 
 # Recording, map, four topics, settings, whether with links.

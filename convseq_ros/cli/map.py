@@ -12,8 +12,7 @@ from typing import Any
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.options import add_max_looks
-from convseq_ros.cli.printable import printable
-from convseq_ros.cli.progress import of_map, progress
+from convseq_ros.cli.terminal import of_map, printable, progress
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.edit import (
     bound,

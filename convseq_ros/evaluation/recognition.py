@@ -3,12 +3,12 @@
 """The recogniser itself over a data set, as `convseq replay` runs it, and its pair scores."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 import json
 import time
 from typing import Any
 
-from convseq_ros.config import AcceptanceConfig, Config, flatten, make_config, SequenceConfig
+from convseq_ros.config import AcceptanceConfig, Config, flatten, SequenceConfig, with_values
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import (
@@ -24,14 +24,14 @@ from convseq_ros.core.types import (
 from convseq_ros.evaluation.geometry import Dots, Geometry
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.rerun import part_of, rerun
-from convseq_ros.parameter import parameters, Value
+from convseq_ros.parameter import Value
 import numpy as np
 import numpy.typing as npt
 
 Scores = npt.NDArray[np.float32]
 _VECTORS = 'orientation', 'position_m', 'direction'
 _SEQUENCE_ONLY = {
-    item.name for group in (SequenceConfig, AcceptanceConfig) for item in parameters(group)
+    item.name for group in (SequenceConfig, AcceptanceConfig) for item in fields(group)
 }
 
 
@@ -62,7 +62,7 @@ class Recognition:
 def with_known(config: Config, values: Mapping[str, Value]) -> Config:
     """Return a configuration with other values; names that this version lacks are passed over."""
     flat = flatten(config)
-    return make_config(flat | {name: value for name, value in values.items() if name in flat})
+    return with_values(config, {name: value for name, value in values.items() if name in flat})
 
 
 def recognize(material: Material, config: Config) -> Recognition:

@@ -88,7 +88,7 @@ def read_study(path: Path, data_root: Path, reading: ReadingConfig = ReadingConf
     if not sets:
         raise ConfigError(f'{path}: says no sets; add at least one')
     vary, change = (_lists(said.get(name, {}), path, name) for name in ('vary', 'change'))
-    core = {item.name: item for item in core_parameters()}
+    core = {item.name: item for item in core_parameters(constants=True)}
     refuse_unknown_parameters(vary, core)
     for kind, amounts in change.items():
         for amount in amounts:

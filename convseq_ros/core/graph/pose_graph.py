@@ -10,8 +10,7 @@ from typing import Any
 from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 import numpy as np
 
 Poses = Mapping[int, Matrix]  # (4, 4), by the index of a place
