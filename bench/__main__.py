@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Measure, print a table, and write it as JSON: `python -m bench [PART ...]`, from the repository.
+Measure, print tables, and write them as JSON: `python -m bench [PART ...]`, from the repository.
 
 With --page, docs/PERFORMANCE.md is written too, from that JSON alone.
 """
@@ -14,11 +14,11 @@ import sys
 import tempfile
 import time
 
+from bench.finding import cells, COLUMNS, table
 from bench.machine import described
 from bench.material import prepare
-from bench.page import write_page
+from bench.page import summary, write_page
 from bench.part import PARTS, run
-from bench.table import table
 
 SIZES = 1_000, 10_000, 100_000
 _QUICK_SIZES = (48,)
@@ -49,6 +49,8 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
         for setting in PARTS[name]:
             if chosen.quick and setting.threads != PARTS[name][0].threads:
                 continue
+            if chosen.best_kernels and setting.kernels:
+                continue
             _say(f'{name}, {setting.threads} threads{setting.kernels and f", {setting.kernels}"}')
             findings += run(name, setting, folder, sizes, chosen.quick)
     about['seconds'] = round(time.monotonic() - start_s)
@@ -57,7 +59,9 @@ def _measure(chosen: argparse.Namespace, folder: Path) -> None:
     lines = ',\n'.join(json.dumps(finding) for finding in findings)
     text = f'{{"about": {json.dumps(about)},\n"findings": [\n{lines}\n]}}\n'
     chosen.json.write_text(text, encoding='utf-8')
-    print(table(findings))
+    print(table([[*COLUMNS], *map(cells, findings)]))
+    for part in summary({'about': about, 'findings': findings}):
+        print(f'\n{table(part)}')
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -68,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--folder', type=Path, help='keep maps there, and use those that are')
     parser.add_argument('--json', type=Path, default=Path('docs/performance.json'))
     parser.add_argument('--docs', type=Path, default=Path('docs'), help='where the page goes')
+    parser.add_argument('--best-kernels', action='store_true', help='no others of this machine')
     parser.add_argument('--page', action='store_true', help='also write the page')
     parser.add_argument('--page-only', action='store_true', help='only write the page anew')
     return parser

@@ -38,19 +38,13 @@ def computed() -> list[dict[str, object]]:
         command = ['aarch64-linux-gnu-gcc', *_FLAGS, '-S', source, '-o', '-']
         text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
         # The longest has labels and maxima besides: that of coherent pairs.
-        loop = max((body for body in _loops(text) if _count(body, name) == _IN_TILE), key=len)
+        full = (body for body in _loops(text) if _sum(body, name) == _IN_TILE)
+        loop = max(full, key=len)
         cycles = _cycles(loop)
         share = _IN_TILE / cycles / PEAK
         pair_ms = _TILES * _BLOCKS * cycles / GHZ / 1e6
-        found.append(
-            {
-                'kind': kind,
-                'cycles': round(cycles, 1),
-                'products': _IN_TILE,
-                'share': round(share, 3),
-                'pair_ms': round(pair_ms, 3),
-            }
-        )
+        told = {'cycles': round(cycles, 1), 'products': _IN_TILE, 'share': round(share, 3)}
+        found.append({'kind': kind, **told, 'pair_ms': round(pair_ms, 3)})
     return found
 
 
@@ -67,8 +61,8 @@ def _loops(text: str) -> Iterator[list[str]]:
                 yield [each for each in body if not re.match(r'\s+\.', each)]
 
 
-def _count(body: list[str], name: str) -> int:
-    return sum(bool(re.match(rf'\s+{name}\b', line)) for line in body)
+def _sum(body: list[str], name: str) -> int:
+    return sum(line.split()[:1] == [name] for line in body)
 
 
 def _cycles(body: list[str]) -> float:

@@ -1,110 +1,65 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One line of the table."""
+"""What was measured, one row at a time, and the rows as text."""
 
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from bench.clock import Times
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """
-    What is wanted.
-
-    Parameters
-    ----------
-    text : str
-        For the table.
-    met : bool
-        Whether it was reached.
-
-    """
-
-    text: str
-    met: bool
+COLUMNS = 'what', 'side', 'threads', 'measured', 'target', 'met', 'notes'
+Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """
-    What was measured of one side.
+    """What was measured of one side."""
 
-    Parameters
-    ----------
-    what : str
-        What was done.
-    side : str
-        Who did it.
-    value : float, optional
-        The median; None if it could not be measured, and `note` says why.
-    unit : str
-        Of `value`, `low` and `high`.
-    threads : int
-        That it was allowed; so many cores, too.
-    low, high : float, optional
-        Quartiles over the runs.
-    runs : int
-        How many there were.
-    times : float, optional
-        How many times faster than `against`, taken in turn with it.
-    against : str
-        The other side.
-    target : str
-        What is wanted.
-    met : bool, optional
-        Whether it was reached.
-    note : str
-        What else should be known.
-
-    """
-
-    what: str
-    side: str
-    value: float | None = None
-    unit: str = 'ms'
-    threads: int = 1
-    low: float | None = None
+    what: str  # was done
+    side: str = ''  # which part of it, or by whom
+    value: float | None = None  # the median; None if not measured, and `note` says why
+    unit: str = 'ms'  # of the numbers
+    threads: int = 1  # that it was allowed; so many cores, too
+    low: float | None = None  # quartiles over the runs
     high: float | None = None
     runs: int = 1
-    times: float | None = None
-    against: str = ''
-    target: str = ''
-    met: bool | None = None
+    most: float | None = None  # what is wanted of `value`
+    least: float | None = None
     note: str = ''
 
-    def timed(self, times: Times, part: float = 1.0) -> Self:
-        """Return it with median and quartiles of some times, of a part of the work."""
-        low, value, high = np.percentile(times.samples_ms, (25, 50, 75)) * part
-        return replace(
-            self, value=float(value), low=float(low), high=float(high), runs=len(times.samples_ms)
-        )
 
-    def noted(self, note: str) -> Self:
-        """Return it with what else should be known."""
-        return replace(self, note=note)
-
-    def compared(self, times: float, against: str) -> Self:
-        """Return it with how many times faster than another side it was."""
-        return replace(self, times=times, against=against)
-
-    def aiming(self, *targets: Target) -> Self:
-        """Return it with what is wanted of it, all together."""
-        return replace(
-            self,
-            target=', '.join(one.text for one in targets),
-            met=all(one.met for one in targets) if targets else None,
-        )
+def is_met(row: Row) -> bool | None:
+    """Return whether a target was reached; None if there is none, or nothing was measured."""
+    value, most, least = row['value'], row['most'], row['least']
+    if value is None or (most is None and least is None):
+        return None
+    return (most is None or value <= most) and (least is None or value >= least)
 
 
-def at_least(found: float, wanted: float, unit: str = 'x') -> Target:
-    """Return the target of something that should not be smaller."""
-    return Target(f'at least {wanted:,g} {unit}', found >= wanted)
+def cells(row: Row) -> list[str]:
+    """Return a finding as text, column by column."""
+    value, unit = row['value'], row['unit']
+    wanted = [('at most', row['most']), ('at least', row['least'])]
+    return [
+        row['what'],
+        row['side'],
+        str(row['threads']),
+        'not measured' if value is None else f'{number(value)} {unit}',
+        ', '.join(f'{how} {number(one)} {unit}' for how, one in wanted if one is not None),
+        {None: '', True: 'met', False: 'missed'}[is_met(row)],
+        row['note'],
+    ]
 
 
-def at_most(found: float, wanted: float, unit: str) -> Target:
-    """Return the target of something that should not be larger."""
-    return Target(f'at most {wanted:,g} {unit}', found <= wanted)
+def table(lines: Iterable[list[str]]) -> str:
+    """Return a table for a terminal; the first line is its head."""
+    rows = list(lines)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return '\n'.join(
+        '  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
+
+
+def number(value: float) -> str:
+    """Return a number with three digits that count."""
+    return f'{value:,.0f}' if abs(value) >= 100 else f'{value:.3g}'

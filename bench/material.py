@@ -37,19 +37,7 @@ Cells = npt.NDArray[np.float32]
 
 
 def prepare(folder: Path, sizes: tuple[int, ...], frames: int) -> None:
-    """
-    Draw both drives and write a map of each size; what is there already is kept.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    sizes : tuple of int
-        References.
-    frames : int
-        Images of a drive.
-
-    """
+    """Draw both drives, of so many frames, and write maps; what is there already is kept."""
     missing = [size for size in sizes if not map_path(folder, size).exists()]
     queries = queries_path(folder)
     if not missing and queries.exists():

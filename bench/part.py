@@ -16,47 +16,26 @@ import subprocess
 import sys
 from typing import Any
 
+from bench.finding import Finding
+
 BLAS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """
-    Under what a part is measured.
-
-    Parameters
-    ----------
-    threads : int
-        That may compute.
-    pinned : bool
-        Whether the process has no more cores than that.
-    kernels : str
-        The kind of kernels, as CONVSEQ_KERNELS has it: the best if empty, or numpy for none.
-    blas : int
-        Threads of BLAS: as many as may compute if 0, or 1, as the node and the commands have it.
-
-    """
+    """Cores that a part has, and the kind of kernels: `CONVSEQ_KERNELS`, the best if empty."""
 
     threads: int = 1
-    pinned: bool = False
     kernels: str = ''
-    blas: int = 0
 
 
-ONE, TWO, ONE_CORE = Setting(1), Setting(2), Setting(1, pinned=True)
+ONE, TWO = Setting(1), Setting(2)
 PARTS = {
-    'encoding': (ONE, Setting(1, kernels='numpy')),
-    'pairs': (ONE, TWO),
-    'rows': (ONE, TWO),
-    'frames': (ONE_CORE, Setting(1, pinned=True, kernels='numpy'), Setting(2, False, 'numpy', 1)),
-    'sequence': (ONE,),
+    'kernels': (ONE, Setting(1, 'avx2')),
+    'frames': (ONE, Setting(1, 'avx2'), Setting(1, 'numpy')),
+    'between': (ONE,),
     'memory': (ONE,),
-    'stages': (ONE_CORE,),
-    'between': (ONE_CORE,),
-    'avx2': (Setting(1, pinned=True, kernels='avx2'),),
-    'start': (TWO, ONE),
-    'node': (TWO, ONE),
-    'drive': (ONE,),
+    'node': (ONE, TWO),
 }
 
 
@@ -67,46 +46,29 @@ def run(
     cores = sorted(os.sched_getaffinity(0))
     if setting.threads > len(cores):
         return [_failed(name, setting, f'needs {setting.threads} cores')]
-    environment = os.environ | {key: str(setting.blas or setting.threads) for key in BLAS}
+    environment = os.environ | dict.fromkeys(BLAS, '1')
     if setting.kernels:
         environment['CONVSEQ_KERNELS'] = setting.kernels
-    command = [
-        sys.executable,
-        '-m',
-        'bench.part',
-        name,
-        '--folder',
-        str(folder),
-        '--sizes',
-        *map(str, sizes),
-        '--threads',
-        str(setting.threads),
-    ]
+    command = [sys.executable, '-m', 'bench.part', name, '--folder', str(folder), '--sizes']
+    command += [*map(str, sizes), '--threads', str(setting.threads), *['--quick'] * quick]
 
     def pin() -> None:
-        if setting.pinned:
+        if name != 'node':  # which pins itself, beside the camera
             os.sched_setaffinity(0, cores[: setting.threads])
 
     done = subprocess.run(
-        command + ['--quick'] * quick,
-        env=environment,
-        preexec_fn=pin,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=False,
+        command, env=environment, preexec_fn=pin, stdout=subprocess.PIPE, text=True, check=False
     )
     if done.returncode:
         return [_failed(name, setting, 'failed; see what it printed')]
     findings = json.loads(done.stdout.splitlines()[-1])
-    return [{'part': name, **finding} for finding in findings]
+    kind = {'part': name, 'kernels': setting.kernels}
+    return [kind | finding for finding in findings]
 
 
 def _failed(name: str, setting: Setting, why: str) -> dict[str, Any]:
-    from bench.finding import Finding
-
-    return {'part': name} | asdict(
-        Finding(what=name, side='all', threads=setting.threads, note=why)
-    )
+    finding = Finding(what=name, side='all', threads=setting.threads, note=why)
+    return {'part': name, 'kernels': setting.kernels} | asdict(finding)
 
 
 def main() -> None:

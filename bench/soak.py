@@ -14,26 +14,23 @@ Each sample goes to the table at once, so that a drive that is broken off leaves
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 import csv
-from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 import sys
 import tempfile
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
+from convseq_ros.config import make_config
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.types import Frame
 from convseq_ros.evaluation.plots import new_figure, save
-from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.route import Route
 import numpy as np
 import numpy.typing as npt
-from sensor_msgs.msg import PointCloud2
 
 from bench.torture.page import keep_soak
 from bench.torture.robot import image, Robot, robot, unaccounted
@@ -49,8 +46,7 @@ _PATIENCE_S = 30.0
 _GRAIN = 3.0  # standard deviation of what differs from lap to lap, gray levels
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """What the node was like at one moment."""
 
     seconds: float
@@ -59,31 +55,12 @@ class Sample:
     resident_mb: float
     handles: int
     threads: int
-    median_ms: float
+    median_ms: float  # from image to answer, since the sample before
     worst_ms: float
-
-
-class Clock:
-    """How long the answers take, by their stamps."""
-
-    def __init__(self, one: Robot) -> None:
-        self._sent: dict[int, float] = {}
-        self._took_ms: list[float] = []
-        one.node.create_subscription(PointCloud2, '/vpr_node/candidates', self._on_answer, 1000)
-
-    def sent(self, stamp_ns: int) -> None:
-        """Start to count."""
-        self._sent[stamp_ns] = time.monotonic()
-
-    def taken(self) -> tuple[float, float]:
-        """Return median and maximum since the last time, milliseconds; 0 without an answer."""
-        took, self._took_ms = self._took_ms or [0.0], []
-        return float(np.median(took)), max(took)
-
-    def _on_answer(self, message: PointCloud2) -> None:
-        sent_s = self._sent.pop(stamp_to_ns(message.header.stamp), None)
-        if sent_s is not None:
-            self._took_ms.append((time.monotonic() - sent_s) * 1e3)
+    dropped: int = 0
+    lost: int = 0
+    failed: int = 0
+    unaccounted: int = 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,30 +74,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tempfile.TemporaryDirectory(prefix='convseq_soak_') as folder,
         (chosen.output / f'{stem}.csv').open('w', newline='', encoding='utf-8') as file,
     ):
-        table = csv.DictWriter(file, [item.name for item in fields(Sample)], lineterminator='\n')
-        table.writeheader()
-
-        def keep(sample: Sample) -> None:
-            table.writerow(asdict(sample))
+        table = csv.writer(file, lineterminator='\n')
+        table.writerow(Sample._fields)
+        samples = []
+        for sample in _soak(chosen, lap, Path(folder)):
+            samples.append(sample)
+            table.writerow(sample)
             file.flush()
-
-        samples, sent, left, told = _soak(chosen, lap, Path(folder), keep)
-    hours = samples[-1].seconds / 3600
-    percent_an_hour, kb_a_place = growth(samples)
+    last, (percent_an_hour, kb_a_place) = samples[-1], growth(samples)
     text = (
-        f'{chosen.mode}, {sent:,} frames in {hours * 60:.0f} min: {samples[-1].places:,} places, '
-        f'{samples[-1].resident_mb:.0f} MB, '
-        f'{percent_an_hour:+.2f} % an hour and {kb_a_place:.2f} kB a place; '
-        f'{told.get("processed")} answered, {told.get("dropped")} dropped, '
-        f'{told.get("lost_by_middleware")} lost, {told.get("failed")} failed, '
-        f'{left} unaccounted for'
+        f'{chosen.mode}, {last.frames:,} frames in {last.seconds / 60:.0f} min: {last.places:,} '
+        f'places, {last.resident_mb:.0f} MB, {percent_an_hour:+.2f} % an hour and '
+        f'{kb_a_place:.2f} kB a place; {last.dropped} dropped, {last.lost} lost, {last.failed} '
+        f'failed, {last.unaccounted} unaccounted for'
     )
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
     if chosen.docs:
         keep_soak(chosen.docs, stem, _command(chosen), text)
         _picture(samples, text, chosen.docs / 'images' / f'{stem}.png')
-    return int(left != 0 or told.get('failed') != '0' or percent_an_hour > _MOST_GROWTH)
+    return int(last.unaccounted != 0 or last.failed > 0 or percent_an_hour > _MOST_GROWTH)
 
 
 def _command(chosen: argparse.Namespace) -> str:
@@ -134,15 +107,10 @@ def _command(chosen: argparse.Namespace) -> str:
 
 def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     """
-    Return by how much memory grows with time alone, and with places, after the beginning.
+    Return by how much memory grows after the beginning: in percent an hour, and in kB a place.
 
-    Returns
-    -------
-    percent_an_hour : float
-        0 if places come at so steady a pace that they and time cannot be told apart.
-    kb_a_place : float
-        0 if there are no new ones.
-
+    The one is 0 where places come at so steady a pace that they and time cannot be told apart,
+    the other where there are no new ones.
     """
     rows = samples[int(len(samples) * _WARM_SHARE) :]
     if len(rows) < 3:
@@ -167,17 +135,14 @@ def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def _soak(
-    chosen: argparse.Namespace,
-    lap: list[npt.NDArray[np.uint8]],
-    folder: Path,
-    keep: Callable[[Sample], None],
-) -> tuple[list[Sample], int, int, dict[str, str]]:
-    path = folder / 'map.db'
+    chosen: argparse.Namespace, lap: list[npt.NDArray[np.uint8]], folder: Path
+) -> Iterator[Sample]:
+    """Drive, and yield what the node is like now and then, and at the end."""
+    path, overlap, size_px = folder / 'map.db', chosen.keyframe_overlap, chosen.image_size_px
     if chosen.mode == 'preloaded':
         frames = [Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)]
-        keyframes = KeyframeConfig(keyframe_overlap=chosen.keyframe_overlap)
-        encoding = EncodingConfig(image_size_px=chosen.image_size_px)
-        build_map(frames, path, Config(encoding=encoding, keyframes=keyframes))
+        config = make_config({'keyframe_overlap': overlap, 'image_size_px': size_px})
+        build_map(frames, path, config)
     noise = np.random.default_rng(0).normal(0, _GRAIN, (8, *lap[0].shape)).astype(np.int16)
     with robot(
         folder,
@@ -185,17 +150,16 @@ def _soak(
         map_path=path,
         queue_size=100,
         max_wait_s=0.0 if not chosen.rate else 1.0,
-        keyframe_overlap=chosen.keyframe_overlap,
-        image_size_px=chosen.image_size_px,
+        keyframe_overlap=overlap,
+        image_size_px=size_px,
     ) as one:
-        clock, samples, sent, stamp_ns = Clock(one), [], 0, 10**18
+        sent, stamp_ns = 0, 10**18
         begun_s = sampled_s = time.monotonic()
         until_s = begun_s + chosen.minutes * 60 if chosen.minutes else float('inf')
         while sent < (chosen.frames or float('inf')) and time.monotonic() < until_s:
             gray = lap[sent % len(lap)] + noise[sent % len(noise)]
             stamp_ns += _PERIOD_NS
-            clock.sent(stamp_ns)
-            one.camera.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
+            one.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
             sent += 1
             if chosen.rate:
                 one.spin(max(0.0, begun_s + sent / chosen.rate - time.monotonic()))
@@ -203,55 +167,45 @@ def _soak(
                 break
             if time.monotonic() - sampled_s > chosen.sample_s:
                 sampled_s = time.monotonic()
-                samples.append(_sample(one, clock, sent, sampled_s - begun_s))
-                keep(samples[-1])
+                yield _sample(one, sent, sampled_s - begun_s)
         one.wait_for(lambda: unaccounted(one, sent) <= 0 and not one.count('queue'), _PATIENCE_S)
-        samples.append(_sample(one, clock, sent, time.monotonic() - begun_s))
-        keep(samples[-1])
-        return samples, sent, unaccounted(one, sent), dict(one.told)
+        yield _sample(one, sent, time.monotonic() - begun_s)
 
 
 def _few_on_their_way(one: Robot, sent: int) -> bool:
     return one.answers >= sent - _IN_FLIGHT
 
 
-def _sample(one: Robot, clock: Clock, sent: int, seconds: float) -> Sample:
-    median_ms, worst_ms = clock.taken()
-    return Sample(
-        round(seconds, 1),
-        sent,
-        one.count('map_size'),
-        round(one.resident_mb(), 1),
-        one.handles(),
-        one.threads(),
-        round(median_ms, 1),
-        round(worst_ms, 1),
-    )
+def _sample(one: Robot, sent: int, seconds: float) -> Sample:
+    took_ms, one.took_ms = one.took_ms or [0.0], []
+    median_ms, worst_ms = round(float(np.median(took_ms)), 1), round(max(took_ms), 1)
+    places, memory_mb = one.count('map_size'), round(one.resident_mb(), 1)
+    held = places, memory_mb, one.number_of('fd'), one.number_of('task')
+    counts = (one.count(name) for name in ('dropped', 'lost_by_middleware', 'failed'))
+    left = unaccounted(one, sent)
+    return Sample(round(seconds, 1), sent, *held, median_ms, worst_ms, *counts, left)
 
 
 def _picture(samples: Sequence[Sample], title: str, path: Path) -> None:
     figure: Any = new_figure(9, 7)
     figure.suptitle(title.replace(': ', ':\n', 1), fontsize=9, x=0.06, ha='left')
-    minutes = [one.seconds / 60 for one in samples]
-    panels = (
-        ('memory, MB', ('resident_mb',)),
-        ('places', ('places',)),
-        ('handles and threads', ('handles', 'threads')),
-        ('from image to answer, ms', ('median_ms', 'worst_ms')),
-    )
-    for number, (label, names) in enumerate(panels):
-        axes = figure.add_axes((0.09, 0.72 - 0.215 * number, 0.86, 0.16))
-        for name, color in zip(names, ('#1f6fb2', '#d08a1d'), strict=False):
+    panels = {
+        'memory, MB': ('resident_mb',),
+        'places': ('places',),
+        'handles and threads': ('handles', 'threads'),
+        'from image to answer, ms': ('median_ms', 'worst_ms'),
+    }
+    for number, (label, names) in enumerate(panels.items(), 1):
+        axes = figure.add_subplot(len(panels), 1, number)
+        for name in names:
             values = [getattr(one, name) for one in samples]
-            axes.plot(minutes, values, color=color, linewidth=1.5, label=name.split('_')[0])
+            axes.plot([one.seconds / 60 for one in samples], values, label=name.split('_')[0])
         axes.set_ylim(bottom=0)
         axes.set_title(label, fontsize=8, loc='left')
-        axes.tick_params(labelsize=7, labelbottom=number == len(panels) - 1)
         if len(names) > 1:
-            axes.legend(
-                fontsize=7, frameon=False, loc='lower right', ncols=2, bbox_to_anchor=(1, 1)
-            )
+            axes.legend(fontsize=7, frameon=False)
     axes.set_xlabel('minutes', fontsize=8)
+    figure.tight_layout()
     save(figure, path)
 
 

@@ -14,40 +14,26 @@ _JPEG_SCAN = b'\xff\xda'
 _CHUNK_HEAD_BYTES = 8  # of a PNG: length, kind
 _CHUNK_BYTES = _CHUNK_HEAD_BYTES + 4  # besides its content: its checksum, too
 _MOST_CHUNKS = 100_000  # an encoder's are 8 kB and more, save some of text
-# TIFF 6.0, section 8; types of a tag's value that are numbers: SHORT, LONG, and BigTIFF's LONG8.
+# TIFF 6.0, section 8; types of a tag's value that are numbers: SHORT and LONG.
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_BITS, _TIFF_SAMPLES = 256, 257, 258, 277
 _TIFF_TILE_WIDTH, _TIFF_TILE_HEIGHT = 322, 323
-_TIFF_TYPES = {3: 'H', 4: 'I', 16: 'Q'}
+_TIFF_TYPES = {3: 'H', 4: 'I'}
 _COLOUR_BITS = 24
 _NETPBM_SIZE = re.compile(rb'\s+(\d{1,10})\s+(\d{1,10})\s')  # what fits in 32 bits
 
 
 class Declared(NamedTuple):
-    """
-    What a picture declares.
+    """What a picture declares."""
 
-    Parameters
-    ----------
-    pixels : int
-        That a decoder takes memory for, at 3 bytes each.
-    passes : int
-        Times that it goes through all of them: scans of a JPEG.
-
-    """
-
-    pixels: int
-    passes: int = 1
+    pixels: int  # that a decoder takes memory for, at 3 bytes each
+    passes: int = 1  # times that it goes through all of them: scans of a JPEG
 
 
 def declared(data: bytes) -> Declared | None:
     """
-    Return what a picture declares; None if it is of no known kind or its header is damaged.
+    Return what a JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM declares.
 
-    Parameters
-    ----------
-    data : bytes
-        A JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM.
-
+    None if it is of another kind, such as BigTIFF, or its header is damaged.
     """
     for magic, read in _READERS:
         if re.match(magic, data, re.DOTALL):
@@ -120,21 +106,15 @@ def _webp(data: bytes) -> Declared:
 
 def _tiff(data: bytes) -> Declared:
     order = '<' if data[:2] == b'II' else '>'
-    is_big = struct.unpack_from(order + 'H', data, 2)[0] == 43
-    offset, count, entry, room = ('Q', 'Q', 'HHQ', 8) if is_big else ('I', 'H', 'HHI', 4)
-    (at,) = struct.unpack_from(order + offset, data, 8 if is_big else 4)
-    (entries,) = struct.unpack_from(order + count, data, at)
-    at += struct.calcsize(order + count)
-    size = struct.calcsize(order + entry) + room
+    (at,) = struct.unpack_from(order + 'I', data, 4)
+    (entries,) = struct.unpack_from(order + 'H', data, at)
     tags: dict[int, int] = {}
-    for start in range(at, at + min(entries, 4096) * size, size):
-        tag, kind, values = struct.unpack_from(order + entry, data, start)
-        value = start + size - room
-        if kind not in _TIFF_TYPES:
-            continue
-        if struct.calcsize(order + _TIFF_TYPES[kind]) * values > room:
-            (value,) = struct.unpack_from(order + offset, data, value)
-        tags[tag] = struct.unpack_from(order + _TIFF_TYPES[kind], data, value)[0]
+    for start in range(at + 2, at + 2 + min(entries, 4096) * 12, 12):
+        tag, kind, values, where = struct.unpack_from(order + 'HHII', data, start)
+        if kind in _TIFF_TYPES:
+            is_inside = struct.calcsize(order + _TIFF_TYPES[kind]) * values <= 4
+            value_at = start + 8 if is_inside else where
+            (tags[tag],) = struct.unpack_from(order + _TIFF_TYPES[kind], data, value_at)
     bits = tags.get(_TIFF_BITS, 1) * tags.get(_TIFF_SAMPLES, 1)
     tile = tags.get(_TIFF_TILE_WIDTH, 0) * tags.get(_TIFF_TILE_HEIGHT, 0)
     pixels = max(tags[_TIFF_WIDTH] * tags[_TIFF_HEIGHT], tile)
@@ -147,5 +127,5 @@ _READERS: tuple[tuple[bytes, Callable[[bytes], Declared]], ...] = (
     (rb'BM', _bmp),
     (rb'P[1-6]\s', _netpbm),
     (rb'RIFF.{4}WEBP', _webp),
-    (rb'II[*+]\0|MM\0[*+]', _tiff),
+    (rb'II\*\0|MM\0\*', _tiff),
 )

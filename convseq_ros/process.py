@@ -13,6 +13,7 @@ import os
 from pathlib import Path
 import signal
 import sys
+import tempfile
 from typing import Any, NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -118,3 +119,17 @@ def fast_dds(profile: str) -> dict[str, str]:
         if (folder / profile).is_file() and not any(name in os.environ for name in _CHOSEN_BY):
             return {VARIABLE: str(folder / profile)}
     return {}
+
+
+def settle_logs() -> None:
+    """Have ROS write its logs to a folder of its own where the home is read-only; it says so."""
+    if 'ROS_LOG_DIR' in os.environ:
+        return
+    folder = Path(os.environ.get('ROS_HOME') or os.path.expanduser('~/.ros'), 'log')
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='ros_log_')
+        told = f'{folder}: {error.strerror}; ROS logs to {os.environ["ROS_LOG_DIR"]}'
+        print(f'warning: {told}', file=sys.stderr)

@@ -21,11 +21,7 @@ def refuse_irregular(path: Path) -> None:
     """
     Let files, folders and what is not there pass: opening a pipe may wait for ever.
 
-    Raises
-    ------
-    SourceError
-        If it is a pipe, a device or a socket, or its name is none.
-
+    SourceError if it is a pipe, a device or a socket, or its name is none.
     """
     try:
         kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode))
@@ -40,22 +36,9 @@ def refuse_irregular(path: Path) -> None:
 
 def read_bytes(path: Path, what: str, refuse: Callable[[Path, int], None]) -> bytes:
     """
-    Return what is in a file.
+    Return what is in a file that holds `what`, such as `a calibration`.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        It holds, such as `a calibration`.
-    refuse : callable
-        Raises a SourceError if a file of so many bytes is too large.
-
-    Raises
-    ------
-    SourceError
-        If it is missing, no file, larger, or not to be read.
-
+    SourceError if it is missing, no file, not to be read, or so large that `refuse` raises one.
     """
     refuse_irregular(path)
     try:

@@ -4,20 +4,16 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-import math
 
 from convseq_ros.core.types import Frame
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.layout import Layout, STRETCH_M
 from convseq_ros.simulation.light import Light
-from convseq_ros.simulation.route import Route
 from convseq_ros.simulation.street import Spot, Street, Stretch
 import cv2
 import numpy as np
 
 SPEED_MPS = 10.0
-ROUND_M = 140 - 4 * (12 - 3 * math.pi)
-FORK_M = 160.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +21,7 @@ class Pair:
     """
     A street, the drive of the map and the drive that asks; `looks` are what happens to images.
 
-    `kind`: street, terrace1, terrace2, fork (the query turns the other way) or loop (one drive).
+    `kind`: street, terrace1 or terrace2.
     """
 
     name: str
@@ -40,7 +36,6 @@ class Pair:
     map_offset_m: float = -1.5
     light: str = 'day'
     offset_m: float = -1.5
-    second_offset_m: float | None = None
     noise: float = 0.0
     heading_deg: float = 0.0
 
@@ -80,66 +75,17 @@ class Terrace:
 LOW, TINY = ('160',), ('64',)
 PAIRS = (
     Pair('night', 101, light='night'),
-    Pair('evening', 102, 1.0, light='evening', map_light='overcast'),
-    Pair('noise', 103, light='overcast', noise=30),
-    Pair('lane', 104, offset_m=1.5),
     Pair('night-lane', 105, light='night', offset_m=1.5),
-    Pair('low', 106, both_look=LOW, light='overcast', noise=8),
-    Pair('low-lane', 107, 1.0, both_look=LOW, offset_m=1.0, noise=5),
-    Pair('tiny', 108, both_look=TINY, light='overcast'),
     Pair('tiny-night', 109, both_look=TINY, light='night'),
-    Pair('rain', 110, looks=('rain',), light='overcast'),
-    Pair('traffic', 111, looks=('traffic',), light='evening'),
-    Pair('heading', 112, offset_m=0.0, heading_deg=12),
     Pair('fast', 116, speed=1.5, light='overcast'),
-    Pair('slow', 117, speed=0.75, light='overcast', noise=10),
-    Pair('faster', 230, speed=2.0, count=200, light='evening'),
-    Pair('night-noise', 118, light='night', noise=25),
     Pair('night-noise-2', 232, light='night', noise=45),
-    Pair('night-noise-3', 321, count=120, light='night', noise=55),
-    Pair('noise-2', 322, count=120, light='overcast', noise=100),
-    Pair('blur', 219, 1.0, looks=('blur',), light='evening', offset_m=0.0),
     Pair('low-night-lane', 122, 1.0, both_look=LOW, light='night', offset_m=0.0),
-    Pair('rain-night', 123, looks=('rain',), light='night'),
-    Pair('wide', 224, 1.0, offset_m=0.8, map_offset_m=-2.2),
-    Pair('traffic-night', 226, looks=('traffic',), light='night', noise=10),
     Pair('tiny-lane', 227, both_look=TINY, offset_m=0.0, noise=10),
-    Pair('traffic-rain', 228, 1.5, looks=('traffic', 'rain'), offset_m=0.0),
-    Pair('low-heading', 229, both_look=LOW, light='evening', heading_deg=-10),
-    Pair('low-night-blur', 302, 1.0, count=120, both_look=LOW, looks=('blur',), light='night',
-         offset_m=0.0, noise=15),
     Pair('tiny-rain', 303, count=120, both_look=('rain', '64'), light='night'),
-    Pair('tiny-noise', 310, count=120, both_look=TINY, light='night', noise=60),
-    Pair('night-lane-2', 323, count=120, light='night', offset_m=0.5, noise=25),
-    Pair('night-lane-3', 325, 1.0, count=120, light='night', offset_m=1.5, noise=10),
     Pair('rain-blur', 324, count=120, looks=('rain', 'blur'), light='night', noise=20),
-    Pair('low-night-noise', 331, 1.0, count=120, both_look=LOW, light='night', noise=70),
-    Pair('heading-night', 330, count=120, light='night', heading_deg=6, noise=40),
-    Pair('traffic-blur', 332, 1.5, count=120, looks=('traffic', 'blur'), light='night',
-         offset_m=0.0, noise=20),
     Pair('walk', 304, 0.5, count=120, light='evening', offset_m=-0.5),
-    Pair('walk-low', 305, 0.5, count=120, both_look=LOW, light='overcast', offset_m=-0.8,
-         noise=10),
-    Pair('walk-night', 306, 0.5, count=120, both_look=LOW, light='night'),
-    Pair('walk-tiny', 308, 0.6, count=120, both_look=TINY, light='overcast'),
     Pair('crawl', 307, 0.3, count=120, light='overcast', heading_deg=4),
-    Pair('crawl-lane', 326, 0.4, count=120, light='evening', offset_m=0.0),
-    Pair('fork', 120, kind='fork', light='overcast'),
-    Pair('fork-night', 231, kind='fork', light='night', noise=10),
-    Pair('loop', 401, 3.0, kind='loop', count=88, noise=10),
-    Pair('loop-night', 402, 3.0, kind='loop', count=88, light='night', noise=25),
-    Pair('loop-lane', 403, 3.0, kind='loop', count=88, second_offset_m=0.5, noise=15),
-    Pair('loop-low', 404, 2.7, kind='loop', count=100, both_look=LOW, light='evening',
-         second_offset_m=0.0),
-    Pair('loop-blur', 405, 3.0, kind='loop', count=88, looks=('blur',), light='overcast',
-         noise=40),
-    Pair('loop-night-lane', 406, 3.0, kind='loop', count=88, light='night', noise=10,
-         second_offset_m=0.0),
-    Pair('terrace', 213, kind='terrace1', light='overcast'),
-    Pair('terrace-night', 214, kind='terrace2', light='night'),
     Pair('terrace-low', 215, 1.5, kind='terrace2', both_look=LOW, offset_m=0.5),
-    Pair('terrace-low-night', 309, 1.0, count=120, kind='terrace1', both_look=LOW, light='night',
-         offset_m=-0.5),
 )  # fmt: skip
 
 # On which nothing was fitted.
@@ -156,23 +102,13 @@ CHECKS = (
 
 
 def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray:
-    """Return an image after rain, traffic, motion or a small sensor."""
+    """Return an image after rain, motion or a small sensor."""
     height, width = gray.shape
     if look in ('160', '64'):
         size = (160, 120) if look == '160' else (64, 32)
         return cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
     if look == 'blur':
         return cv2.blur(gray, (int(rng.integers(3, 15)) | 1, 1))
-    if look == 'traffic':
-        made = gray.copy()
-        for _ in range(rng.poisson(2)):
-            block = rng.integers(20, 220, (6, 8)).astype(np.uint8)
-            wide = int(rng.integers(60, 140))
-            block = cv2.resize(block, (wide, 2 * wide // 3), interpolation=cv2.INTER_NEAREST)
-            x, y = int(rng.integers(0, width)), int(height * rng.uniform(0.35, 0.6))
-            shown = made[y : y + len(block), x : x + wide]
-            shown[:] = block[: shown.shape[0], : shown.shape[1]]
-        return made
     streaks, drops = np.zeros_like(gray), np.zeros_like(gray)
     for _ in range(gray.size // 500):
         x, y, long, lean = rng.integers((0, 0, 6, -2), (width, height, 20, 3)).tolist()
@@ -189,16 +125,11 @@ def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
     """Return the frames of the map's drive, or of the one that asks, and how far each is."""
     speed = pair.speed if asks else 1.0
     offset_m = pair.offset_m if asks else pair.map_offset_m
-    lanes = ()
-    if pair.second_offset_m is not None:
-        last = pair.second_offset_m
-        lanes = ((0.0, offset_m), (ROUND_M - 5, offset_m), (ROUND_M, last), (300.0, last))
     drive = Drive(
         speed_mps=SPEED_MPS * speed,
         frame_rate_hz=SPEED_MPS / pair.step_m,
         num_frames=int(pair.count / speed),
         lane_offset_m=offset_m,
-        lanes=lanes,
         heading_deg=pair.heading_deg * asks,
         light=pair.light if asks else pair.map_light,
         noise=pair.noise * asks,
@@ -206,15 +137,9 @@ def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
         width_px=320,
         height_px=240,
     )
-    way: Street | Terrace | Route = Street(1000.0, pair.seed)
+    way: Street | Terrace = Street(1000.0, pair.seed)
     if pair.kind.startswith('terrace'):
         way = Terrace(1000.0, pair.seed, int(pair.kind[-1]))
-    elif pair.kind == 'fork':
-        corners = (0.0, 0.0), (FORK_M, 0.0), (FORK_M, 400.0 if asks else -400.0)
-        way = Route(corners, pair.seed)
-    elif pair.kind == 'loop':
-        once = (40.0, 0.0), (40.0, 30.0), (0.0, 30.0), (0.0, 0.0)
-        way = Route(((15.0, 0.0), *once, *once, *once), pair.seed)
     rng = np.random.default_rng((pair.seed, asks))
     frames, distances = [], []
     for shot in draw(way, drive):

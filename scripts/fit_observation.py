@@ -1,37 +1,34 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print by what the log likelihood ratio of an observation (`RATIO`) is fitted, and draw it.
+Print by what the log likelihood ratio of an observation (`RATIO`) is fitted.
 
-Usage: python scripts/fit_observation.py [--data FOLDER] [--picture FILE], some minutes. Every
-fourth of the drawn drives is asked with the middle half of the map; with `--data`, the folder of
-the data sets, corridor likewise, and laps with the map of its first lap, the other circuit, too.
+Usage: python scripts/fit_observation.py [--data FOLDER], some minutes. Each of the drawn drives is
+asked with the middle half of the map; with `--data`, the folder of the data sets, corridor
+likewise, and laps with the map of its first lap, the other circuit, too.
 Of each frame counts the place that is verified best: right within 5 m (corridor: 5 frames), wrong
 beyond 15 (laps: as in laps.py). Right and wrong weigh the same, and so does each drive. What is
 shipped is printed beside the fit, and half of the fit: frames that follow each other err alike.
 """
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import math
 from pathlib import Path
-import sys
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
 from convseq_ros.core.decision.observation import Observation, RATIO
-from convseq_ros.evaluation.plots.figure import new_figure, save
 from convseq_ros.evaluation.protocols import kept_halves
 from convseq_ros.sources.folder import ImageFolder
-from drawn_drives import drawn, FORK_M, Pair, PAIRS
+from drawn_drives import drawn, Pair, PAIRS
+from drives import options
 import laps
 import numpy as np
 
 RIGHT, WRONG = 5.0, 15.0  # metres, or frames
 STEPS = 30
 NAMES = 'constant', 'strength', 'score'
-PANELS = 'lead by strength, scales', 'lead by pair score, scales', 'fitted log ratio'
 Values = np.ndarray
 Shown = list[tuple[Frame, float]]  # where it was taken: nan if not known, inf if elsewhere
 
@@ -52,8 +49,6 @@ class Drive:
 def of_drawn(pair: Pair) -> Drive:
     """Return a drawn drive."""
     (asked, there), (mapped, here) = drawn(pair, True), drawn(pair, False)
-    if pair.kind == 'fork':
-        there = np.where(there > FORK_M, np.inf, there)
     first, last = kept_halves(len(mapped))['middle']
     kept = list(zip(mapped, here.tolist(), strict=True))[first:last]
     shown = list(zip(asked, there.tolist(), strict=True))
@@ -144,32 +139,10 @@ def log_ratios(rows: Values, weights: Values) -> Values:
     return np.asarray(weights[0] + rows[:, :2] @ weights[1:])
 
 
-def picture(rows: Values, counts: Values, fitted: Values, path: Path) -> None:
-    """Draw the densities of both leads and of the fitted log ratio, of right and wrong."""
-    figure, right = new_figure(12.0, 3.6), rows[:, 2] > 0
-    shown = rows[:, 0], rows[:, 1], log_ratios(rows, fitted)
-    for number, (name, values) in enumerate(zip(PANELS, shown, strict=True), 1):
-        panel = figure.add_subplot(1, 3, number)
-        least, most = np.percentile(values, (0.5, 98))
-        edges = np.linspace(least, most, 41)
-        for label, some, color in (('right', right, 'tab:blue'), ('wrong', ~right, 'tab:red')):
-            inside = values[some].clip(least, most)
-            style = {'density': True, 'alpha': 0.5, 'color': color, 'label': label}
-            panel.hist(inside, edges, weights=counts[some], **style)
-        panel.set(xlabel=name, yticks=[])
-        panel.axvline(0, color='black', linewidth=0.8)
-        panel.legend(frameon=False)
-    figure.tight_layout()
-    save(figure, path)
-
-
-def main() -> int:
+def main() -> None:
     """Collect, fit, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path)
-    parser.add_argument('--picture', type=Path)
-    chosen = parser.parse_args()
-    drives = [of_drawn(pair) for pair in PAIRS[::4] if pair.kind != 'loop']
+    chosen = options(__doc__, data=None)
+    drives = [of_drawn(pair) for pair in PAIRS]
     if chosen.data:
         drives += [of_corridor(chosen.data / 'corridor'), of_laps(chosen.data / 'laps')]
         drives.append(other_circuit(drives[-1], chosen.data / 'laps'))
@@ -191,10 +164,7 @@ def main() -> int:
             for kind in (right, ~right)
         ]
         print(f'{name}:', '; '.join(told))
-    if chosen.picture:
-        picture(rows, counts, fitted, chosen.picture)
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

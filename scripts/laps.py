@@ -11,22 +11,21 @@ other/ is wrong. Maps are also driven through by the frames that they are made o
 all of it. `first`: frames from the first known one to the first right match.
 """
 
-import argparse
 from collections.abc import Iterable
 import csv
 from dataclasses import dataclass
 from pathlib import Path
-import sys
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
+from convseq_ros.core.types import Reason
 from convseq_ros.sources.folder import ImageFolder
+from drives import head, options, PASSED_OVER, row
 
 LAP, RIGHT, WRONG = 840, 40, 100  # places
 MIN_MATCHES, REACH = 8, 8  # of a row of the truth, and how many frames away it holds
 FIRST_LAP, HALF = 1236, 2400  # the last frames of maps, by their names
 EXCLUSION_S = 10.0
-PASSED_OVER = ('between_keyframes', 'stationary', 'unreadable')
 
 
 @dataclass(slots=True)
@@ -78,7 +77,9 @@ def count(
     counts, began, own = Counts(), 0, config.online.grows
     for index, frame in enumerate(asked):
         match, here = recognizer.process(frame), where.get(frame.stamp_ns)
-        if match.reason in PASSED_OVER or (own and number(frame) <= FIRST_LAP):
+        if match.reason in (*PASSED_OVER, Reason.UNREADABLE) or (
+            own and number(frame) <= FIRST_LAP
+        ):
             continue
         until_ns = frame.stamp_ns - own * round(EXCLUSION_S * 1e9)
         there = (
@@ -104,12 +105,9 @@ def count(
     return counts
 
 
-def main() -> int:
+def main() -> None:
     """Map, recognise, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path, required=True)
-    parser.add_argument('--threads', type=int, default=0)
-    chosen = parser.parse_args()
+    chosen = options(__doc__, data=None, threads=0)
     settings = {'threads': chosen.threads}
     config = make_config({**settings, 'exclusion_s': EXCLUSION_S})
     online = make_config({**settings, 'mode': 'online', 'exclusion_s': EXCLUSION_S})
@@ -117,8 +115,7 @@ def main() -> int:
     truth = read_truth(chosen.data / 'ground_truth.csv')
     where = {frame.stamp_ns: place(truth, frame) for frame in drive}
     lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
-    print('| map | query | right of known | recall | wrong | accepted | first |')
-    print('|---|---|---|---|---|---|---|')
+    head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted', 'first')
     for name, mapped, query, asked, known, how in (
         ('first lap', lap, 'all of the drive', drive, where, config),
         ('first lap', lap, 'what follows', drive[len(lap) :], where, config),
@@ -126,9 +123,8 @@ def main() -> int:
         ('online', [], 'from the second lap on', drive, where, online),
         (f'up to {HALF}', half, 'what follows', drive[len(half) :], where, config),
     ):
-        print(f'| {name} | {query} | {count(mapped, asked, known, how)} |', flush=True)
-    return 0
+        row(name, query, count(mapped, asked, known, how))
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

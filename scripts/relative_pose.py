@@ -16,9 +16,8 @@ Roads are folders of KITTI's odometry with images/, poses.txt and calib.txt: eac
 about the one so many before it, and what came before that is the map; then darkened.
 """
 
-import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 import math
 from pathlib import Path
 import time
@@ -30,16 +29,17 @@ from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.types import Candidate, Descriptor, Frame
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.pose_file import read_pose_file
 import cv2
+from drives import head, options, row, shots
 import numpy as np
 
 QUERIES = {'evening': {'light': 'evening', 'noise': 5}, 'overcast': {'light': 'overcast'},
            'night': {'light': 'night', 'noise': 10}}  # fmt: skip
+SIZE = {'width_px': 640, 'height_px': 480}
 EXPECTED = 12.6  # .95 of a chi squared of six degrees of freedom
 Shown = list[tuple[Frame, Descriptor]]
 
@@ -70,16 +70,9 @@ class FromOnePlace(RelativePoses):
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--streets', type=int, nargs='*', default=[31, 32, 33])
-    parser.add_argument('--roads', type=Path, nargs='*', default=[])
-    parser.add_argument('--images-px', type=int, default=0, help='have the map keep images')
-    parser.add_argument(
-        '--depth', action='store_true', help='streets: the map has depth images and no odometry'
-    )
-    chosen = parser.parse_args()
-    numbers = 'n  none  median m  90 %  median deg  90 %  squared  <12.6  same pose m    ms'
-    print(f'{"what":27}   {numbers}')
+    chosen = options(__doc__, streets=[31, 32, 33], roads=[], images_px=0, depth=False)
+    head('what', 'n', 'none', 'median m', '90 %', 'median deg', '90 %', 'squared', f'< {EXPECTED}',
+         'same pose m', 'ms')  # fmt: skip
     found: dict[str, list[Error | None]] = {}
     for seed in chosen.streets:
         for name, error in of_street(seed, chosen.images_px, chosen.depth):
@@ -94,19 +87,12 @@ def main() -> None:
 def tell(name: str, errors: list[Error | None]) -> None:
     """Print one row."""
     known = [one for one in errors if one]
-    if not known:
-        print(f'{name:27}{len(errors):4}  none is measured')
-        return
-    metres, degrees = ([getattr(one, of) for one in known] for of in ('position_m', 'turn_deg'))
-    squared = np.array([one.squared for one in known])
-    print(
-        f'{name:27}{len(errors):4}{len(errors) - len(known):6}{np.median(metres):10.2f}'
-        f'{np.percentile(metres, 90):6.2f}{np.median(degrees):12.2f}'
-        f'{np.percentile(degrees, 90):6.2f}{np.median(squared):9.1f}'
-        f'{np.mean(squared < EXPECTED):7.2f}{np.median([one.same_m for one in known]):13.2f}'
-        f'{np.median([one.ms for one in known]):6.0f}',
-        flush=True,
-    )
+    numbers = np.array([astuple(one) for one in known] or [(np.nan,) * 5])
+    metres, degrees, squared, same_m, ms = numbers.T
+    told = [f'{part:.2f}' for one in (metres, degrees) for part in np.percentile(one, (50, 90))]
+    told += [f'{np.median(squared):.1f}', f'{np.mean(squared < EXPECTED):.2f}']
+    told += [f'{np.median(same_m):.2f}', f'{np.median(ms):.0f}']
+    row(name, len(errors), len(errors) - len(known), *told)
 
 
 def of_street(seed: int, images_px: int, depth: bool) -> Iterator[tuple[str, Error | None]]:
@@ -189,13 +175,13 @@ def drawn(seed: int, depth: bool = False) -> tuple[Shown, dict[str, Shown]]:
     for name, how in QUERIES.items():
         lanes = tuple(zip(along, rng.uniform(-1.5, 0.5, len(along)).tolist(), strict=True))
         heading_deg, noise_seed = float(rng.uniform(-3, 3)), seed + len(queries) + 1
-        drive = Drive(
-            start_m=4.3, frame_rate_hz=5.3, num_frames=22, lanes=lanes, heading_deg=heading_deg,
-            seed=noise_seed, **how,
+        drive = shots(
+            street, start_m=4.3, frame_rate_hz=5.3, num_frames=22, lanes=lanes,
+            heading_deg=heading_deg, seed=noise_seed, **SIZE, **how,
         )  # fmt: skip
-        queries[name] = described(shot.frame for shot in draw(street, drive))
-    mapping = Drive(num_frames=50, seed=seed, has_depth=depth)
-    return described(shot.frame for shot in draw(street, mapping)), queries
+        queries[name] = described(frame for _, frame in drive)
+    mapped = shots(street, num_frames=50, seed=seed, has_depth=depth, **SIZE)
+    return described(frame for _, frame in mapped), queries
 
 
 def road(folder: Path) -> tuple[Shown, Shown]:

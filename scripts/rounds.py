@@ -10,72 +10,48 @@ sets, their drives, forwards and backwards, are told nothing but their own past,
 but the latest 20: they pass every place once, so all that is accepted is false.
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-import math
-from pathlib import Path
-import sys
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.route import Corner, Route
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS, ImageFolder
+from drives import away_m, blind, count, head, lanes, options, RIGHT_M, row, shots
 import numpy as np
 
-RIGHT_M = 5.0
 BLOCK: tuple[Corner, ...] = ((0.0, 0.0), (120.0, 0.0), (120.0, 80.0), (0.0, 80.0))
 START: Corner = (10.0, 0.0)  # on the first street; also the end
 ROUNDS = 3
-LANE_M, ASIDE_M, LANES_EVERY_M = -1.0, 0.6, 30.0
-NOISE = 2.0
 RECENT = 20  # frames that are no own past yet
-PASSED_OVER = ('between_keyframes', 'stationary')
 OWN_PASTS = (
     'corridor/query', 'corridor/ref', 'gardens_point/day_left', 'gardens_point/day_right',
     'road_1/images', 'road_2/images',
 )  # fmt: skip
 
 
-def town(seed: int) -> Route:
-    """Return a way some times round a block."""
+def rounds(seed: int, config: Config) -> list[Counter[str]]:
+    """Return what is recognised of a drive's own past, round by round."""
     first, *corners = BLOCK
-    return Route((START, *corners, *BLOCK * (ROUNDS - 1), first, START), seed)
-
-
-def rounds(seed: int) -> tuple[float, list[tuple[float, Frame]]]:
-    """Return how long a round is, and how far frames 1 m apart are, with the poses they have."""
-    route, rng = town(seed), np.random.default_rng(seed)
-    at = np.arange(0.0, route.length_m + LANES_EVERY_M, LANES_EVERY_M)
-    lanes = LANE_M + rng.uniform(-ASIDE_M, ASIDE_M, len(at))
-    drive = Drive(
-        num_frames=int(route.length_m),
-        lanes=tuple(zip(at.tolist(), lanes.tolist(), strict=True)),
-        noise=NOISE,
-        seed=seed,
-        width_px=320,
-        height_px=240,
-    )
-    print(f'town {seed}: drawing {drive.num_frames} frames', file=sys.stderr, flush=True)
-    return route.length_m / ROUNDS, [(one.distance_m, one.frame) for one in draw(route, drive)]
-
-
-def count(seed: int, config: Config) -> list[Counter[str]]:
-    """Recognise a drive's own past, round by round."""
-    round_m, shots = rounds(seed)
+    route = Route((START, *corners, *BLOCK * (ROUNDS - 1), first, START), seed)
+    line = lanes(route.length_m, -1.0, 0.6, np.random.default_rng(seed))
+    drawn = shots(route, num_frames=int(route.length_m), lanes=line, noise=2.0, seed=seed)
+    true = {frame.stamp_ns: frame.pose for _, frame in drawn}
     recognizer = PlaceRecognizer(build_map([], None, config), config)
-    found = [Counter[str]() for _ in range(ROUNDS)]
-    where = {frame.stamp_ns: frame.pose.position for _, frame in shots if frame.pose}
-    for at_m, frame in shots:
-        counts = found[min(int(at_m / round_m), ROUNDS - 1)]
-        match = recognizer.process(replace(frame, pose=None))
-        counts['keyframes'] += match.reason not in PASSED_OVER
-        if accepted := match.accepted:
-            off_m = math.dist(where[accepted.reference_stamp_ns], where[frame.stamp_ns])
-            counts['right' if off_m <= RIGHT_M else 'false'] += 1
-    return found
+    parts: list[list[Frame]] = [[] for _ in range(ROUNDS)]
+    for at_m, frame in drawn:
+        parts[min(int(ROUNDS * at_m / route.length_m), ROUNDS - 1)].append(frame)
+    return [
+        count(
+            recognizer,
+            blind(part),
+            lambda frame, found: (
+                away_m(true[found.reference_stamp_ns], true[frame.stamp_ns]) <= RIGHT_M
+            ),
+        )
+        for part in parts
+    ]
 
 
 def own_past(frames: Sequence[Frame], config: Config) -> int:
@@ -83,38 +59,29 @@ def own_past(frames: Sequence[Frame], config: Config) -> int:
     recognizer = PlaceRecognizer(build_map([], None, config), config)
     stamps_ns = [frame.stamp_ns for frame in frames]
     again = (replace(one, stamp_ns=at) for one, at in zip(frames, sorted(stamps_ns), strict=True))
-    return sum(recognizer.process(frame).accepted is not None for frame in again)
+    return count(recognizer, again, lambda *_: False)['false']
 
 
-def main() -> int:
+def main() -> None:
     """Draw, recognise, and print two tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--towns', type=int, nargs='*', default=[1, 2])
-    parser.add_argument('--data', type=Path)
-    parser.add_argument('--threads', type=int, default=0)
-    chosen = parser.parse_args()
+    chosen = options(__doc__, towns=[1, 2], data=None, threads=0)
     online = {'threads': chosen.threads, 'mode': 'online'}
     if chosen.data:
         step_s = FRAME_INTERVAL_NS / 1e9
         recent = {'keyframe_overlap': 1.0, 'exclusion_s': (RECENT - 0.5) * step_s}
         config = make_config({**online, **recent})
-        print('| drive | frames | accepted forwards | backwards |')
-        print('|---|---|---|---|')
+        head('drive', 'frames', 'accepted forwards', 'backwards')
         for name in OWN_PASTS:
             frames = list(ImageFolder(chosen.data / name))
-            ways = [own_past(way, config) for way in (frames, frames[::-1])]
-            print(f'| {name} | {len(frames)} | {ways[0]} | {ways[1]} |', flush=True)
+            row(name, len(frames), *(own_past(way, config) for way in (frames, frames[::-1])))
         print()
-    print('| town | round | keyframes | right | recall | false |')
-    print('|---|---|---|---|---|---|')
-    for town_seed in chosen.towns:
-        for number, counts in enumerate(count(town_seed, make_config(online)), 1):
+    head('town', 'round', 'keyframes', 'right', 'recall', 'false')
+    for seed in chosen.towns:
+        for number, counts in enumerate(rounds(seed, make_config(online)), 1):
             keyframes, right = counts['keyframes'], counts['right']
             share = f'{right / keyframes:.3f}' if number > 1 else ''
-            told = f'{keyframes} | {right} | {share} | {counts["false"]}'
-            print(f'| {town_seed} | {number} | {told} |', flush=True)
-    return 0
+            row(seed, number, keyframes, right, share, counts['false'])
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

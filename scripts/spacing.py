@@ -3,73 +3,61 @@
 """
 Print how far off matches are where map and query lie apart by other distances.
 
-Usage: python scripts/spacing.py, some ten minutes. Drawn streets, mapped by day and driven again
-in the evening, in another lane, or at night. On 901, 902, 908 and 910 it was found out what to do;
-911 to 914 were looked at once, when all constants stood. A match is off if it is further away than
-the larger of both spacings.
+Usage: python scripts/spacing.py [--streets 901 902 908 910 911 912 913 914], some ten minutes.
+Drawn streets are mapped by day and driven again in the evening, in another lane (odd numbers, and
+not 909), or at night. 911 to 914 were looked at once, when all constants stood. A match is off if
+it is further away than the larger of both spacings.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from convseq_ros import build_map, Frame, PlaceRecognizer
-from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
+from drives import head, options, PASSED_OVER, row, Shots, shots
 import numpy as np
 
-STEP_M = 0.5
+STREETS = [901, 902, 908, 910, 911, 912, 913, 914]
+SEEDS = {901: (1802, 1803), 902: (1804, 1805)}  # others: 2000 and 3000 more
 EVENING = {'light': 'evening', 'lane_offset_m': -0.5, 'noise': 5}
 NIGHT = {'light': 'night', 'noise': 10}
-DRIVES = {  # street: map, query
-    901: (Drive(seed=1802), Drive(seed=1803, **EVENING)),
-    902: (Drive(seed=1804), Drive(seed=1805, **NIGHT)),
-    908: (Drive(seed=2908), Drive(seed=3908, **NIGHT)),
-    910: (Drive(seed=2910), Drive(seed=3910, **NIGHT)),
-    911: (Drive(seed=2911), Drive(seed=3911, **EVENING)),
-    912: (Drive(seed=2912), Drive(seed=3912, **NIGHT)),
-    913: (Drive(seed=2913), Drive(seed=3913, **EVENING)),
-    914: (Drive(seed=2914), Drive(seed=3914, **NIGHT)),
-}
+STEP_M = 0.5
 SPACINGS_M = ((6, 0.5), (6, 1), (3, 0.5), (1, 1), (0.5, 3), (1, 6))  # map, query
-Shots = list[tuple[float, np.ndarray]]
 
 
-def drawn(street: int, drive: Drive) -> Shots:
-    """Return how far along each frame is, in metres, and the frame."""
-    how = {name: getattr(drive, name) for name in ('seed', 'light', 'lane_offset_m', 'noise')}
-    whole = Drive(frame_rate_hz=20, num_frames=600, width_px=320, height_px=240, **how)
-    return [(shot.distance_m, shot.frame.gray) for shot in draw(Street(400.0, street), whole)]
-
-
-def frames(shots: Shots) -> list[Frame]:
-    """Return frames a tenth of a second apart."""
-    return [Frame((index + 1) * 100_000_000, gray) for index, (_, gray) in enumerate(shots)]
+def apart(drawn: Shots, spacing_m: float, first: int = 0) -> list[tuple[float, Frame]]:
+    """Return every so many frames, a tenth of a second apart."""
+    some: Sequence[tuple[float, Frame]] = drawn[first :: round(spacing_m / STEP_M)]
+    return [
+        (at, replace(frame, stamp_ns=(index + 1) * 100_000_000, pose=None, camera=None))
+        for index, (at, frame) in enumerate(some)
+    ]
 
 
 def main() -> None:
     """Measure and print."""
-    print('street  map m  query m  keyframes  accepted  off  median m  most m')
-    for street, drives in DRIVES.items():
-        first, second = (drawn(street, drive) for drive in drives)
+    head('street', 'map m', 'query m', 'keyframes', 'accepted', 'off', 'median m', 'most m')
+    for number in options(__doc__, streets=STREETS).streets:
+        street, seeds = Street(400.0, number), SEEDS.get(number, (number + 2000, number + 3000))
+        again = EVENING if number % 2 else NIGHT
+        first, second = (
+            shots(street, frame_rate_hz=20, num_frames=600, seed=seed, **how)
+            for seed, how in zip(seeds, ({}, again), strict=True)
+        )
         for spacing_m, query_m in SPACINGS_M:
-            mapped = first[:: round(spacing_m / STEP_M)]
-            asked = second[round(query_m / STEP_M) // 2 :: round(query_m / STEP_M)]
-            reference_map = build_map(frames(mapped))
-            where = {
-                frame.stamp_ns: at for frame, (at, _) in zip(frames(mapped), mapped, strict=True)
-            }
-            here = [where[place.stamp_ns] for place in reference_map.places]
-            recognizer = PlaceRecognizer(reference_map)
+            mapped = apart(first, spacing_m)
+            where = {frame.stamp_ns: at for at, frame in mapped}
+            recognizer = PlaceRecognizer(build_map([frame for _, frame in mapped]))
             off, keyframes = [], 0
-            for frame, (at, _) in zip(frames(asked), asked, strict=True):
+            for at, frame in apart(second, query_m, round(query_m / STEP_M) // 2):
                 match = recognizer.process(frame)
-                keyframes += match.reason != 'between_keyframes'
+                keyframes += match.reason not in PASSED_OVER
                 if match.accepted:
-                    off.append(abs(here[match.accepted.reference_index] - at))
+                    off.append(abs(where[match.accepted.reference_stamp_ns] - at))
             far = sum(one > max(spacing_m, query_m) for one in off)
             median, most = (float(np.median(off)), max(off)) if off else (np.nan, np.nan)
-            print(
-                f'{street}  {spacing_m:7g}{query_m:9g}{keyframes:11}{len(off):10}{far:5}'
-                f'{median:10.2f}{most:8.1f}',
-                flush=True,
-            )
+            told = f'{median:.2f}', f'{most:.1f}'
+            row(number, spacing_m, query_m, keyframes, len(off), far, *told)
 
 
 if __name__ == '__main__':

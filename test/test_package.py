@@ -51,7 +51,9 @@ KNOWN_KEYS = {
     'python3-tqdm',
     'python3-yaml',
 }
-NOT_SOURCE = shutil.ignore_patterns('.*', 'build', 'install', 'log', 'test', '*.egg-info')
+NOT_SOURCE = shutil.ignore_patterns(
+    '.*', 'build', 'dist', 'install', 'log', 'site', 'test', '*.egg-info'
+)
 
 
 @pytest.fixture(scope='module')
@@ -200,6 +202,11 @@ def test_pip_installs_what_ros2_run_executes(manifest):
     assert (SCRIPTS / 'convseq').is_file()
     pytest.importorskip('rclpy')
     assert_node_reports_a_missing_map([str(node)], dict(os.environ))
+
+
+def test_one_wheel_serves_every_python():
+    tags = metadata.distribution('convseq_ros').read_text('WHEEL') or ''
+    assert re.search(r'^Tag: py3-none-\w+$', tags, re.MULTILINE)
 
 
 def test_colcon_recognises_the_build_type(workspace):

@@ -1,77 +1,99 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What maps take on disk and in memory, and how long they take to open."""
+"""
+What maps take on disk and in memory, and how long they take to open.
+
+Each is opened and used by processes of its own: this module, started with a map and images.
+"""
 
 import json
 import os
 from pathlib import Path
+import re
+import statistics
 import subprocess
 import sys
+import time
 
+from convseq_ros.config import Config
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame
 import numpy as np
 
-from bench.finding import at_most, Finding
+from bench.finding import Finding
 from bench.material import queries_path
 from bench.work import Work
 
 _WANTED_SIZE = 100_000
-_MOST_MB, _MOST_OPEN_S, _MOST_KB = 300, 3, 20
+_MOST_MB, _MOST_OPEN_S, _MOST_KB = 250, 3, 20
 _RUNS = 3
+_PERIOD_NS = 100_000_000
 
 
 def measure(work: Work) -> list[Finding]:
-    """Open each map in processes of their own, from the disk and from the system's cache."""
+    """Open each map, from the disk and from the system's cache."""
     sizes = work.sizes[-1:] if work.quick else work.sizes
     return [finding for size in sizes for finding in _map(work, size)]
 
 
 def _map(work: Work, size: int) -> list[Finding]:
-    path = work.map_path(size)
-    kb = path.stat().st_size / 1e3 / size
-    _forget(path)
-    cold = _opened(work, path)
-    warm = [cold] if work.quick else [_opened(work, path) for _ in range(_RUNS)]
-    open_s = float(np.median([run['open_s'] for run in warm]))
-    warm_s = float(np.median([run['warm_s'] for run in warm]))
-    resident_mb = float(np.median([run['resident_mb'] for run in warm]))
-    before_mb = float(np.median([run['before_mb'] for run in warm]))
-    most_mb = max(run['most_mb'] for run in warm)
-    what = f'map, R = {size:,}'
-    opened = Finding(
-        what=what,
-        side='open',
-        unit='s',
-        value=open_s,
-        runs=len(warm),
-        note=f'{cold["open_s"]:.2f} s when it is not in the file cache; loading the kernels '
-        f'takes {warm_s:.2f} s more',
-    )
-    resident = Finding(
-        what=what,
-        side='resident',
-        unit='MB',
-        value=resident_mb,
-        runs=len(warm),
-        note=f'{before_mb:.0f} MB of them Python and libraries; {most_mb:.0f} MB at most',
-    )
-    stored = Finding(
-        what=what, side='disk, a reference', unit='kB', value=kb, note='thumbnails included'
-    )
-    if size == _WANTED_SIZE:
-        opened = opened.aiming(at_most(open_s, _MOST_OPEN_S, 's'))
-        resident = resident.aiming(at_most(resident_mb, _MOST_MB, 'MB'))
-        stored = stored.aiming(at_most(kb, _MOST_KB, 'kB'))
-    return [opened, resident, stored]
-
-
-def _forget(path: Path) -> None:
-    """Have the system drop a file from its cache."""
-    with path.open('rb') as file:
+    path, is_wanted = work.map_path(size), size == _WANTED_SIZE
+    with path.open('rb') as file:  # the system drops it from its cache
         os.fsync(file.fileno())
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+    cold = _opened(work, path)
+    warm = [cold] if work.quick else [_opened(work, path) for _ in range(_RUNS)]
+
+    def finding(side: str, value: float, unit: str, most: float, note: str) -> Finding:
+        wanted = most if is_wanted else None
+        named = {'what': f'map, R = {size:,}', 'side': side, 'unit': unit, 'note': note}
+        return Finding(value=value, most=wanted, runs=len(warm), **named)
+
+    of = {name: statistics.median(run[name] for run in warm) for name in cold}
+    cold_note = f'{cold["open_s"]:.2f} s when it is not in the file cache'
+    libraries = f'{of["before_mb"]:.0f} MB of them Python and libraries'
+    kb = path.stat().st_size / 1e3 / size
+    return [
+        finding('open', of['open_s'], 's', _MOST_OPEN_S, cold_note),
+        finding('resident', of['resident_mb'], 'MB', _MOST_MB, libraries),
+        finding('disk, a place', kb, 'kB', _MOST_KB, 'thumbnails included'),
+    ]
 
 
 def _opened(work: Work, path: Path) -> dict[str, float]:
-    command = [sys.executable, '-m', 'bench.resident', str(path), str(queries_path(work.folder))]
+    command = [
+        sys.executable,
+        '-m',
+        'bench.parts.memory',
+        str(path),
+        str(queries_path(work.folder)),
+    ]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
+
+
+def use(path: Path, queries: Path) -> dict[str, float]:
+    """Open a map in this process, process every image once, and return what that took."""
+    images = np.load(queries, mmap_mode='r')  # only its head: what is mapped is resident
+    _, height, width = images.shape
+    Session(None, Config()).warm_up()
+    before_mb, start_s = _resident_mb(), time.perf_counter()
+    session = Session(path, Config())
+    open_s = time.perf_counter() - start_s
+    session.warm_up()
+    for number in range(len(images)):
+        begin = images.offset + number * height * width
+        image = np.fromfile(queries, np.uint8, height * width, offset=begin)
+        session.recognizer.process(Frame(number * _PERIOD_NS, image.reshape(height, width)))
+    return {'open_s': open_s, 'before_mb': before_mb, 'resident_mb': _resident_mb()}
+
+
+def _resident_mb() -> float:
+    status = Path('/proc/self/status').read_text(encoding='ascii')
+    found = re.search(r'VmRSS:\s+(\d+) kB', status)
+    assert found
+    return int(found[1]) / 1e3
+
+
+if __name__ == '__main__':
+    print(json.dumps(use(Path(sys.argv[1]), Path(sys.argv[2]))))

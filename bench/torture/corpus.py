@@ -61,19 +61,6 @@ def recordings() -> dict[str, tuple[str, dict[str, bytes]]]:
         }
 
 
-def put(kind: str, folder: Path) -> Path:
-    """Write a recording into a folder; return what to open."""
-    name, files = recordings()[kind]
-    path = folder / name
-    if '' in files:
-        path.write_bytes(files[''])
-        return path
-    path.mkdir()
-    for file, content in files.items():
-        (path / file).write_bytes(content)
-    return path
-
-
 def _written(folder: Path) -> dict[str, Path]:
     return {
         'mcap zstd': _mcap(folder / 'zstd.mcap', CompressionType.ZSTD),
@@ -115,32 +102,20 @@ def message(kind: str = IMAGE, number: int = 0) -> Any:
     return types['geometry_msgs/msg/PoseStamped'](header, pose)
 
 
-def mcap_of(
-    path: Path,
-    contents: list[bytes],
-    compression: CompressionType,
-    chunk_bytes: int = 4096,
-    use_chunking: bool = True,
-) -> Path:
-    """Write image messages of any content."""
+def _mcap(path: Path, compression: CompressionType, use_chunking: bool = True) -> Path:
     with path.open('wb') as file:
         writer = McapWriter(
-            file, chunk_size=chunk_bytes, compression=compression, use_chunking=use_chunking
+            file, chunk_size=4096, compression=compression, use_chunking=use_chunking
         )
         writer.start(profile='ros2')
         definition, _ = ROS2.generate_msgdef(IMAGE, ros_version=2)
         schema = writer.register_schema(IMAGE, 'ros2msg', definition.encode())
         channel = writer.register_channel('/camera', 'cdr', schema)
-        for number, content in enumerate(contents):
+        for number in range(_FRAMES):
             stamp_ns = _START_NS + number * _STEP_NS
-            writer.add_message(channel, stamp_ns, content, stamp_ns)
+            writer.add_message(channel, stamp_ns, cdr(number=number), stamp_ns)
         writer.finish()
     return path
-
-
-def _mcap(path: Path, compression: CompressionType, use_chunking: bool = True) -> Path:
-    contents = [cdr(number=number) for number in range(_FRAMES)]
-    return mcap_of(path, contents, compression, use_chunking=use_chunking)
 
 
 def _ros2(

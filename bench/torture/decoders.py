@@ -8,8 +8,7 @@ from functools import partial
 from pathlib import Path
 import sqlite3
 import tempfile
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import EncodingConfig
@@ -18,14 +17,12 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report import read_runs
-from convseq_ros.evaluation.report.curves import read_curve
-from convseq_ros.evaluation.study import read_study
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.camera_info import camera_from_info
-from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture, ENCODINGS
+from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage
@@ -40,17 +37,7 @@ WORDS = ['9' * 30, *'-1 1e308 nan inf 1e99999999 [] {} 0x ~ &a *a !!'.split()]
 
 
 class Decoder(NamedTuple):
-    """
-    A decoder.
-
-    Parameters
-    ----------
-    samples : list of bytes
-        What it can decode.
-    decode : callable
-        Decodes anything, in a folder that is empty.
-
-    """
+    """A decoder: what it can decode, and what decodes anything, given an empty folder."""
 
     samples: list[bytes]
     decode: Callable[[bytes, Path], object]
@@ -72,17 +59,10 @@ def decoders() -> dict[str, Decoder]:
             [corpus.cdr(kind)],
             lambda given, _, kind=kind, decode=decode: decode(RawMessage(0, kind, given).decode()),
         )
-    found['fields of an image'] = Decoder(
-        [bytes(100)], lambda given, _: decode_image(_image_fields(given))
-    )
-    found['fields of a camera_info'] = Decoder(
-        [bytes(100)], lambda given, _: camera_from_info(_camera_fields(given))
-    )
     for kind, (name, files) in corpus.recordings().items():
         if '' in files:
             found[f'recording {kind}'] = Decoder([files['']], partial(_recording, name))
     return found | {
-        'recording folder': Decoder([_metadata()], _recording_folder),
         'map': Decoder([_map()], _in_file('map.db', _read_map)),
         'log of a map': Decoder([_ahead()[1]], _map_and_log),
         'image mask': Decoder(
@@ -93,7 +73,6 @@ def decoders() -> dict[str, Decoder]:
         'data set': Decoder(
             [_DATA_SET], _in_file('set.yaml', lambda path: read_data_set(path, path.parent))
         ),
-        'study': Decoder([_STUDY], _in_file('s.yaml', lambda path: read_study(path, path.parent))),
         'camera file': Decoder(
             [_CAMERA, b'P0: ' + b'1 ' * 12],
             _in_file('camera.yaml', lambda path: read_camera_file(path, 48, 64)),
@@ -132,17 +111,6 @@ def _in_file(name: str, read: Callable[[Path], object]) -> Callable[[bytes, Path
 def _recording(name: str, data: bytes, folder: Path) -> None:
     (folder / name).write_bytes(data)
     for _ in open_source(folder / name):
-        pass
-
-
-def _metadata() -> bytes:
-    return corpus.recordings()['folder mcap'][1]['metadata.yaml']
-
-
-def _recording_folder(data: bytes, folder: Path) -> None:
-    path = corpus.put('folder mcap', folder)
-    (path / 'metadata.yaml').write_bytes(data)
-    for _ in open_source(path):
         pass
 
 
@@ -203,54 +171,7 @@ def _run_folder(data: bytes, folder: Path) -> None:
     for name, content in files.items():
         (folder / name).write_bytes(content)
     for one in read_runs([folder]):
-        one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one)
-
-
-def _provider(data: bytes) -> Any:
-    import atheris  # who has none fuzzes nothing
-
-    return atheris.FuzzedDataProvider(data)
-
-
-def _image_fields(data: bytes) -> Any:
-    draw = _provider(data)
-
-    def side() -> int:
-        return draw.PickValueInList([0, 1, 2, 3, 47, 48, 65_536, 2**31 - 1, 2**32 - 1])
-
-    width = side()
-    return SimpleNamespace(
-        height=side(),
-        width=width,
-        encoding=draw.PickValueInList([*ENCODINGS, '', 'mono8 ', '32FC1', 'x' * 1000]),
-        is_bigendian=draw.ConsumeIntInRange(0, 255),
-        step=draw.PickValueInList([0, 1, width, 2 * width, 3 * width, 2**32 - 1]),
-        data=bytes(draw.PickValueInList([0, 1, 100, 48 * 47, 3 * 48 * 48])),
-    )
-
-
-def _camera_fields(data: bytes) -> Any:
-    draw = _provider(data)
-
-    def number() -> float:
-        known = [0.0, -1.0, 1e-300, 1.0, 320.0, 1e308, float('inf'), float('nan')]
-        return draw.PickValueInList(known) if draw.ConsumeBool() else draw.ConsumeFloat()
-
-    def whole() -> int:
-        return draw.PickValueInList([0, 1, 2, 640, 2**32 - 1])
-
-    part = SimpleNamespace(width=whole(), height=whole(), x_offset=whole(), y_offset=whole())
-    return SimpleNamespace(
-        k=[number() for _ in range(9)],
-        p=[number() for _ in range(12)],
-        width=whole(),
-        height=whole(),
-        roi=part,
-        binning_x=whole(),
-        binning_y=whole(),
-        d=[number() for _ in range(draw.ConsumeIntInRange(0, 14))],
-        distortion_model=draw.PickValueInList(['plumb_bob', 'equidistant', '', 'x']),
-    )
+        one.run.thumbnail('query', 0)
 
 
 def _arrays() -> list[bytes]:
@@ -283,12 +204,6 @@ query: {path: query, count: 3}
 reference: {path: reference, topic: /camera}
 truth: {kind: table, path: truth.csv, tolerance: 2}
 published: {netvlad: scores.npy}
-"""
-_STUDY = b"""name: lengths
-sets: [street_night]
-methods: [convseq, seqslam-k10]
-vary: {max_length: [5, 25]}
-change: {noise: [1, 2.5]}
 """
 _CAMERA = b"""image_width: 64
 image_height: 48

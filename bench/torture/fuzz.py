@@ -1,15 +1,35 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every decoder, given what is almost right, by a program that Atheris instruments."""
+"""
+Every decoder, given what is almost right, by libFuzzer, which Atheris leads along our lines.
 
-from collections.abc import Iterator
+`python -m bench.torture.fuzz COUNT SEED FOLDER [DECODER ...]` prints for each decoder how often it
+was executed, and what broke it, as JSON. Such an input is kept in `FOUND`.
+"""
+
+from collections.abc import Iterator, Mapping
+import contextlib
+import hashlib
 from importlib.util import find_spec
+import io
 import json
+import mmap
+import os
 from pathlib import Path
+import resource
+import shutil
+import signal
+import struct
 import subprocess
 import sys
+import tempfile
+import traceback
+from typing import Any, NoReturn
+
+import cv2
 
 from bench.torture.attack import Try
+from bench.torture.forked import MOST_BYTES, MOST_S
 
 ABOUT = (
     'Every decoder, fuzzed by Atheris (libFuzzer, led by the lines of convseq_ros that are '
@@ -19,13 +39,18 @@ ABOUT = (
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
 COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 50, 16
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
+FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')
+_MOST_INPUT_BYTES = 1 << 20  # libFuzzer makes none longer than the longest sample
+_LAST = struct.Struct('qq')  # executions so far, and the length of the last input, before it
+_MOST_SAID = 2000  # characters of an error
+_LONGEST_S = 600  # of a run that does nothing, as on a pipe; the machine may be stopped meanwhile
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Have a program of its own fuzz every decoder `count` times."""
     if MISSING:
         raise SystemExit(f'fuzz: {MISSING}')
-    command = [sys.executable, '-m', 'bench.torture._fuzzer', str(count), str(seed), str(folder)]
+    command = [sys.executable, '-m', 'bench.torture.fuzz', str(count), str(seed), str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
         for line in process.stdout:
@@ -34,3 +59,91 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             yield Try(name, problem)
     if process.returncode:
         yield Try('all', f'ended with {process.returncode}')
+
+
+def main(known: Mapping[str, Any] | None = None) -> None:
+    """Fuzz the decoders that are named, or all, each in a fork of this process."""
+    import atheris
+
+    # It names every module that it instruments.
+    with (
+        contextlib.redirect_stderr(io.StringIO()),
+        atheris.instrument_imports(include=['convseq_ros']),
+    ):
+        from bench.torture import decoders
+
+    cv2.setNumThreads(1)
+    count, seed, folder, *names = sys.argv[1:]
+    known = known or decoders.decoders()
+    for name in names or known:
+        with tempfile.TemporaryDirectory(dir=folder) as made:
+            own, last = Path(made), mmap.mmap(-1, _MOST_INPUT_BYTES)
+            if not (child := os.fork()):
+                (own / 'words').write_text(''.join(f'"{word}"\n' for word in decoders.WORDS))
+                _be_libfuzzer(known[name], int(count), seed, own, last)
+            code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+            executions, length = _LAST.unpack_from(last)
+            problem = ''
+            if code or executions < int(count):
+                said, data = own / 'problem', last[_LAST.size : _LAST.size + length]
+                kept = f'{name.replace(" ", "_")}-{hashlib.sha1(data).hexdigest()[:8]}'
+                FOUND.mkdir(exist_ok=True)
+                (FOUND / kept).write_bytes(data)
+                told = said.read_text(encoding='utf-8') if said.exists() else ''
+                problem = f'{told or f"ended with {code}, or took too much"}; {kept}'
+        print(json.dumps([name, executions, problem]), flush=True)
+
+
+def _be_libfuzzer(decoder: Any, count: int, seed: str, folder: Path, last: mmap.mmap) -> NoReturn:
+    """Fuzz a decoder until it breaks; whatever ends this process, `last` has the last input."""
+    import atheris
+    from convseq_ros.errors import ConvseqError
+
+    samples, decode = decoder
+    work, executions = folder / 'work', 0
+    work.mkdir()
+    (folder / 'samples').mkdir()
+    for number, sample in enumerate(samples):
+        (folder / 'samples' / f'{number}').write_bytes(sample)
+
+    def once(data: bytes) -> None:
+        nonlocal executions
+        executions += 1
+        last[_LAST.size : _LAST.size + len(data)] = data
+        _LAST.pack_into(last, 0, executions, len(data))
+        signal.setitimer(signal.ITIMER_PROF, MOST_S)
+        try:
+            decode(data, work)
+        except ConvseqError as error:
+            if len(str(error)) > _MOST_SAID:
+                raise
+        except BaseException:
+            lines = [line.strip() for line in traceback.format_exc().splitlines()]
+            said = ' | '.join([line for line in lines if line.strip('^~ ')][-4:])
+            (folder / 'problem').write_text(said[:500], encoding='utf-8', errors='replace')
+            raise
+        for one in work.iterdir():
+            shutil.rmtree(one) if one.is_dir() else one.unlink()
+
+    # libFuzzer's own limit is by the clock, and this machine has other things to do.
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_AS, (8 * MOST_BYTES, 8 * MOST_BYTES))
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1), os.dup2(silence, 2)
+    options = [
+        f'-runs={count}',
+        f'-seed={seed}',
+        f'-timeout={_LONGEST_S}',
+        f'-rss_limit_mb={MOST_BYTES // 10**6}',
+        f'-dict={folder / "words"}',
+        f'-artifact_prefix={folder}/',
+    ]
+    try:
+        atheris.Setup(['fuzz', *options, str(folder / 'samples')], once)
+        atheris.Fuzz()
+    finally:
+        os._exit(1)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,9 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A real node in a process of its own, and a camera, an odometry and a listener on its topics."""
+"""A real node in a process of its own, and a camera and a listener on its topics."""
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -14,14 +14,14 @@ import time
 from typing import Any
 
 from convseq_ros.cli.processes import end, environment
+from convseq_ros.node.conversions import stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Image
-from std_msgs.msg import Int32
+from sensor_msgs.msg import Image, PointCloud2
 
 _START_S, _END_S = 90.0, 20.0
 _SETTLE_S = 1.0
@@ -40,6 +40,8 @@ class Robot:
         Ours.
     answers : int
         Heard so far.
+    took_ms : list of float
+        From the call that published an image to its answer, of those by `publish`.
     greeted : int
         Images of `greet` that the node knows of.
     told : mapping of str to str
@@ -50,14 +52,21 @@ class Robot:
     def __init__(self, process: subprocess.Popen[bytes], context: Context) -> None:
         self.process = process
         self.answers = self.greeted = 0
+        self.took_ms: list[float] = []
         self.told: Mapping[str, str] = {}
+        self._sent_s: dict[int, float] = {}
         self.node = rclpy.create_node('robot', context=context)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self.camera = self.node.create_publisher(Image, '/image', QoSProfile(depth=1000))
         deep = QoSProfile(depth=100_000)
-        self.node.create_subscription(Int32, f'{_NAME}/match_index', self._on_answer, deep)
+        self.node.create_subscription(PointCloud2, f'{_NAME}/candidates', self._on_answer, deep)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_told, 10)
+
+    def publish(self, message: Image) -> None:
+        """Publish an image whose stamp no other one has, and clock its answer."""
+        self._sent_s[stamp_to_ns(message.header.stamp)] = time.perf_counter()
+        self.camera.publish(message)
 
     def spin(self, seconds: float = 0.0) -> None:
         """Hear what others say, for a time."""
@@ -77,33 +86,31 @@ class Robot:
             self.spin(0.02)
         return True
 
+    def wait_until_ready(self) -> None:
+        """Wait until the node works and hears the camera; RuntimeError if it does not."""
+        ready = self.wait_for(lambda: self.told.get('state') == 'enabled', _START_S)
+        if not (ready and self.wait_for(self.camera.get_subscription_count, _START_S)):
+            raise RuntimeError('the node did not come up; see vpr_node.log')
+
     def count(self, name: str) -> int:
         """Return a count of the last diagnostics; 0 before there are any."""
         return int(float(self.told.get(name, '0') or 0))
 
-    def resident_mb(self) -> float:
-        """Return how much memory the node holds now."""
-        return self._status('VmRSS') / 1e3
-
-    def most_mb(self) -> float:
-        """Return how much it has held at most."""
-        return self._status('VmHWM') / 1e3
-
-    def threads(self) -> int:
-        """Return how many threads it has."""
-        return len(os.listdir(f'/proc/{self.process.pid}/task'))
-
-    def handles(self) -> int:
-        """Return how many files and sockets it has open."""
-        return len(os.listdir(f'/proc/{self.process.pid}/fd'))
-
-    def _status(self, name: str) -> int:
+    def resident_mb(self, name: str = 'VmRSS') -> float:
+        """Return how much memory the node holds now; by 'VmHWM', how much it held at most."""
         text = Path(f'/proc/{self.process.pid}/status').read_text(encoding='ascii')
         found = re.search(rf'{name}:\s+(\d+) kB', text)
-        return int(found[1]) if found else 0
+        return int(found[1]) / 1e3 if found else 0.0
 
-    def _on_answer(self, _: Int32) -> None:
+    def number_of(self, what: str) -> int:
+        """Return how many threads ('task') or open files and sockets ('fd') it has."""
+        return len(os.listdir(f'/proc/{self.process.pid}/{what}'))
+
+    def _on_answer(self, message: PointCloud2) -> None:
         self.answers += 1
+        sent_s = self._sent_s.pop(stamp_to_ns(message.header.stamp), None)
+        if sent_s is not None:
+            self.took_ms.append((time.perf_counter() - sent_s) * 1e3)
 
     def _on_told(self, message: DiagnosticArray) -> None:
         self.told = {one.key: one.value for one in message.status[0].values}
@@ -111,12 +118,17 @@ class Robot:
 
 @contextmanager
 def robot(
-    folder: Path, surroundings: Mapping[str, str] | None = None, **parameters: object
+    folder: Path,
+    surroundings: Mapping[str, str] | None = None,
+    cores: Sequence[int] = (),
+    waits: bool = True,
+    **parameters: object,
 ) -> Iterator[Robot]:
     """
     Start a node with these parameters, and end it with the block; its log is vpr_node.log.
 
-    `surroundings` are added to its environment.
+    `surroundings` are added to its environment; it runs on these `cores`, or on all. Unless it
+    `waits`, it may not be ready yet.
     """
     os.environ.update(environment(folder))
     own = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
@@ -132,14 +144,13 @@ def robot(
             cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,
+            preexec_fn=(lambda: os.sched_setaffinity(0, cores)) if cores else None,
         )
         one = None
         try:
             one = Robot(process, context)
-            ready = one.wait_for(lambda: one.told.get('state') == 'enabled', _START_S)
-            ready = ready and one.wait_for(one.camera.get_subscription_count, _START_S)
-            if not ready:
-                raise RuntimeError(f'the node did not come up; see {folder}')
+            if waits:
+                one.wait_until_ready()
             yield one
         finally:
             end(process, _END_S)

@@ -23,7 +23,7 @@ COMMANDS = {
     'locate': 'say where in a map images were taken',
     'play': 'publish a recording to live topics, with /clock',
     'watch': 'see in a terminal what a running node recognises',
-    'info': 'say what a map or a recording holds',
+    'info': 'say what a map or a recording holds, or what is installed',
     'map': 'link, merge or split maps; remove or rename their sessions',
     'fleet': 'build many maps in parallel, and recognise in all of them',
     'evaluate': 'measure methods on data sets with known truth',

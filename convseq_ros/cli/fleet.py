@@ -3,17 +3,14 @@
 """Many maps on many processes or machines: `convseq fleet build` and so on."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 import json
 from pathlib import Path
 from threading import Event
-from typing import Any
 from uuid import uuid4
 
 from convseq_ros.cli import fleet_build
-from convseq_ros.cli.evaluate import add_run, run_studies
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.map_link import add_outputs, make_outputs
 from convseq_ros.cli.options import chosen_config
@@ -27,11 +24,10 @@ from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.fleet.link import serve
 from convseq_ros.fleet.session import FleetSession
-from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.folder import natural_key
 
 COMMANDS = {
     'build': 'build a map of each recording in a folder, in parallel',
-    'evaluate': 'run studies of what parameters do, in parallel',
     'link': 'recognise each session of the maps in a folder in the others',
     'replay': 'recognise the frames of a recording in all maps of a folder',
     'serve': 'have robots ask all maps of a folder',
@@ -168,39 +164,8 @@ def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
     return [one for path in paths for one in slices_of(path)]
 
 
-def _describe_evaluate(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        'study', type=Path, nargs='+', metavar='STUDY', help='YAML file, or a ready-made study'
-    )
-    add_cluster(parser)
-    add_run(parser)
-
-
-def _evaluate(chosen: argparse.Namespace) -> int:
-    """Run them as `convseq evaluate --study` does, a row of a table a job."""
-    chosen.sets = []
-    # Workers may have another present folder.
-    chosen.data_root, chosen.output = chosen.data_root.resolve(), chosen.output.resolve()
-    chosen.cache = chosen.cache and chosen.cache.resolve()
-    with connected(chosen_cluster(chosen)) as client:
-
-        def each(
-            measure: Callable[[Any], dict[str, Any]], pieces: Sequence[Any]
-        ) -> Iterable[dict[str, Any]]:
-            jobs = {str(number): (piece,) for number, piece in enumerate(pieces)}
-            found = dict(progress(done(client, measure, jobs), len(jobs), 'study', 'rows'))
-            for name in jobs:
-                if isinstance(found[name], Exception):
-                    raise found[name]
-                yield found[name]
-
-        return run_studies(chosen, each)
-
-
 VERBS = {
     'build': (fleet_build.describe, fleet_build.run),
-    'evaluate': (_describe_evaluate, _evaluate),
     'link': (_describe_link, _link),
     'replay': (_describe_replay, _replay),
     'serve': (_describe_serve, _serve),

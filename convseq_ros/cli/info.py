@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Say what a map or a recording holds: `convseq info FILE`."""
+"""Say what a map or a recording holds, or what is installed: `convseq info [FILE]`."""
 
 import argparse
 from datetime import datetime, UTC
@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from convseq_ros.cli.installation import describe_installation
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
@@ -24,15 +25,25 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument('file', type=Path, help='map or recording; it is not changed')
+    parser.add_argument(
+        'file',
+        type=Path,
+        nargs='?',
+        help='map or recording; it is not changed; without one: versions, kernels, processor',
+    )
     parser.add_argument('--json', action='store_true', help='print as JSON')
     parser.add_argument('--picture', type=Path, metavar='FILE', help='draw a map and its links')
     add_reading(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Print what the map or the recording holds."""
-    file: Path = chosen.file
+    """Print what the map or the recording holds, or what is installed."""
+    file: Path | None = chosen.file
+    if file is None:
+        installed = describe_installation()
+        lines = [f'{name:12} {fact}'.rstrip() for name, fact in installed.items()]
+        print(json.dumps(installed) if chosen.json else '\n'.join(lines))
+        return 0
     if file.is_dir() or is_recording(file):
         found = describe_recording(file, chosen_reading(chosen))
         print(json.dumps(found) if chosen.json else '\n'.join(recording_lines(found)))

@@ -124,7 +124,22 @@ def replay_chosen(
         warn(warning)
     if (images := first.reference_map.images).unreadable:
         warn(f'{name}: {images.unreadable} kept images cannot be used; {images.problem}')
+    if hint := _all_recent(matches, first.config.online.exclusion_s):
+        warn(hint)
     return summarize(matches, durations)
+
+
+def _all_recent(matches: list[Match], exclusion_s: float) -> str:
+    """Return what to do if nothing in the map was ever old enough; empty if something was."""
+    if Reason.RECENT not in (seen := {match.reason for match in matches}):
+        return ''
+    if seen & {Reason.ACCEPTED, Reason.AMBIGUOUS, Reason.WEAK, Reason.TOO_FEW_RIVALS}:
+        return ''
+    lasted_s = (matches[-1].query_stamp_ns - matches[0].query_stamp_ns) / 1e9
+    return (
+        f'nothing was old enough to be recognised: the recording lasts {lasted_s:.1f} s, and '
+        f'--exclusion-s is {exclusion_s:g}; set it lower (images without times count 0.1 s apart)'
+    )
 
 
 def in_words(summary: dict[str, Any], slow: str) -> str:

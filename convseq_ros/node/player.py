@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.process import hand_over, run_node, stand
+from convseq_ros.process import hand_over, run_node, settle_logs, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -249,6 +249,7 @@ def main(args: list[str] | None = None) -> int:
     stand(0)
     try:
         source = open_source(options.recording, options.topic, _reading(options))
+        settle_logs()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         hand_over(try_shutdown)
         player = Player(source, options)

@@ -10,7 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.process import fast_dds, hand_over, ignore, QUICK_START, stand
+from convseq_ros.process import fast_dds, hand_over, ignore, QUICK_START, settle_logs, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -30,6 +30,7 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     stand(0)
     keep_memory_at_hand()
     os.environ.update(fast_dds(QUICK_START))  # read when the first node is made
+    settle_logs()
     try:
         # Its own handlers would shut ROS down under whatever is at work.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

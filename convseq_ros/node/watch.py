@@ -9,7 +9,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.process import run_node, stand
+from convseq_ros.process import run_node, settle_logs, stand
 
 if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
@@ -152,6 +152,7 @@ def main(args: list[str] | None = None) -> int:
     argv = sys.argv if args is None else ['convseq watch', *args]
     options = parser().parse_args(remove_ros_args(argv)[1:])
     stand(0)
+    settle_logs()
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         watcher = Watcher(options)

@@ -34,63 +34,29 @@ class Way(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """
-    How a street or a route is driven.
+    """How a street or a route is driven; angles are positive to the left."""
 
-    Parameters
-    ----------
-    start_m : float
-        Where the first frame is taken, metres along the way.
-    speed_mps : float
-        Metres per second; 0 stands still, negative ones go back towards the beginning: in reverse
-        gear, or turned round with a `heading_deg` of 180.
-    frame_rate_hz : float
-    num_frames : int
-    lane_offset_m : float
-        To the left of the middle of the street, whichever way the vehicle goes; the right lane is
-        at -1.5, the opposite one at 1.5.
-    lanes : tuple of (float, float)
-        Instead of `lane_offset_m`: distances in metres, ascending, and the offsets there; between
-        them the vehicle drives straight from one to the next.
-    heading_deg : float
-        Yaw of the vehicle against the street, positive to the left; 180 is turned round.
-    camera_yaw_deg : float
-        Yaw of the camera on the vehicle, positive to the left; 180 looks behind, 90 to the left.
-    light : str
-        'day', 'overcast', 'evening' or 'night'.
-    brightness : float
-        Exposure of the camera; 1 is normal.
-    noise : float
-        Standard deviation in grey levels that is added to the noise of the light.
-    seed : int
-        Decides the noise.
-    start_ns : int
-        Stamp of the first frame, nanoseconds.
-    width_px, height_px : int
-    field_of_view_deg : float
-        Horizontal.
-    has_depth : bool
-        Whether shots have depth images.
-
-    """
-
-    start_m: float = 0.0
-    speed_mps: float = 10.0
+    start_m: float = 0.0  # along the way, where the first frame is taken
+    speed_mps: float = 10.0  # 0 stands still, negative ones go back towards the beginning
     frame_rate_hz: float = 10.0
     num_frames: int = 150
+    # To the left of the middle of the street, whichever way the vehicle goes; the right lane is at
+    # -1.5, the opposite one at 1.5.
     lane_offset_m: float = -1.5
+    # Instead of that: distances in metres, ascending, and the offsets there; between them the
+    # vehicle drives straight from one to the next.
     lanes: tuple[tuple[float, float], ...] = ()
-    heading_deg: float = 0.0
-    camera_yaw_deg: float = 0.0
-    light: str = 'day'
-    brightness: float = 1.0
-    noise: float = 0.0
-    seed: int = 0
-    start_ns: int = 1_700_000_000_000_000_000
+    heading_deg: float = 0.0  # of the vehicle against the street; 180 is turned round
+    camera_yaw_deg: float = 0.0  # of the camera on the vehicle; 180 looks behind
+    light: str = 'day'  # or 'overcast', 'evening', 'night'
+    brightness: float = 1.0  # exposure of the camera
+    noise: float = 0.0  # standard deviation in grey levels, added to the noise of the light
+    seed: int = 0  # decides the noise
+    start_ns: int = 1_700_000_000_000_000_000  # stamp of the first frame
     width_px: int = 640
     height_px: int = 480
-    field_of_view_deg: float = 80.0
-    has_depth: bool = False
+    field_of_view_deg: float = 80.0  # horizontal
+    has_depth: bool = False  # whether shots have depth images
 
     def __post_init__(self) -> None:
         if self.light not in LIGHTS:
@@ -143,34 +109,15 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """
-    One frame of a drive and its truth.
-
-    Parameters
-    ----------
-    stamp_ns : int
-    image : ndarray of uint8, shape (H, W, 3)
-        BGR.
-    pose : Pose
-        Of the vehicle: x forward, y left, z up; the camera is there, and knows how it is turned.
-    distance_m : float
-        Along the way.
-    odometry : Pose, optional
-        Where the vehicle believes to be, if its odometry drifts.
-    camera : Camera, optional
-        What took the image.
-    depth_m : ndarray of float32, shape (H, W), optional
-        Metres along the lens, 0 for the sky, if the drive has depth.
-
-    """
+    """One frame of a drive, and the truth about it."""
 
     stamp_ns: int
-    image: Image
-    pose: Pose
-    distance_m: float
-    odometry: Pose | None = None
+    image: Image  # (H, W, 3), BGR
+    pose: Pose  # of the vehicle, in the world
+    distance_m: float  # along the way
+    odometry: Pose | None = None  # what the vehicle believes, if that is not the truth
     camera: Camera | None = None
-    depth_m: npt.NDArray[np.float32] | None = None
+    depth_m: npt.NDArray[np.float32] | None = None  # (H, W), along the lens, 0 for the sky
 
     @property
     def frame(self) -> Frame:
@@ -181,22 +128,7 @@ class Shot:
 
 
 def draw(way: Way, drive: Drive) -> Iterator[Shot]:
-    """
-    Yield the frames of a drive, drawn as they are asked for.
-
-    Parameters
-    ----------
-    way : Street or Route
-        Where it goes.
-    drive : Drive
-        How it goes there.
-
-    Raises
-    ------
-    ConvseqError
-        If the drive goes beyond an end of the way.
-
-    """
+    """Yield the frames of a drive as they are asked for; ConvseqError if it leaves the way."""
     ends_m = drive.start_m, drive.distance_m(drive.num_frames - 1)
     if max(ends_m) > way.length_m:
         raise ConvseqError(

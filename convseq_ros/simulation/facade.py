@@ -9,29 +9,13 @@ import cv2
 import numpy as np
 
 _WALLS: tuple[Colour, ...] = (
-    (70, 88, 150),
-    (60, 76, 128),
-    (92, 112, 168),
-    (150, 190, 214),
-    (178, 204, 220),
-    (196, 206, 212),
-    (168, 176, 180),
-    (128, 158, 182),
-    (120, 168, 202),
-    (150, 170, 150),
-    (184, 168, 148),
-    (150, 150, 196),
-    (104, 128, 148),
-    (140, 196, 226),
-    (210, 216, 218),
-)
+    (70, 88, 150), (60, 76, 128), (92, 112, 168), (150, 190, 214), (178, 204, 220),
+    (196, 206, 212), (168, 176, 180), (128, 158, 182), (120, 168, 202), (150, 170, 150),
+    (184, 168, 148), (150, 150, 196), (104, 128, 148), (140, 196, 226), (210, 216, 218),
+)  # fmt: skip
 _ROOFS: tuple[Colour, ...] = (
-    (58, 70, 120),
-    (70, 72, 78),
-    (86, 84, 82),
-    (64, 90, 140),
-    (74, 84, 96),
-)
+    (58, 70, 120), (70, 72, 78), (86, 84, 82), (64, 90, 140), (74, 84, 96),
+)  # fmt: skip
 
 
 def _wall_relief(rng: np.random.Generator, shape: tuple[int, int], resolution: float) -> Floats:
@@ -89,13 +73,8 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
     width, rise = sheet.width_m, sheet.height_m - eaves
     kind = rng.integers(3)
     if kind == 0:
-        outline = [
-            (0.0, 0.0),
-            (width, 0.0),
-            (width, eaves),
-            (width / 2, eaves + rise),
-            (0.0, eaves),
-        ]
+        upper = [(width, eaves), (width / 2, eaves + rise), (0.0, eaves)]
+        outline = [(0.0, 0.0), (width, 0.0), *upper]
     elif kind == 1:
         steps = int(rng.integers(3, 6))
         left = [
@@ -106,12 +85,8 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
         right = [(width - x, z) for x, z in reversed(left)]
         outline = [(0.0, 0.0), *left, *right, (width, 0.0)]
     else:
-        outline = [
-            (0.0, 0.0),
-            (width, 0.0),
-            (width, eaves + 0.4 * rise),
-            (0.0, eaves + 0.4 * rise),
-        ]
+        upper = [(width, eaves + 0.4 * rise), (0.0, eaves + 0.4 * rise)]
+        outline = [(0.0, 0.0), (width, 0.0), *upper]
     mask = Sheet(width, sheet.height_m, sheet.resolution)
     mask.polygon(outline, (255, 255, 255))
     sheet.image[:] = cv2.multiply(sheet.image, mask.image, scale=1 / 255)
@@ -123,21 +98,7 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
 
 
 def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: float) -> None:
-    """
-    Paint the front of a house.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Decides everything; the same state gives the same house.
-    sheet : Sheet
-        As wide as the house and higher than its eaves by the roof.
-    floors : int
-        Storeys, the ground floor included.
-    eaves : float
-        Height of the wall, metres.
-
-    """
+    """Paint the front of a house, its ground floor included, whose wall is `eaves` metres high."""
     width = sheet.width_m
     wall = shade_of(_WALLS[rng.integers(len(_WALLS))], rng.uniform(0.75, 1.12))
     relief = _wall_relief(rng, sheet.image.shape[:2], sheet.resolution)
@@ -189,13 +150,9 @@ def paint_side(rng: np.random.Generator, sheet: Sheet) -> None:
     if rng.uniform() < 0.4 and sheet.height_m > 5:
         board = any_colour(rng, (0.2, 0.8), (0.3, 1.0))
         sheet.box(0.8, sheet.height_m - 4.2, sheet.width_m * 0.6, 3.4, board, shade_of(board, 0.2))
-        sheet.text(
-            1.0,
-            sheet.height_m - 2.4,
-            0.8,
-            word(rng, 3, 5),
-            any_colour(rng, (0.0, 0.3), (0.9, 1.0)),
-        )
+        written = word(rng, 3, 5)
+        ink = any_colour(rng, (0.0, 0.3), (0.9, 1.0))
+        sheet.text(1.0, sheet.height_m - 2.4, 0.8, written, ink)
     else:
         style_seed = int(rng.integers(1 << 31))
         for storey in np.arange(1.0, sheet.height_m - 2.0, 3.0):

@@ -11,21 +11,10 @@ CAR_LENGTH_M, CAR_WIDTH_M, CAR_HEIGHT_M = 4.2, 1.75, 1.5
 _RUBBER: Colour = (28, 28, 28)
 _GLASS: Colour = (78, 66, 56)
 _CARS: tuple[Colour, ...] = (
-    (226, 228, 230),
-    (186, 190, 192),
-    (130, 132, 134),
-    (72, 72, 74),
-    (38, 38, 40),
-    (40, 40, 170),
-    (120, 70, 36),
-    (90, 50, 30),
-    (60, 90, 50),
-    (150, 170, 180),
-    (160, 130, 90),
-    (40, 150, 215),
-    (70, 60, 110),
-    (60, 100, 140),
-)
+    (226, 228, 230), (186, 190, 192), (130, 132, 134), (72, 72, 74), (38, 38, 40),
+    (40, 40, 170), (120, 70, 36), (90, 50, 30), (60, 90, 50), (150, 170, 180),
+    (160, 130, 90), (40, 150, 215), (70, 60, 110), (60, 100, 140),
+)  # fmt: skip
 
 
 def paint_tree(rng: np.random.Generator, sheet: Sheet) -> None:
@@ -34,15 +23,9 @@ def paint_tree(rng: np.random.Generator, sheet: Sheet) -> None:
     bark = shade_of((62, 84, 104), rng.uniform(0.7, 1.2))
     middle, fork = width / 2, height * rng.uniform(0.32, 0.45)
     foot = 0.12 + 0.012 * height
-    sheet.polygon(
-        [
-            (middle - foot, 0),
-            (middle + foot, 0),
-            (middle + foot / 2, fork + 0.8),
-            (middle - foot / 2, fork + 0.8),
-        ],
-        bark,
-    )
+    trunk = [(middle - foot, 0.0), (middle + foot, 0.0)]
+    trunk += [(middle + foot / 2, fork + 0.8), (middle - foot / 2, fork + 0.8)]
+    sheet.polygon(trunk, bark)
     for angle in rng.uniform(-1.0, 1.0, 6):
         reach = rng.uniform(0.2, 0.4) * width
         sheet.line([(middle, fork), (middle + angle * reach, fork + reach * 1.2)], 0.09, bark)

@@ -17,17 +17,9 @@ def paint_ground(
     rng: np.random.Generator, sheet: Sheet, shadows: list[tuple[float, float, float, float]]
 ) -> None:
     """
-    Paint a stretch of road.
+    Paint a stretch of road on a sheet whose z is 0 at the right edge, 2 GROUND_HALF_M at the left.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Decides everything.
-    sheet : Sheet
-        x along the street; z = 0 is its right edge, z = 2 GROUND_HALF_M its left edge.
-    shadows : list of (x, z, length, width)
-        What lies in the shade of things that stand there, metres.
-
+    `shadows` are (x, z, length, width), metres, of what lies in the shade of things there.
     """
     length, middle = sheet.width_m, GROUND_HALF_M
     shape = sheet.image.shape[:2]

@@ -5,13 +5,8 @@
 from collections.abc import Iterator
 
 from convseq_ros.simulation import facade, furniture
-from convseq_ros.simulation.ground import (
-    FRONT_M,
-    GROUND_HALF_M,
-    GROUND_RESOLUTION,
-    KERB_M,
-    paint_ground,
-)
+from convseq_ros.simulation import ground as road
+from convseq_ros.simulation.ground import FRONT_M, GROUND_HALF_M, KERB_M
 from convseq_ros.simulation.light import illuminate, Light
 from convseq_ros.simulation.panel import Painter, Panel, Point
 from convseq_ros.simulation.texture import Sheet, Texture
@@ -24,25 +19,15 @@ _HOUSE_DEPTH_M = 9.0
 # is seen; metres.
 _SIGN = 0.55, 2.4, 3.2, furniture.paint_sign, 80.0
 _BIN = 0.35, 0.8, 1.5, furniture.paint_bin, 50.0
+_HANGING = furniture.paint_hanging_sign
 
 
 class Layout:
     """
-    Places everything of one stretch.
+    Places everything of one stretch, which begins at `index` times `STRETCH_M`.
 
-    Parameters
-    ----------
-    seed : int
-        Of the street.
-    index : int
-        The stretch begins at `index` times `STRETCH_M`.
-    light : Light
-        What falls on it.
-    lamps_seed : int, optional
-        Of the street whose lamps these are, if they are another's.
-    own : tuple of int and float
-        Another seed, and the share of surfaces that are painted by it.
-
+    `lamps_seed` is of the street whose lamps these are, if they are another's; `own` another seed,
+    and the share of surfaces that are painted by it.
     """
 
     def __init__(
@@ -80,20 +65,8 @@ class Layout:
         seeds = (seed,) if seed is not None else self._paint_seeds()
         if gain is None:
             gain = (self._light.left if start[1] + end[1] > 0 else self._light.right) * 1.05
-        return Panel(
-            start,
-            end,
-            bottom,
-            top,
-            visible_m,
-            facing,
-            resolution,
-            seeds,
-            paint,
-            gain,
-            self._light,
-            self._lamps,
-        )
+        drawn = visible_m, facing, resolution, seeds, paint, gain
+        return Panel(start, end, bottom, top, *drawn, self._light, self._lamps)
 
     def _paint_seeds(self) -> tuple[int, ...]:
         """Return what decides how the newest panel is painted."""
@@ -183,15 +156,8 @@ class Layout:
         for x, y in self._lamp_places(self._index):
             side = np.sign(y)
             foot = y + side * 1.2
-            yield self._panel(
-                (x, foot + side * 0.15),
-                (x, foot - side * 1.75),
-                0.0,
-                6.1,
-                furniture.paint_lamp,
-                visible_m=110.0,
-                resolution=40.0,
-            )
+            ends, seen = ((x, foot + side * 0.15), (x, foot - side * 1.75)), (40.0, 110.0)
+            yield self._panel(*ends, 0.0, 6.1, furniture.paint_lamp, *seen)
 
     def plants(self) -> Iterator[Panel]:
         """Yield trees along the pavement, few or an avenue."""
@@ -224,17 +190,8 @@ class Layout:
                 (furniture.paint_car_end, (x + long, right), (x + long, left)),
                 (furniture.paint_car_side, (x, inner), (x + long, inner)),
             ):
-                yield self._panel(
-                    start,
-                    end,
-                    0.0,
-                    top,
-                    paint,
-                    resolution=48.0,
-                    visible_m=90.0,
-                    gain=self._light.ground,
-                    seed=seed,
-                )
+                gain, shown = self._light.ground, (48.0, 90.0)
+                yield self._panel(start, end, 0.0, top, paint, *shown, gain=gain, seed=seed)
 
     def signs(self) -> Iterator[Panel]:
         """Yield traffic signs, bins and the signs that hang over the pavement."""
@@ -245,44 +202,25 @@ class Layout:
                 kind = rng.uniform()
                 if kind < 0.6:
                     half, low, high, paint, visible_m = _SIGN if kind < 0.4 else _BIN
-                    yield self._panel(
-                        (x, y + half),
-                        (x, y - half),
-                        0.0,
-                        float(rng.uniform(low, high)),
-                        paint,
-                        resolution=60.0,
-                        visible_m=visible_m,
-                        facing=True,
-                    )
+                    ends, top = ((x, y + half), (x, y - half)), float(rng.uniform(low, high))
+                    yield self._panel(*ends, 0.0, top, paint, 60.0, visible_m, facing=True)
                 else:
                     near = side * (FRONT_M - float(rng.uniform(0.6, 1.2)))
                     low = float(rng.uniform(2.7, 4.5))
-                    ends = sorted((near, side * FRONT_M), reverse=True)
-                    yield self._panel(
-                        (x, ends[0]),
-                        (x, ends[1]),
-                        low,
-                        low + float(rng.uniform(0.5, 1.8)),
-                        furniture.paint_hanging_sign,
-                        resolution=60.0,
-                        visible_m=80.0,
-                    )
+                    left, right = max(near, side * FRONT_M), min(near, side * FRONT_M)
+                    heights, paint = (low, low + float(rng.uniform(0.5, 1.8))), _HANGING
+                    yield self._panel((x, left), (x, right), *heights, paint, 60.0, 80.0)
 
     def ground(self) -> Texture:
         """Paint the road of this stretch."""
-        sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, GROUND_RESOLUTION)
+        sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, road.GROUND_RESOLUTION)
         half = furniture.CAR_WIDTH_M / 2
+        size = furniture.CAR_LENGTH_M + 0.2, furniture.CAR_WIDTH_M + 0.4
         shadows = [
-            (
-                x - self._start - 0.1,
-                GROUND_HALF_M + side * (_CAR_M + half) - half - 0.2,
-                furniture.CAR_LENGTH_M + 0.2,
-                furniture.CAR_WIDTH_M + 0.4,
-            )
+            (x - self._start - 0.1, GROUND_HALF_M + side * (_CAR_M + half) - half - 0.2, *size)
             for x, side, _ in self._bays()
         ]
-        paint_ground(self._rng(80), sheet, shadows)
+        road.paint_ground(self._rng(80), sheet, shadows)
         rows, columns = sheet.image.shape[:2]
         where = (
             np.linspace(self._start, self._start + STRETCH_M, columns, dtype=np.float32)[None, :],

@@ -19,35 +19,17 @@ LAMP_RADIUS_M = 4.5
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """
-    One kind of light.
+    """One kind of light; colours are BGR in 0..255, gains of 1 change nothing."""
 
-    Parameters
-    ----------
-    zenith, horizon : tuple of 3 floats
-        Colours of the sky, BGR in 0..255; distance fades everything to the second.
-    left, right, ground : float
-        How much light falls on the facades of either side and on the road.
-    tint : tuple of 3 floats
-        Colour of that light, BGR gains.
-    visibility_m : float
-        Distance after which 37 % of the contrast is left.
-    noise : float
-        Standard deviation of the camera's noise, grey levels.
-    lamps : float
-        Strength of the street lamps; 0 also leaves all windows dark.
-
-    """
-
-    zenith: Colour
-    horizon: Colour
-    left: float
+    zenith: Colour  # of the sky
+    horizon: Colour  # of the sky, to which distance fades everything
+    left: float  # how much light falls on the facades of either side, and on the road
     right: float
     ground: float
-    tint: Colour
-    visibility_m: float
-    noise: float
-    lamps: float = 0.0
+    tint: Colour  # gains: the colour of that light
+    visibility_m: float  # after which 37 % of the contrast is left
+    noise: float  # standard deviation of the camera's noise, grey levels
+    lamps: float = 0.0  # strength of the street lamps; 0 also leaves all windows dark
 
 
 LIGHTS = {
@@ -74,23 +56,11 @@ def illuminate(
     lamps: Sequence[tuple[float, float]],
 ) -> Image:
     """
-    Return a texture as it looks in a light.
+    Return a texture (H, W, 4), BGRA premultiplied by alpha, as it looks in a light.
 
-    Parameters
-    ----------
-    image : ndarray of uint8, shape (H, W, 4)
-        Colours in neutral light, BGRA, premultiplied by alpha.
-    glow : ndarray of uint8, shape (H, W, 3), or None
-        What shines by itself when the lamps are on: lit windows, signs.
-    light : Light
-        What shines.
-    gain : float
-        Share of the light that falls on this surface.
-    where : tuple of 3 ndarrays
-        x, y, z of the texture's points in metres; shapes broadcast to (H, W).
-    lamps : sequence of (x, y)
-        Lamps that may reach this surface, metres.
-
+    `image` are its colours in neutral light, `glow` (H, W, 3) what shines by itself when lamps are
+    on, `gain` the share of the light that falls on it, `where` the x, y and z of its points in
+    metres, which broadcast to (H, W), and `lamps` the x, y of lamps that may reach it.
     """
     tint = np.array(light.tint, np.float32) * np.float32(gain)
     if not light.lamps:

@@ -21,27 +21,13 @@ class Drift:
     100, always alike; and by random errors whose standard deviations are `noise_m` sqrt(d) and
     `yaw_noise_deg` sqrt(d / 100). A wheel that is 1 mm of 300 larger than the other one, 0.6 m
     apart, turns a vehicle by 32 degrees in 100 m.
-
-    Parameters
-    ----------
-    scale : float
-        Share of the distance that is measured too much.
-    yaw_bias_deg : float
-        Degrees to the left in 100 m.
-    noise_m : float
-        Metres after one metre, both along and across.
-    yaw_noise_deg : float
-        Degrees after 100 m.
-    seed : int
-        Decides the random errors.
-
     """
 
-    scale: float = 0.01
-    yaw_bias_deg: float = 2.0
-    noise_m: float = 0.02
-    yaw_noise_deg: float = 2.0
-    seed: int = 0
+    scale: float = 0.01  # share of the distance that is measured too much
+    yaw_bias_deg: float = 2.0  # to the left in 100 m
+    noise_m: float = 0.02  # after one metre, both along and across
+    yaw_noise_deg: float = 2.0  # after 100 m
+    seed: int = 0  # decides the random errors
 
     def __post_init__(self) -> None:
         for name in ('noise_m', 'yaw_noise_deg', 'seed'):
@@ -50,14 +36,7 @@ class Drift:
 
 
 class Odometer:
-    """
-    Measures how a vehicle moves, with drift, from where it is first seen.
-
-    Parameters
-    ----------
-    drift : Drift
-
-    """
+    """Measures how a vehicle moves, with drift, from where it is first seen."""
 
     def __init__(self, drift: Drift) -> None:
         self._drift = drift
@@ -69,11 +48,7 @@ class Odometer:
         """
         Return where the odometry believes to be, in its own frame that begins at its first pose.
 
-        Parameters
-        ----------
-        pose : Pose
-            The truth; of its rotation only the yaw is used, of its position x and y.
-
+        Of the true pose only x, y and yaw count.
         """
         x, y = pose.position[:2]
         yaw = 2 * math.atan2(pose.orientation[2], pose.orientation[3])

@@ -47,13 +47,8 @@ def paint_window(
             slant = [(x, z + height * tall), (x + width, z + height), (x, z + height)]
             sheet.polygon(slant, shade_of(glass, 1.8), shine)
         case 3:
-            sheet.box(
-                x + 0.2 * width,
-                z,
-                0.3 * width,
-                height * wide,
-                any_colour(rng, (0.3, 0.9), (0.2, 0.8)),
-            )
+            pot = any_colour(rng, (0.3, 0.9), (0.2, 0.8))
+            sheet.box(x + 0.2 * width, z, 0.3 * width, height * wide, pot)
     for share in np.arange(1, 1 + int(1 + 2.4 * bars)) / (1 + int(1 + 2.4 * bars)):
         sheet.box(x + share * width - 0.03, z, 0.06, height, frame)
     if bars > 0.4:

@@ -16,46 +16,20 @@ Painter = Callable[[np.random.Generator, Sheet], None]
 
 @dataclass(eq=False)
 class Panel:
-    """
-    An upright painted rectangle.
+    """An upright painted rectangle."""
 
-    Parameters
-    ----------
-    start, end : tuple of 2 floats
-        x, y in metres of the left and the right side of the picture.
-    bottom, top : float
-        Heights, metres.
-    visible_m : float
-        From how far it is worth drawing.
-    facing : bool
-        True if it turns to the camera about its middle, as trees do.
-    resolution : float
-        Pixels per metre of the picture.
-    seed : tuple of ints
-        Decides the picture.
-    paint : callable
-        Paints the picture on a sheet.
-    gain : float
-        Share of the light that falls on it.
-    light : Light
-        What shines on the street.
-    lamps : list of (x, y)
-        Street lamps near by, metres.
-
-    """
-
-    start: Point
-    end: Point
-    bottom: float
+    start: Point  # x, y in metres of the left side of the picture
+    end: Point  # and of the right one
+    bottom: float  # heights, metres
     top: float
-    visible_m: float
-    facing: bool
-    resolution: float
-    seed: tuple[int, ...]
-    paint: Painter
-    gain: float
-    light: Light
-    lamps: list[Point]
+    visible_m: float  # from how far it is worth drawing
+    facing: bool  # whether it turns to the camera about its middle, as trees do
+    resolution: float  # pixels per metre of the picture
+    seed: tuple[int, ...]  # decides the picture
+    paint: Painter  # paints the picture on a sheet
+    gain: float  # share of the light that falls on it
+    light: Light  # what shines on the street
+    lamps: list[Point]  # street lamps near by, metres
 
     @cached_property
     def texture(self) -> Texture:

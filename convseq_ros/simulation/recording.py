@@ -30,33 +30,11 @@ def write_recording(
     """
     Write an mcap recording of images and, if its topic is not empty, odometry.
 
-    Shots that carry odometry of their own are written with both: what it says, in frame odom, and
-    the truth, in frame map. Of all others the truth is the odometry.
-
-    The folder appears under its name only when it is complete.
-
-    Parameters
-    ----------
-    path : Path
-        Folder to make.
-    frames : iterable of Shot
-        What `draw` yields; read one at a time.
-    topic : str
-        Of sensor_msgs/Image (bgr8), or sensor_msgs/CompressedImage (JPEG) if `compressed`.
-    compressed : bool
-        Smaller, but no longer pixel for pixel.
-    odom_topic : str
-        Of nav_msgs/Odometry.
-    truth_topic : str
-        Of nav_msgs/Odometry; only for shots that carry odometry.
-    info_topic : str
-        Of sensor_msgs/CameraInfo, one for every image; empty for none.
-
-    Raises
-    ------
-    ConvseqError
-        If the folder exists already or rosbags is not installed.
-
+    Images are sensor_msgs/Image (bgr8), or CompressedImage (JPEG) if `compressed`. Shots that
+    carry odometry of their own are written with both: what it says, in frame odom, and the truth,
+    in frame map, on `truth_topic`. Of all others the truth is the odometry. `info_topic` has a
+    sensor_msgs/CameraInfo for every image. The folder appears under its name only when it is
+    complete. ConvseqError if it exists already or rosbags is not installed.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
@@ -168,26 +146,11 @@ def nearest_reference(
     query_distances: npt.ArrayLike, reference_distances: npt.ArrayLike
 ) -> npt.NDArray[np.int64]:
     """
-    Return for every query the index of the reference that is nearest along the street.
+    Return for every query, (Q,), the index of the reference that is nearest along the street.
 
-    Parameters
-    ----------
-    query_distances, reference_distances : array of floats, shapes (Q,) and (R,)
-        Metres along the street, in any order; R >= 1.
-
-    Returns
-    -------
-    ndarray of int64, shape (Q,)
-        The first one if several are as near.
-
+    Both are distances in metres, in any order; the first of several that are as near.
     """
     references = np.asarray(reference_distances, dtype=np.float64)
     queries = np.asarray(query_distances, dtype=np.float64)
-    order = np.argsort(references, kind='stable')
-    ordered = references[order]
-    after = np.searchsorted(ordered, queries).clip(0, len(ordered) - 1)
-    before = (after - 1).clip(0)
-    nearer = np.abs(queries - ordered[before]) <= np.abs(ordered[after] - queries)
-    chosen = np.where(nearer, ordered[before], ordered[after])
-    found: npt.NDArray[np.int64] = order[np.searchsorted(ordered, chosen)].astype(np.int64)
-    return found
+    off = np.abs(queries[:, None] - references)
+    return np.asarray(off.argmin(axis=1), np.int64)

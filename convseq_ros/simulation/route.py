@@ -16,27 +16,14 @@ Corner = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """
-    A part of a route without a change of street or of curvature.
+    """A part of a route without a change of street or of curvature."""
 
-    Parameters
-    ----------
-    x, y, yaw_rad : float
-        Where it begins, in the world.
-    length_m : float
-    curvature : float
-        Radians per metre, positive to the left.
-    start, end : tuple of 2 floats
-        The corners between which the street that is seen here was entered.
-
-    """
-
-    x: float
+    x: float  # where it begins, in the world
     y: float
     yaw_rad: float
     length_m: float
-    curvature: float
-    start: Corner
+    curvature: float  # radians per metre, positive to the left
+    start: Corner  # the corners between which the street that is seen here was entered
     end: Corner
 
     def at(self, distance_m: float) -> tuple[float, float, float]:
@@ -62,25 +49,13 @@ class Route:
     line sees the same houses again. In a bend the view changes from one street to the other half
     way round, as the crossing itself is not drawn.
 
-    Parameters
-    ----------
-    corners : tuple of (float, float)
-        x, y in metres where it begins, of each corner, and where it ends.
-    seed : int
-        Of the town; decides every street.
-    radius_m : float
-        Of the bends.
-
-    Raises
-    ------
-    ConvseqError
-        If it does not go along the lines, turns back on itself, or its corners are too near.
-
+    ConvseqError if it does not go along the lines, turns back on itself, or its corners are too
+    near.
     """
 
-    corners: tuple[Corner, ...]
-    seed: int = 0
-    radius_m: float = 6.0
+    corners: tuple[Corner, ...]  # x, y in metres: where it begins, each corner, and where it ends
+    seed: int = 0  # of the town; decides every street
+    radius_m: float = 6.0  # of the bends
     _pieces: tuple[_Piece, ...] = field(init=False, repr=False, compare=False)
     _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
 

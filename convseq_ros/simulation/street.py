@@ -15,22 +15,10 @@ from convseq_ros.simulation.texture import Texture
 
 @dataclass(eq=False)
 class Stretch:
-    """
-    A stretch of the street in one light.
+    """A stretch of the street in one light."""
 
-    Parameters
-    ----------
-    buildings : list of Panel
-        Everything on and behind the line of the facades.
-    things : list of Panel
-        Everything in front of them.
-    ground : callable
-        Makes the road's texture.
-
-    """
-
-    buildings: list[Panel]
-    things: list[Panel]
+    buildings: list[Panel]  # everything on and behind the line of the facades
+    things: list[Panel]  # everything in front of them
     make_ground: Callable[[], Texture]
 
     @cached_property
@@ -41,25 +29,13 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """
-    Where a camera stands, in the world and in the street that it sees.
+    """Where a camera stands: in metres, and counter-clockwise from the x axis."""
 
-    Parameters
-    ----------
-    x, y, yaw_rad : float
-        In the world: metres, and counter-clockwise from its x axis.
-    street : Street
-        What is seen from there.
-    street_x, street_y, street_yaw_rad : float
-        The same place in that street's own axes.
-
-    """
-
-    x: float
+    x: float  # in the world
     y: float
     yaw_rad: float
-    street: 'Street'
-    street_x: float
+    street: 'Street'  # that it sees
+    street_x: float  # the same place in that street's own axes
     street_y: float
     street_yaw_rad: float
 
@@ -69,25 +45,13 @@ class Street:
     """
     A straight street along x, its middle at y = 0, left positive.
 
-    Parameters
-    ----------
-    length_m : float
-        How far it may be driven; what one sees goes on beyond.
-    seed : int
-        Decides the whole street.
-    things_seed : int, optional
-        Decides trees, parked cars, signs and the road instead: streets that differ in it alone are
-        twins, with the same houses and lamps.
-    alike : float
-        Share of the fronts and sides of houses that are painted as its twins' are; all have the
-        same shape.
-
+    Streets that differ in `things_seed` alone are twins, with the same houses and lamps.
     """
 
-    length_m: float
-    seed: int = 0
-    things_seed: int | None = None
-    alike: float = 1.0
+    length_m: float  # how far it may be driven; what one sees goes on beyond
+    seed: int = 0  # decides the whole street
+    things_seed: int | None = None  # instead decides trees, parked cars, signs and the road
+    alike: float = 1.0  # share of fronts and sides of houses that are painted as its twins' are
 
     def __post_init__(self) -> None:
         if not self.length_m > 0:

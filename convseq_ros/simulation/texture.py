@@ -11,15 +11,7 @@ Points = list[tuple[float, float]]
 
 
 class Texture:
-    """
-    A picture and its smaller versions, shrunk separately in both directions.
-
-    Parameters
-    ----------
-    image : ndarray of uint8, shape (H, W, 4)
-        BGRA, premultiplied by alpha.
-
-    """
+    """A picture, BGRA premultiplied by alpha, and smaller versions, shrunk in each direction."""
 
     def __init__(self, image: Image) -> None:
         self._levels = {(0, 0): image}
@@ -41,15 +33,7 @@ class Sheet:
     """
     A surface painted in metres, x to the right and z up from the lower left corner.
 
-    Parameters
-    ----------
-    width_m, height_m : float
-        Size of the surface.
-    resolution : float
-        Pixels per metre.
-    glowing : bool
-        Whether to keep what shines by itself.
-
+    `resolution` is in pixels per metre; `glowing` keeps what shines by itself, too.
     """
 
     def __init__(

@@ -25,21 +25,7 @@ _COARSEST = 6
 
 
 class View:
-    """
-    A camera in the street, without pitch or roll.
-
-    Parameters
-    ----------
-    street : Street
-    light : Light
-    width, height : int
-        Size of the image, pixels.
-    field_of_view_deg : float
-        Horizontal.
-    height_m : float
-        Height of the camera above the road.
-
-    """
+    """A camera in the street, `height_m` above the road, without pitch or roll."""
 
     def __init__(
         self,
@@ -77,20 +63,10 @@ class View:
 
     def draw(self, x: float, y: float, heading_rad: float) -> Image:
         """
-        Return what is seen from a position.
+        Return what is seen from a position, (height, width, 3), BGR.
 
-        Parameters
-        ----------
-        x, y : float
-            Metres along the street and to the left of its middle.
-        heading_rad : float
-            0 looks along the street, positive to the left.
-
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3)
-            BGR.
-
+        `x` and `y` are metres along the street and to the left of its middle; a heading of 0 looks
+        along the street, positive ones to the left.
         """
         self._x, self._y = x, y
         self._cos, self._sin = math.cos(heading_rad), math.sin(heading_rad)

@@ -2,20 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
-from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
-from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf
+from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf, SeveralCameras
+from convseq_ros.sources.annotated import Source as Source
 from convseq_ros.sources.camera_file import read_camera_file
-from convseq_ros.sources.cameras import SeveralCameras
-from convseq_ros.sources.depth_source import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
-from convseq_ros.sources.folder import ImageFolder, pictures_in
-from convseq_ros.sources.natural_order import natural_key
+from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
+from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
 from convseq_ros.sources.pose_file import PoseAt, read_pose_file
 from convseq_ros.sources.pose_track import PoseTrack
@@ -24,52 +21,13 @@ from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
 
 
-class Source(Protocol):
-    """
-    A stream of frames that can be read more than once.
-
-    Attributes
-    ----------
-    name, topic : str
-        Of the folder or recording, and of the image topic; empty for a folder.
-    warnings : list of str
-        What a user should know, one line each; grows while the source is read.
-    pose_frame : str
-        What the poses of its frames are in, if others may be in the same; else empty.
-
-    """
-
-    name: str
-    topic: str
-    warnings: list[str]
-    pose_frame: str
-
-    def __len__(self) -> int:
-        """Frames expected, as an index or a directory tells."""
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames in order; each call starts anew."""
-
-
 def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
     """
     Open a folder of pictures, a recording or a video, whichever is there.
 
-    Parameters
-    ----------
-    path : Path
-        A folder of pictures, a folder that a ROS 2 recorder wrote, a .mcap, .db3 or .bag file, or
-        a video.
-    topic : str, optional
-        Image topic of a recording that has several.
-    reading : ReadingConfig, optional
-        What is too large.
-
-    Raises
-    ------
-    SourceError
-        If it is neither, is damaged, is no regular file, or holds no images.
-
+    A recording is a .mcap, .db3 or .bag file, or a folder that a ROS 2 recorder wrote; `topic` is
+    its image topic, if it has several. SourceError if the path is neither, is damaged, is no
+    regular file, or holds no images.
     """
     path = Path(path)
     refuse_irregular(path)
@@ -94,28 +52,10 @@ def open_annotated(
     """
     Open what `open_source` does, with what other topics, or files, say of its frames.
 
-    Parameters
-    ----------
-    path : Path
-        As for `open_source`.
-    topic : str, optional
-        Image topic of a recording that has several.
-    odom : str, optional
-        Topic of odometry, poses or satellite fixes: frames then know where they were taken.
-    camera_info : str, optional
-        Topic that describes the camera, or a file as for `read_camera_file`.
-    poses : Path, optional
-        File as for `read_pose_file`, instead of `odom`.
-    reading : ReadingConfig, optional
-        What is too large.
-    depth : str, optional
-        Topic of depth images that are registered to the camera, or a folder of them.
-
-    Raises
-    ------
-    SourceError
-        If one of these cannot be read.
-
+    `odom` is a topic of odometry, poses or satellite fixes, or `poses` a file as for
+    `read_pose_file`: frames then know where they were taken. `camera_info` is a topic that
+    describes the camera, or a file as for `read_camera_file`; `depth` a topic of depth images that
+    are registered to the camera, or a folder of them. SourceError if one cannot be read.
     """
     source = open_source(path, topic, reading)
     if odom and poses:
@@ -128,7 +68,8 @@ def open_annotated(
         pose_at = read_pose_file(poses, len(source), reading)
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
-        pose_at = _track_at(PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None))
+        track = PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None)
+        pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
     camera_of = _camera_of(path, camera_info, reading)
     depth_at = _depth_of(path, depth, reading, source.warnings)
     return AnnotatedFrames(source, pose_at, camera_of, frame, depth_at)
@@ -182,12 +123,7 @@ def open_each_camera(
 
 def in_order(cameras: Sequence[Source]) -> Source:
     """Return sources of at least one camera as one, which yields the frames of all in order."""
-    first = cameras[0]
-    return SeveralCameras(list(cameras), first.pose_frame) if len(cameras) > 1 else first
-
-
-def _track_at(track: PoseTrack) -> PoseAt:
-    return lambda _index, stamp_ns: track.at(stamp_ns)
+    return SeveralCameras(list(cameras)) if len(cameras) > 1 else cameras[0]
 
 
 def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:

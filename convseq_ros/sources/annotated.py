@@ -2,28 +2,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames that know where they were taken, and by which camera."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+import heapq
 from typing import Protocol
 
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.sources.camera_info import fitted
-from convseq_ros.sources.depth_source import DepthAt
+from convseq_ros.sources.depth import DepthAt
 from convseq_ros.sources.pose_file import PoseAt
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
 
 
-class Frames(Protocol):
-    """What frames are read from; see `convseq_ros.sources.Source`."""
+class Source(Protocol):
+    """
+    A stream of frames that can be read more than once.
+
+    Attributes
+    ----------
+    name, topic : str
+        Of the folder or recording, and of the image topic; empty for a folder.
+    warnings : list of str
+        What a user should know, one line each; grows while the source is read.
+    pose_frame : str
+        What the poses of its frames are in, if others may be in the same; else empty.
+
+    """
 
     name: str
     topic: str
     warnings: list[str]
+    pose_frame: str
 
-    def __len__(self) -> int: ...
+    def __len__(self) -> int:
+        """Frames expected, as an index or a directory tells."""
 
-    def __iter__(self) -> Iterator[Frame]: ...
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order; each call starts anew."""
 
 
 class AnnotatedFrames:
@@ -37,7 +53,7 @@ class AnnotatedFrames:
 
     def __init__(
         self,
-        source: Frames,
+        source: Source,
         pose_at: PoseAt | None,
         camera_of: CameraOf | None,
         pose_frame: str = '',
@@ -61,3 +77,19 @@ class AnnotatedFrames:
                 camera = fitted(described, *frame.gray.shape)
             depth_m = self._depth_at(index, frame.stamp_ns) if self._depth_at else frame.depth_m
             yield replace(frame, pose=pose or frame.pose, camera=camera, depth_m=depth_m)
+
+
+class SeveralCameras:
+    """The frames of some sources, at least one, by their stamps; each frame tells its source."""
+
+    def __init__(self, sources: Sequence[Source]) -> None:
+        self._sources, self.pose_frame = sources, sources[0].pose_frame
+        self.name, self.topic = sources[0].name, ' '.join(one.topic for one in sources)
+        self.warnings: list[str] = []
+
+    def __len__(self) -> int:
+        return sum(map(len, self._sources))
+
+    def __iter__(self) -> Iterator[Frame]:
+        yield from heapq.merge(*self._sources, key=lambda frame: frame.stamp_ns)
+        self.warnings[:] = [line for one in self._sources for line in one.warnings]

@@ -14,24 +14,10 @@ _MODELS = {'fisheye': 'equidistant'}  # of other names for the same
 
 def camera_from_info(message: Any) -> Camera | None:
     """
-    Return what a CameraInfo says of its camera.
+    Return what a sensor_msgs/CameraInfo says of its camera; None if it is not calibrated.
 
-    Parameters
-    ----------
-    message : sensor_msgs/CameraInfo
-        K and the distortion D are taken; P, of a rectified image, if K is zero. Region of interest
-        and binning count.
-
-    Returns
-    -------
-    Camera or None
-        None if the camera is not calibrated: K and P are zero.
-
-    Raises
-    ------
-    SourceError
-        If a value is impossible.
-
+    K and the distortion D are taken; P, of a rectified image, if K is zero. Region of interest and
+    binning count. SourceError if a value is impossible.
     """
     k, p = [float(value) for value in message.k], [float(value) for value in message.p]
     fx, fy, cx, cy = (k[0], k[4], k[2], k[5]) if any(k) else (p[0], p[5], p[2], p[6])
@@ -49,16 +35,8 @@ def camera_from_info(message: Any) -> Camera | None:
         width, height = int(part.width), int(part.height)
         cx, cy = cx - part.x_offset, cy - part.y_offset
     across, down = message.binning_x or 1, message.binning_y or 1
-    return Camera(
-        max(1, width // across),
-        max(1, height // down),
-        fx / across,
-        fy / down,
-        cx / across,
-        cy / down,
-        model,
-        distortion,
-    )
+    size = max(1, width // across), max(1, height // down)
+    return Camera(*size, fx / across, fy / down, cx / across, cy / down, model, distortion)
 
 
 def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:

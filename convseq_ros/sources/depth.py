@@ -1,17 +1,24 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a message to a depth image, and which of several belongs to a moment."""
+"""Depth images: of a message, a folder or a recording, and which of several is of a moment."""
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
-from convseq_ros.errors import ImageError
+from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.folder import pictures_in
+from convseq_ros.sources.images import decoded, picture_bytes, pixels_of
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 Depth = npt.NDArray[np.float32]  # (H, W), metres; 0 or not finite where unknown
+DepthAt = Callable[[int, int], Depth | None]  # from a frame's number and its stamp
 
+DEPTH_TYPES = ('sensor_msgs/msg/Image',)
 REACH_NS = 20_000_000  # by which stamps of an image and its depth may differ; a frame takes 33 ms
 KEPT = 8  # depth images that wait for their image
 _MM = np.float32(1e-3)
@@ -35,20 +42,79 @@ def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Dept
         raise ImageError(
             f'encoding: {message.encoding!r} is no depth image; expected {", ".join(_KINDS)}'
         )
-    height, width, step = int(message.height), int(message.width), int(message.step)
-    size = np.dtype(kind).itemsize
-    if height < 1 or width < 1 or step < width * size:
-        raise ImageError(f'height, width, step: {height} x {width} px, {step} bytes is no image')
-    data = np.frombuffer(message.data, np.uint8)
-    if data.size < (needed := step * (height - 1) + width * size):
-        raise ImageError(f'data: {data.size} bytes is too short; {height} rows take {needed}')
-    reading.refuse_image(height * width, f'height, width: {height} x {width} px')
+    pixels = pixels_of(message, np.dtype(kind).itemsize, reading)
     typed = np.dtype(('>' if message.is_bigendian else '<') + kind)
-    rows = np.ndarray((height, width * size), np.uint8, data, 0, (step, 1))
-    numbers = np.ascontiguousarray(rows).view(typed)
-    return metres(numbers)
+    return metres(pixels.view(typed)[..., 0])
 
 
 def metres(numbers: npt.NDArray[Any]) -> Depth:
     """Return depths of whole millimetres, or of metres, in metres."""
     return numbers.astype(np.float32) * (_MM if numbers.dtype.kind == 'u' else np.float32(1))
+
+
+class DepthFolder:
+    """
+    Depth images of a folder, 16 bit and in millimetres: the first is the first frame's, and so on.
+
+    SourceError if there is none. One that cannot be read gives its frame no depth.
+    """
+
+    def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
+        try:
+            self._pictures = pictures_in(path)
+        except OSError as error:
+            raise SourceError(f'{path}: {error.strerror}; check the path') from None
+        if not self._pictures:
+            raise SourceError(f'{path}: no depth images in this folder; expected PNGs of 16 bits')
+        self._reading, self._warnings = reading, warnings
+
+    def __call__(self, index: int, _stamp_ns: int) -> Depth | None:
+        """Return the depth image of a frame's number; None if there is none."""
+        if index >= len(self._pictures):
+            return None
+        picture = self._pictures[index]
+        try:
+            return _read(picture, self._reading)
+        except (OSError, ImageError) as error:
+            self._warnings.append(f'{picture}: {error}; its frame has no depth')
+            return None
+
+
+def _read(picture: Path, reading: ReadingConfig) -> Depth:
+    numbers = decoded(picture_bytes(picture, reading), cv2.IMREAD_UNCHANGED, reading)
+    if numbers.dtype != np.uint16 or numbers.ndim != 2:
+        raise ImageError('no picture of one channel of 16 bits')
+    return metres(numbers)
+
+
+class DepthTopic:
+    """Depth images of messages by their stamps; what is damaged is left out, with a warning."""
+
+    def __init__(
+        self,
+        messages: Callable[[], Iterable[Any]],
+        topic: str,
+        reading: ReadingConfig,
+        warnings: list[str],
+    ) -> None:
+        self._messages, self._topic, self._reading = messages, topic, reading
+        self._warnings = warnings
+        self._coming: Iterator[Any] = iter(())
+        self._waiting = deque[tuple[int, Any]](maxlen=KEPT)
+
+    def __call__(self, index: int, stamp_ns: int) -> Depth | None:
+        """Return the depth image whose stamp is nearest, within reach; frames come in order."""
+        if not index:
+            self._coming = iter(self._messages())
+            self._waiting.clear()
+        while not self._waiting or self._waiting[-1][0] < stamp_ns:
+            if (message := next(self._coming, None)) is None:
+                break
+            self._waiting.append((message.stamp_ns, message))
+        found = nearest(self._waiting, stamp_ns)
+        try:
+            return None if found is None else decode_depth(found.decode(), self._reading)
+        except ImageError as error:
+            if (line := f'{self._topic}: {error}; its frame has no depth') not in self._warnings:
+                self._warnings.append(line)
+            return None

@@ -10,13 +10,19 @@ from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import read_picture
-from convseq_ros.sources.natural_order import natural_key
 
 IMAGE_SUFFIXES = frozenset(
     {'.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff', '.ppm', '.pgm', '.webp'}
 )
 FRAME_INTERVAL_NS = 100_000_000
 MAX_STAMP_NS = 2**63 - 1
+
+
+def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a sort key that puts img2 before img10; equal numbers are settled by spelling."""
+    parts = re.findall(r'[0-9]+|[^0-9]+', path.name.casefold())
+    keys = [(int(part), '') if part[0] in '0123456789' else (-1, part) for part in parts]
+    return keys, path.name
 
 
 def pictures_in(path: Path) -> list[Path]:

@@ -9,6 +9,7 @@ a folder, a recording and a camera that show the same picture give the same pixe
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,61 +31,41 @@ _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
 def gray_from_bgr(bgr: Pixels) -> Gray:
-    """
-    Return the grey image of a colour image: the only place where colour is given up.
-
-    Parameters
-    ----------
-    bgr : ndarray of uint8, shape (H, W, 3)
-        Blue, green, red.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-
-    """
+    """Return the grey image (H, W) of a BGR image (H, W, 3): the only place that drops colour."""
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
 def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
-    Return the grey image of a sensor_msgs/Image.
+    Return the grey image (H, W) of a sensor_msgs/Image, C-contiguous and independent of it.
 
-    Parameters
-    ----------
-    message : object
-        With the fields `height`, `width`, `encoding`, `is_bigendian`, `step` and `data`.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-        C-contiguous and independent of the message.
-
-    Raises
-    ------
-    ImageError
-        If the encoding is unknown, the size is zero, too large or does not suit the encoding, or
-        `step` or `data` is too small for it.
-
+    ImageError if the encoding is unknown, the size is zero, too large or does not suit the
+    encoding, or `step` or `data` is too small for it.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
         raise ImageError(
             f'encoding: {message.encoding!r} is not supported; use {", ".join(ENCODINGS)}'
         )
+    height, width = int(message.height), int(message.width)
+    least, multiple = encoding.min_side, encoding.width_multiple
+    if height > 0 < width and (height < least or width < least or width % multiple):
+        raise ImageError(
+            f'height, width: {height} x {width} px does not suit {message.encoding}; it needs '
+            f'at least {least} px and a width divisible by {multiple}'
+        )
+    pixels = pixels_of(message, encoding.bytes_per_pixel, reading)
+    return encoding.to_gray(pixels, bool(message.is_bigendian))
+
+
+def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
+    """Return the bytes (H, W, bytes of a pixel) of a sensor_msgs/Image; ImageError if too few."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     if height < 1 or width < 1:
         raise ImageError(
             f'height, width: {height} x {width} px is an empty image; check the camera driver'
         )
-    if height < encoding.min_side or width < encoding.min_side or width % encoding.width_multiple:
-        raise ImageError(
-            f'height, width: {height} x {width} px does not suit {message.encoding}; it needs '
-            f'at least {encoding.min_side} px and a width divisible by {encoding.width_multiple}'
-        )
-    row = width * encoding.bytes_per_pixel
+    row = width * pixel_bytes
     if step < row:
         raise ImageError(
             f'step: {step} bytes is too small; a row of {width} px in {message.encoding} '
@@ -97,34 +78,16 @@ def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray
             f'data: {data.size} bytes is too short; {height} rows of step {step} take {needed}'
         )
     reading.refuse_image(height * width, f'height, width: {height} x {width} px')
-    shape = (height, width, encoding.bytes_per_pixel)
-    strides = (step, encoding.bytes_per_pixel, 1)
-    pixels = np.ascontiguousarray(np.ndarray(shape, np.uint8, data, 0, strides))
-    return encoding.to_gray(pixels, bool(message.is_bigendian))
+    strides = (step, pixel_bytes, 1)
+    shown = np.ndarray((height, width, pixel_bytes), np.uint8, data, 0, strides)
+    return np.ascontiguousarray(shown)
 
 
 def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
-    Return the grey image of a sensor_msgs/CompressedImage.
+    Return the grey image (H, W) of a sensor_msgs/CompressedImage, a JPEG or PNG.
 
-    Parameters
-    ----------
-    message : object
-        With the fields `format` ('jpeg', 'png', or as image_transport writes it, such as
-        'bgr8; jpeg compressed bgr8') and `data`.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-        C-contiguous and independent of the message.
-
-    Raises
-    ------
-    ImageError
-        If the format is compressedDepth or the data are damaged, too large or no JPEG or PNG.
-
+    ImageError if the format is compressedDepth or the data are damaged, too large or neither.
     """
     if 'compressedDepth' in message.format:
         raise ImageError(
@@ -138,62 +101,43 @@ def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
     """
-    Return the grey image of an encoded picture, as stored (an EXIF rotation is not applied).
+    Return the grey image (H, W) of an encoded picture, as stored: no EXIF rotation is applied.
 
-    Parameters
-    ----------
-    data : bytes, array or ndarray of uint8
-        Content of a picture file.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-
-    Raises
-    ------
-    ImageError
-        If the data are cut short, damaged, of an unknown kind, or declare too many pixels; they
-        are not decoded then.
-
+    ImageError if the data are cut short, damaged, of an unknown kind, or declare too many pixels;
+    they are not decoded then.
     """
+    return gray_from_bgr(_uint8(decoded(data, _READ_FLAGS, reading)))
+
+
+def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
+    """Return what OpenCV makes of an encoded picture, or ImageError as `decode_picture`."""
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
-    asked = declared(content)
-    if asked is None:
+    asked, found = declared(content), None
+    if asked is not None:
+        reading.refuse_picture(asked, 'data')
+        if _is_cut_jpeg(content):
+            size = encoded.size
+            raise ImageError(f'data: {size} bytes of a JPEG that is cut short; send it whole')
+        with suppress(cv2.error):
+            found = cv2.imdecode(encoded, flags)
+    if found is None:
         raise ImageError(
             f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
         )
-    reading.refuse_picture(asked, 'data')
-    if _is_cut_jpeg(content):
-        raise ImageError(f'data: {encoded.size} bytes of a JPEG that is cut short; send it whole')
-    try:
-        bgr = cv2.imdecode(encoded, _READ_FLAGS) if encoded.size else None
-    except cv2.error:
-        bgr = None
-    if bgr is None:
-        raise ImageError(
-            f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
-        )
-    return gray_from_bgr(_uint8(bgr))
+    return np.asarray(found)
 
 
 def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """
-    Return the grey image of a picture file.
+    """Return the grey image of a file; ImageError as `decode_picture`, or OSError."""
+    return decode_picture(picture_bytes(path, reading), reading)
 
-    Raises
-    ------
-    ImageError
-        As for `decode_picture`; also if the file is larger than the largest picture can be.
-    OSError
-        If it cannot be read.
 
-    """
+def picture_bytes(path: Path, reading: ReadingConfig) -> bytes:
+    """Return what a file holds; ImageError if it is larger than the largest picture can be."""
     size = path.stat().st_size
     reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
-    return decode_picture(path.read_bytes(), reading)
+    return path.read_bytes()
 
 
 def _is_cut_jpeg(data: bytes) -> bool:

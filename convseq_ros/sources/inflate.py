@@ -1,18 +1,20 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Taking compressed data apart without taking more memory than they declare."""
+"""Taking compressed data apart without taking more memory than they declare and may."""
 
 from bz2 import BZ2Decompressor
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 import importlib
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 
-_MEGA = 1_000_000
+_MEGA, _PIECE_BYTES = 1_000_000, 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +29,8 @@ class RecordingLimits:
 
     @property
     def chunk_bytes(self) -> int:
-        """Return what one chunk may hold; those that overlap in time may twice as much."""
+        """Return what one chunk, or one message, may hold."""
         return round(self.reading.max_file_mb * _MEGA)
-
-    @property
-    def harmless_bytes(self) -> int:
-        """Return what is no bomb if it is all, whatever its ratio."""
-        return 4 * self.chunk_bytes
 
     def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
         """Raise a SourceError if that many bytes are out of all proportion to a file's size."""
@@ -61,37 +58,23 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     return content
 
 
-def end_of_records(content: bytes, packed_bytes: int) -> int:
-    """
-    Return where the whole records of an mcap chunk, inflated and perhaps cut, end.
-
-    SourceError if there are more records than the `packed_bytes` of its file can tell apart: to
-    walk them would take hours.
-    """
-    at, left = 0, _FEW_RECORDS + packed_bytes // _LEAST_BYTES
-    while at + _HEAD_BYTES <= len(content):
-        length = int.from_bytes(content[at + 1 : at + _HEAD_BYTES], 'little')
-        opcode, end = content[at], at + _HEAD_BYTES + length
-        known = opcode >= _PRIVATE or (opcode in _IN_CHUNKS and length >= _SHORTEST_BYTES)
-        if not known or end > len(content):
-            break
-        at, left = end, left - 1
-        if left < 0:
-            raise SourceError(f'more records than a chunk of {packed_bytes} bytes can hold')
-    return at
-
-
-def inflated_size(path: Path, most_bytes: int) -> int:
-    """Return how much a file compressed with zstd holds, or something above `most_bytes`."""
+@contextmanager
+def inflated_file(path: Path, limits: RecordingLimits) -> Iterator[Path]:
+    """Give a file that was compressed as a whole (`.zstd`) uncompressed; any other as it is."""
+    if path.suffix.lower() != '.zstd':
+        yield path
+        return
     import zstandard
 
-    size = 0
-    with path.open('rb') as file:
-        for piece in zstandard.ZstdDecompressor().read_to_iter(file):
-            size += len(piece)
-            if size > most_bytes:
-                break
-    return size
+    size, inflated = path.stat().st_size, 0
+    with TemporaryDirectory(prefix='convseq_') as folder:
+        plain = Path(folder, path.stem)
+        with path.open('rb') as packed, plain.open('wb') as file:
+            for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
+                inflated += len(piece)
+                limits.refuse_bomb(path, inflated, size)
+                file.write(piece)
+        yield plain
 
 
 def _zstd(data: bytes, most_bytes: int) -> bytes:
@@ -110,12 +93,6 @@ def _lz4(data: bytes, most_bytes: int) -> bytes:
     return bytes(frame.LZ4FrameDecompressor().decompress(data, most_bytes))
 
 
-_PIECE_BYTES = 1 << 20
-# The mcap specification: opcode and length; schema, channel and message alone lie in chunks, and
-# whatever is private.
-_HEAD_BYTES, _IN_CHUNKS, _PRIVATE = 9, (3, 4, 5), 0x80
-_SHORTEST_BYTES = 14  # ibid.: a schema, all of whose texts are empty
-_FEW_RECORDS, _LEAST_BYTES = 100, 2  # two stamps and a number differ from message to message
 _INFLATERS: dict[str, Callable[[bytes, int], bytes]] = {
     '': lambda data, _: data,
     'none': lambda data, _: data,

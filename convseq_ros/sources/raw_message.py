@@ -44,15 +44,7 @@ class RawMessage(NamedTuple):
 
 @functools.cache
 def typestore() -> Any:
-    """
-    Return the message definitions of ROS 2 Jazzy; image and pose types are older than that.
-
-    Raises
-    ------
-    ConvseqError
-        If rosbags is not installed.
-
-    """
+    """Return the message definitions of ROS 2 Jazzy; ConvseqError if rosbags is not installed."""
     try:
         from rosbags.typesys import get_typestore, Stores
     except ImportError:

@@ -88,17 +88,7 @@ class Recording:
         )
 
     def messages(self) -> Iterator[RawMessage]:
-        """
-        Yield the image messages undecoded, as CDR that rclpy can publish.
-
-        Messages too damaged to hold a stamp are left out.
-
-        Raises
-        ------
-        SourceError
-            If the recording is damaged further on.
-
-        """
+        """Yield the image messages undecoded, as CDR, but for those too damaged for a stamp."""
         return (message for message in self._raw_messages() if len(message.cdr) >= STAMP_END)
 
     def _raw_messages(self) -> Iterator[RawMessage]:

@@ -5,6 +5,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from convseq_ros.errors import SourceError
 
@@ -30,6 +31,14 @@ class Topic:
     def __str__(self) -> str:
         messages = 'message' if self.count == 1 else 'messages'
         return f'{self.name}   # {self.type_name}, {self.count} {messages}'
+
+
+class Index(NamedTuple):
+    """What there is to know of a recording's file before its messages are read."""
+
+    topics: dict[str, Topic]
+    duration_s: float  # from the first message of any topic to the last
+    damage: str = ''  # what is wrong with the file, though it can be read to some extent
 
 
 def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:

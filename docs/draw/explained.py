@@ -126,7 +126,7 @@ def _draw_fields(path: Path, first, second, config: Config) -> None:
             )
         told = verified[index]
         each.set_title(
-            f'{name} place: {told.inliers} inliers, strength {told.strength:.0f}',
+            f'{name} place: {told.inliers} inliers, verification score {told.strength:.0f}',
             color=INK,
             size=12,
         )

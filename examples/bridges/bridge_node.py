@@ -14,16 +14,7 @@ from importlib import import_module
 import sys
 from typing import Any
 
-from keyframes import (
-    closure_from,
-    confidence_from,
-    Keyframes,
-    robots_of,
-    session_from,
-    stamp_to_ns,
-    stamps_from,
-    Waiting,
-)
+from keyframes import closure_from, Keyframes, robots_of, stamp_to_ns, Waiting
 import messages
 import numpy as np
 import rclpy
@@ -49,15 +40,7 @@ class Kinds(dict[str, Callable[..., Any]]):
 
 
 class Bridge(Node):
-    """
-    Sends closures on as soon as the back end's keyframes of both stamps are known.
-
-    Parameters
-    ----------
-    name : str
-        Of the back end.
-
-    """
+    """Sends closures on as soon as keyframes of the back end, `name`, of both stamps are known."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f'{name}_bridge')
@@ -197,21 +180,21 @@ class Bridge(Node):
 
     def _on_closure(self, message: PointCloud2) -> None:
         closure = closure_from(message)
-        if closure is None and self._needs_pose:
+        robot = self._robots.get(closure.session)
+        stamps_ns = closure.query_ns, closure.reference_ns
+        if self._needs_pose and not closure.is_measured:
             self.get_logger().warning(
                 'a closure without a pose in metres is left out; vpr_node needs camera_info and '
                 'odometry',
                 throttle_duration_sec=10.0,
             )
-        elif closure and self._send_by_stamp:
+        elif self._send_by_stamp:
             self._send_by_stamp(closure)
-        elif self._robots.get(session_from(message)) in self._others:
-            other = self._others[self._robots[session_from(message)]]
-            other.add(*stamps_from(message), confidence_from(message))
-            self._flush()
+        elif robot in self._others:
+            self._others[robot].add(*stamps_ns, closure.confidence)
         else:
-            self._waiting.add(*stamps_from(message), closure)
-            self._flush()
+            self._waiting.add(*stamps_ns, closure)
+        self._flush()
 
     def _flush(self) -> None:
         if self._send:

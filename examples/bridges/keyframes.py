@@ -5,13 +5,15 @@
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 import sys
 from typing import Any
 from uuid import UUID
 
+from convseq_ros.core.rigid import cross, matrix
+from convseq_ros.core.types import Pose
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
@@ -21,15 +23,7 @@ _MOST_WAITING = 1000
 
 
 class Keyframes:
-    """
-    Keyframes of a back end, found by time.
-
-    Parameters
-    ----------
-    within_s : float
-        How far the stamp of a keyframe may be from that of an image.
-
-    """
+    """Keyframes of a back end, found by a stamp that is at most `within_s` away."""
 
     def __init__(self, within_s: float = 0.15) -> None:
         self._within_ns = round(within_s * 1e9)
@@ -52,30 +46,33 @@ class Keyframes:
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """A closure whose pose was measured: of the query's base in the reference's."""
+    """A closure: the pose of the query's base in the reference's, not finite if not measured."""
 
     query_ns: int
     reference_ns: int
     position: np.ndarray  # (3,), metres
     orientation: np.ndarray  # (4,), x, y, z, w
     covariance: np.ndarray  # (6, 6), of x, y, z and turns about them
-    confidence: float
+    confidence: float  # 1 if there is none, since it is accepted
+    session: bytes = b''  # the id of the reference's
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether its pose in metres is known."""
+        return bool(np.isfinite([*self.position, *self.orientation]).all())
 
     @property
     def inverse(self) -> 'Closure':
         """The same, of the reference's base in the query's; the stamps stay."""
-        turn = _matrix(self.orientation).T
-        x, y, z = self.position
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = matrix(Pose((0.0, 0.0, 0.0), tuple(self.orientation.tolist())))[:3, :3].T
         change = np.zeros((6, 6))
-        change[:3, :3], change[:3, 3:], change[3:, 3:] = -turn, -turn @ cross, -turn
-        return Closure(
-            self.query_ns,
-            self.reference_ns,
-            -turn @ self.position,
-            self.orientation * (-1, -1, -1, 1),
-            change @ self.covariance @ change.T,
-            self.confidence,
+        change[:3, :3] = change[3:, 3:] = -turn
+        change[:3, 3:] = -turn @ cross(self.position)
+        return replace(
+            self,
+            position=-turn @ self.position,
+            orientation=self.orientation * (-1, -1, -1, 1),
+            covariance=change @ self.covariance @ change.T,
         )
 
     @property
@@ -84,54 +81,27 @@ class Closure:
         return np.linalg.inv(self.covariance)
 
 
-def closure_from(message: Any) -> Closure | None:
-    """Return a closure of `~/closure`; None if its pose in metres was not measured."""
+def closure_from(message: Any) -> Closure:
+    """Return what `~/closure` says."""
     read = read_closure(message)
-    pose = np.array([float(read[name]) for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')])
     confidence = float(read['confidence'])
-    if not np.isfinite(pose).all():
-        return None
     return Closure(
         stamp_ns(read, 'query'),
         stamp_ns(read, 'reference'),
-        pose[:3],
-        pose[3:],
+        np.array([float(read[name]) for name in ('x', 'y', 'z')]),
+        np.array([float(read[name]) for name in ('qx', 'qy', 'qz', 'qw')]),
         np.array(read['covariance'], float).reshape(6, 6),
-        0.0 if math.isnan(confidence) else confidence,
+        1.0 if math.isnan(confidence) else confidence,
+        read['reference_session'].tobytes(),
     )
-
-
-def stamps_from(message: Any) -> tuple[int, int]:
-    """Return the stamps of query and reference of `~/closure`, measured or not."""
-    read = read_closure(message)
-    return stamp_ns(read, 'query'), stamp_ns(read, 'reference')
-
-
-def session_from(message: Any) -> bytes:
-    """Return the id of the session of the reference of `~/closure`."""
-    return read_closure(message)['reference_session'].tobytes()
-
-
-def confidence_from(message: Any) -> float:
-    """Return the confidence of `~/closure`; 1 if it has none, since it is accepted."""
-    confidence = float(read_closure(message)['confidence'])
-    return 1.0 if math.isnan(confidence) else confidence
 
 
 def robots_of(sessions: Iterable[str]) -> dict[bytes, int]:
     """
     Return which robot drove each session, by the session's id.
 
-    Parameters
-    ----------
-    sessions : iterable of str
-        Such as '6c0d2e4a-8f4b-4d51-9f0e-2d1f3a7b9c55=1'; `convseq info MAP` lists the ids.
-
-    Raises
-    ------
-    ValueError
-        If one is no id and number.
-
+    `sessions` are such as '6c0d2e4a-8f4b-4d51-9f0e-2d1f3a7b9c55=1'; `convseq info MAP` lists the
+    ids. ValueError if one is no id and number.
     """
     found = {}
     for text in sessions:
@@ -151,15 +121,8 @@ class Waiting:
     """
     Closures whose keyframes the back end has not told yet; the oldest give way after 1000.
 
-    A back end may come later than the closures, tell its keyframes late, or go away.
-
-    Parameters
-    ----------
-    keyframes : Keyframes
-        Of the robot.
-    references : Keyframes, optional
-        Of the robot that drove where the closures lead, if that is another.
-
+    A back end may come later than the closures, tell its keyframes late, or go away. `references`
+    are keyframes of the robot that drove where the closures lead, if that is another.
     """
 
     def __init__(self, keyframes: Keyframes, references: Keyframes | None = None) -> None:
@@ -194,14 +157,3 @@ class Waiting:
 def stamp_to_ns(stamp: Any) -> int:
     """Return a stamp in nanoseconds."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-
-
-def _matrix(orientation: np.ndarray) -> np.ndarray:
-    x, y, z, w = orientation
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -4,8 +4,7 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-import json
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 import shutil
@@ -44,50 +43,41 @@ def main() -> int:
     parser.add_argument('--images', type=Path, help='folder for copies of picture and animation')
     parser.add_argument('--rate', type=float, default=0.5, help='speed of playing (0.5)')
     parser.add_argument('--step', type=float, default=1.0, metavar='M', help='of the map (1)')
-    parser.add_argument('--frames', type=int, help='of each stay')
+    parser.add_argument('--frames', type=int, default=32, help='of each stay (32)')
     chosen = parser.parse_args()
     try:
-        _run(chosen)
+        _run(chosen, chosen.output.absolute())
     except (ConvseqError, OSError) as error:
         print(f'demo: {error}', file=sys.stderr)
         return 1
     return 0
 
 
-def _run(chosen: argparse.Namespace) -> None:
-    folder: Path = chosen.output.absolute()
+def _run(chosen: argparse.Namespace, folder: Path) -> None:
     make_empty(folder, _MARKER)
-    _say('drawing the town by day, and mapping it')
+    print('drawing the town by day, mapping it, and drawing the night ...', file=sys.stderr)
     record_day(folder / 'day', chosen.step)
     build(folder / 'day', folder / 'map.db', odom='/odom')
-    _say('drawing the night')
-    stays = STAYS
-    if chosen.frames:
-        stays = tuple(type(one)(**asdict(one) | {'frames': chosen.frames}) for one in STAYS)
-    shots = record_night(folder / 'night', stays)
-    _say(f'playing it to vpr_node, at {chosen.rate:g} times its speed')
-    rows = recognise_live(
-        folder / 'night',
-        len(shots),
-        folder / 'map.db',
-        folder,
-        chosen.rate,
-        Config(),
-        odom='/odom',
-        camera_info='/camera/camera_info',
-    )
+    shots = record_night(folder / 'night', [replace(one, frames=chosen.frames) for one in STAYS])
+    print(f'playing it to vpr_node, at {chosen.rate:g} times its speed ...', file=sys.stderr)
+    beside = {'odom': '/odom', 'camera_info': '/camera/camera_info'}
+    files = folder / 'night', len(shots), folder / 'map.db', folder
+    rows = recognise_live(*files, chosen.rate, Config(), **beside)
     reference_map = open_map(folder / 'map.db')
     steps = _steps(rows, shots, reference_map)
-    told = [_told([one for one in steps if one.stay == number]) for number in range(len(stays))]
-    print(f'\n{_heading(reference_map, steps)}\n\n{_table(told)}')
+    print(
+        f'\nA drawn town, mapped by day: {len(reference_map)} places. At night, to the side and '
+        f'turned, the robot is switched on\nand carried away twice, {len(steps)} frames in all.\n'
+    )
+    stays = range(len(STAYS))
+    print(_table([_told([one for one in steps if one.stay == stay]) for stay in stays]))
     picture, animation = folder / 'relocalise.png', folder / 'relocalise.gif'
     draw_picture(picture, reference_map, steps)
     draw_animation(animation, reference_map, steps)
-    (folder / 'results.json').write_text(json.dumps([asdict(one) for one in told], indent=2))
     if chosen.images:
         for path in (picture, animation):
             shutil.copyfile(path, chosen.images / path.name)
-    print(f'\nresults    {folder / "results.json"}\npicture    {picture}\nanimation  {animation}')
+    print(f'\npicture    {picture}\nanimation  {animation}')
 
 
 def _steps(
@@ -104,10 +94,9 @@ def _steps(
         if seen := row['reference_index'] or (row['best_index'] if is_found else ''):
             place = int(seen)
         before = state
-        quality = float(row['localization_quality'] or 0.0)
         known = None if state == 'lost' else place
         pose = None if known is None else reference_map.places[known].pose
-        steps.append(Step(stay, shot, state, known, pose, quality))
+        steps.append(Step(stay, shot, state, known, pose))
     return steps
 
 
@@ -129,13 +118,6 @@ def _told(steps: Sequence[Step]) -> Told:
     )
 
 
-def _heading(reference_map: ReferenceMap, steps: Sequence[Step]) -> str:
-    return (
-        f'A drawn town, mapped by day: {len(reference_map)} places. At night, to the side and '
-        f'turned, the robot is switched on\nand carried away twice, {len(steps)} frames in all.'
-    )
-
-
 def _table(told: Sequence[Told]) -> str:
     head = ('', 'lost noticed', 'localised', 'driven', 'off, median', 'wrong')
     lines = [''.join(f'{name:>14}' for name in head)]
@@ -151,10 +133,6 @@ def _table(told: Sequence[Told]) -> str:
         )
         lines.append(''.join(f'{cell:>14}' for cell in cells))
     return '\n'.join(lines)
-
-
-def _say(what: str) -> None:
-    print(f'{what} ...', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drawn town that is mapped by day, and a robot that is put down in it three times at night."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -45,14 +45,14 @@ def record_day(path: Path, step_m: float) -> None:
     write_recording(path, draw(route, day), info_topic=_INFO)
 
 
-def record_night(path: Path, stays: tuple[Stay, ...] = STAYS) -> list[tuple[int, Shot]]:
+def record_night(path: Path, stays: Sequence[Stay] = STAYS) -> list[tuple[int, Shot]]:
     """Write the drive at night; return each frame with the number of its stay."""
     shots = list(_night(stays))
     write_recording(path, (shot for _, shot in shots), info_topic=_INFO)
     return shots
 
 
-def _night(stays: tuple[Stay, ...]) -> Iterator[tuple[int, Shot]]:
+def _night(stays: Sequence[Stay]) -> Iterator[tuple[int, Shot]]:
     """Yield the frames of all stays; the odometry knows nothing of being carried."""
     route, odometer, clock = town(), Odometer(DRIFT), count()
     for number, stay in enumerate(stays):

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fuzz decoders that break: `breaking_decoders.py FOLDER` ends with 0 if each is seen."""
+"""Fuzz a decoder that breaks in some way at an input that begins with `!`, or one that holds."""
 
 import os
 from pathlib import Path
@@ -8,8 +8,7 @@ import signal
 import sys
 import time
 
-from bench.torture import _fuzzer
-from bench.torture.decoders import Decoder
+from bench.torture import fuzz
 
 BURNT_S = 1.0
 
@@ -23,20 +22,12 @@ def burns():
         pass
 
 
-def main(folder):
-    """Check that each end is seen and its input kept, and that what holds is fuzzed to the end."""
-    _fuzzer._FOUND, _fuzzer.MOST_S = folder / 'found', BURNT_S / 3
-    ends = {b'!0': fails, b'!1': lambda: os.kill(os.getpid(), signal.SIGKILL), b'!2': burns}
-    for data, end in ends.items():
-        broken = Decoder([data], lambda given, _, end=end: given[:1] == b'!' and end())
-        _fuzzer.decoders.decoders = lambda broken=broken: {'a b': broken}
-        executions, problem = next(_fuzzer.fuzz('a b', 100, 0, folder))
-        assert executions < 100, (data, executions)
-        kept = folder / 'found' / problem.split('; ')[-1]
-        assert kept.read_bytes() == data, problem
-    _fuzzer.decoders.decoders = lambda: {'holds': Decoder([b'0'], lambda *_: None)}
-    assert [*_fuzzer.fuzz('holds', 50, 0, folder)] == [(50, '')]
-
+ENDS = {'fails': fails, 'dies': lambda: os.kill(os.getpid(), signal.SIGKILL), 'burns': burns}
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1]))
+    fuzz.MOST_S, fuzz.FOUND = BURNT_S / 3, Path(sys.argv[3], 'found')
+    known = {
+        name: ([b'!0'], lambda given, _, end=end: given[:1] == b'!' and end())
+        for name, end in ENDS.items()
+    }
+    fuzz.main(known | {'holds': ([b'0'], lambda *_: None)})

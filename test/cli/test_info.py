@@ -11,8 +11,10 @@ import pytest
 
 pytest.importorskip('rosbags')
 
+from convseq_ros import __version__
 from convseq_ros.cli import main
 from convseq_ros.cli.recording_info import describe_recording, recording_lines
+from convseq_ros.core.compiled import library
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
@@ -49,6 +51,15 @@ def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monk
     assert main(['info', 'map.db', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (len(facts['sessions']), facts['path_m']) == (1, pytest.approx(11.0, abs=0.1))
+
+
+def test_without_a_file_it_says_what_is_installed(capsys):
+    assert main(['info', '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told['convseq_ros'] == __version__ and told['numpy'] == np.__version__
+    assert told['kernels'] == library().variant or library().problem in told['kernels']
+    assert main(['info']) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [*told]
 
 
 def test_what_a_stranger_called_a_topic_is_one_word_to_paste():

@@ -52,6 +52,14 @@ def replay(tmp_path, capsys):
     return run
 
 
+def test_a_recording_that_is_too_short_for_the_exclusion_says_so(two_rounds, tmp_path, capsys):
+    words = ['replay', str(two_rounds), '--map', str(tmp_path / 'new.db'), *ONLINE]
+    assert main([*words, '--output', str(tmp_path / 'a.csv'), '--exclusion-s', '30']) == 0
+    assert 'lasts 1.9 s, and --exclusion-s is 30; set it lower' in capsys.readouterr().err
+    assert main([*words, '--output', str(tmp_path / 'b.csv')]) == 0
+    assert not capsys.readouterr().err
+
+
 def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, replay):
     path = tmp_path / 'new.db'
     summary, rows = replay(two_rounds, path, *ONLINE)

@@ -125,3 +125,13 @@ def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_
     matches = run(recognizer, [image(place) for place in range(4, 8)], start_ns=4 * STEP_NS)
     assert [match.reason for match in matches][:2] == [Reason.WARMING_UP] * 2
     assert matches[-1].accepted.reference_index == 7
+
+
+def test_a_map_that_shows_nothing_answers_without_a_match():
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
+    black = ReferenceMap()
+    for index in range(3):
+        dark = np.zeros((64, 64), np.uint8)
+        black.add_frame(Frame(index + 1, dark), describe(dark), 0)
+    match = PlaceRecognizer(black, Config()).process(Frame(10**9, noise))
+    assert match.accepted is None

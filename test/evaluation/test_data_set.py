@@ -120,21 +120,3 @@ def test_positions_give_the_truth(street):
     street.write(yaml(truth='{kind: poses, path: poses.csv, radius_m: 2.5}'))
     right = street.open().truth.right
     assert right[5].nonzero()[0].tolist() == [4, 5, 6]
-
-
-def test_a_drive_without_revisits_has_no_right_answers(loop):
-    loop.write('query: {path: drive}\ntruth: {kind: none}')
-    assert not loop.open().truth.known.any()
-
-
-def test_recordings_and_videos_serve_as_drives(street):
-    cv2 = pytest.importorskip('cv2')
-    path = street.folder / 'drive.avi'
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 10, (128, 128))
-    if not writer.isOpened():
-        pytest.skip('this OpenCV writes no MJPG video')
-    for file in sorted((street.folder / 'reference').iterdir()):
-        writer.write(cv2.imread(str(file)))
-    writer.release()
-    street.write(yaml(reference='{path: drive.avi}'))
-    assert street.open().truth.right.shape == (24, 24)

@@ -48,7 +48,7 @@ def test_cut_mcap_yields_every_frame_up_to_the_cut(recorder, layout, pictures):
         assert bool(error) == (not frames)
         if frames:
             assert len(warnings) == 1
-            assert 'at byte' in warnings[0]
+            assert 'at byte' in warnings[0] or 'its index cannot be used' in warnings[0]
             assert f'{len(frames)} frames of {TOPIC} were saved' in warnings[0]
     assert counts == sorted(counts)
     assert counts[0] == 0
@@ -144,11 +144,10 @@ def test_poses_are_saved_from_a_cut_mcap(recorder):
     assert [stamp for stamp, _ in read_poses(path, '/odom')] == list(range(1, 10))
 
 
-def test_an_mcap_without_profile_is_read_from_start_to_end(recorder, pictures):
+def test_an_mcap_without_profile_is_read(recorder, pictures):
     path = recorder.write('mcap without profile', recorder.drive(pictures))
     frames, error, warnings = read(path)
-    assert (len(frames), error) == (12, '')
-    assert 'start to end' in warnings[0]
+    assert (len(frames), error, warnings) == (12, '', [])
 
 
 @pytest.mark.parametrize('layout', ['db3 file', 'sqlite3 folder', 'ros1 bag'])
@@ -163,23 +162,12 @@ def test_other_cut_recordings_are_one_clear_error(recorder, layout, share, pictu
     assert str(file) in error
 
 
-def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(recorder, pictures):
-    folder = recorder.write('mcap folder', recorder.drive(pictures))
-    metadata = folder / 'metadata.yaml'
-    metadata.write_text(metadata.read_text().replace('message_count: 12', 'message_count: 15'))
-    frames, error, warnings = read(folder)
-    assert (len(frames), error) == (12, '')
-    assert '12 images' in warnings[0]
-    assert '15' in warnings[0]
-
-
-@pytest.mark.parametrize('count', ['0', '-1', '12.5', '99999999999999999999', 'many'])
-def test_a_count_that_makes_no_sense_gives_frames_or_one_error(recorder, pictures, count):
-    folder = recorder.write('mcap folder', recorder.drive(pictures))
-    metadata = folder / 'metadata.yaml'
-    metadata.write_text(metadata.read_text().replace('count: 12', f'count: {count}'))
-    frames, error, _ = read(folder)
-    assert len(frames) == 12 or error
+def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(recorder, tmp_path, pictures):
+    path = recorder.write('mcap zstd', recorder.drive(pictures))
+    source = open_source(path)
+    recorder.write('mcap zstd', recorder.drive(pictures[:10]))
+    assert len(list(source)) == 10
+    assert '10 images' in source.warnings[0] and '12' in source.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -244,16 +232,18 @@ def test_paths_that_are_no_recording_are_one_clear_error(tmp_path):
     assert 'no pictures and no recording' in read(tmp_path)[1]
 
 
-@pytest.mark.parametrize(
-    'content', ['', 'a: b', '[1, 2', 'rosbag2_bagfile_information: 3', '\x00']
-)
-def test_metadata_that_cannot_be_used_is_a_warning_while_files_can(recorder, pictures, content):
-    folder = recorder.write('mcap folder', recorder.drive(pictures))
-    (folder / 'metadata.yaml').write_text(content)
+@pytest.mark.parametrize('content', [None, '', 'a: b', '[1, 2', '\x00'])
+def test_metadata_of_a_recorder_is_not_needed(recorder, layout, pictures, content):
+    folder = recorder.write(layout, recorder.drive(pictures))
+    if not (folder / 'metadata.yaml').exists():
+        pytest.skip('no folder')
+    if content is None:
+        (folder / 'metadata.yaml').unlink()
+    else:
+        (folder / 'metadata.yaml').write_text(content)
     frames, error, warnings = read(folder)
-    assert (len(frames), error) == (12, '')
-    assert 'metadata.yaml' in warnings[0]
-    (folder / 'drive.mcap').unlink()
+    assert (len(frames), error, warnings) == (12, '', [])
+    next(folder.glob('drive.*')).unlink()
     frames, error, _ = read(folder)
     assert str(folder) in error
 

@@ -12,13 +12,11 @@ from types import SimpleNamespace
 
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.cli.options import read_parameter_file
-from convseq_ros.cli.recording_info import describe_recording
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import read_run
-from convseq_ros.evaluation.study import read_study
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
@@ -78,10 +76,6 @@ def pickled():
 WHOLE_FILES = {
     'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
     'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
-    'study': (
-        text_of(PADDING * 50 + 'sets: [corridor]'),
-        lambda path, reading: read_study(path, path.parent, reading),
-    ),
     'calibration': (
         text_of(PADDING + CALIBRATION),
         lambda path, reading: read_camera_file(path, 480, 640, reading),
@@ -125,22 +119,10 @@ def refused_then_read(name, read, others=ReadingConfig(), least=None):
 @pytest.mark.parametrize('kind', WHOLE_FILES)
 def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     write, read = WHOLE_FILES[kind]
-    path = tmp_path / ('file.yaml' if kind in ('data set', 'study') else 'file')
+    path = tmp_path / ('file.yaml' if kind == 'data set' else 'file')
     write(path)
     refused_then_read('max_file_mb', lambda reading: read(path, reading))
     read(path, ReadingConfig())
-
-
-def test_the_metadata_of_a_recording(recorder, pictures):
-    path = recorder.write('mcap folder', recorder.drive(pictures))
-
-    def read(reading):
-        warnings = describe_recording(path, reading)['warnings']
-        if warnings:
-            # Its files are read one by one.
-            raise ConvseqError(re.sub(r'\);.*', '', warnings[0]))
-
-    refused_then_read('max_file_mb', read, least=0.1)
 
 
 @pytest.mark.parametrize('cut', [0, 100])
@@ -234,4 +216,4 @@ def test_no_other_constant_bounds_what_a_file_may_hold():
         if bound.match(line) and re.search(r'=\s*[\d(]', line)
     }
     # A row of a map's own format, of which none that is written comes near; a page to write.
-    assert found == {'database.py: _LONGEST_BYTES', '__init__.py: MOST_MEGABYTES'}
+    assert found == {'database.py: _LONGEST_BYTES', 'page.py: MOST_MEGABYTES'}

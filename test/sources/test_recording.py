@@ -238,7 +238,7 @@ def test_a_missing_library_is_one_line_of_advice(recorder, pictures, monkeypatch
     path = recorder.write('mcap file', recorder.drive(pictures))
     path.write_bytes(path.read_bytes()[:-20])
     typestore.cache_clear()
-    for name in (f'{module}.typesys', f'{module}.stream_reader'):
+    for name in (f'{module}.typesys', f'{module}.records'):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ConvseqError, match=f'pip install {module}') as caught:
         open_source(path)

@@ -88,6 +88,8 @@ def pack_all(
         own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
     )  # fmt: skip
     made = [panels[one] for one in np.flatnonzero(shown)]
+    if not made:
+        return [None] * len(packed)
     if not scale:
         for regions in (panel[:room].view(np.float32) for panel in made):
             regions[:] = reference_floats(regions.reshape(-1, REGION.numbers)[: side**2])

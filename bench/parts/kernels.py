@@ -1,0 +1,87 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One pair of images, by each kernel, and the most that the machine can multiply."""
+
+from dataclasses import replace
+from functools import partial
+import os
+import time
+
+from convseq_ros.config import MatchingConfig
+from convseq_ros.core.compiled import library
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.regions import projected_regions
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.similarity.coherent import extract
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
+from convseq_ros.core.types import Descriptor
+from convseq_ros.errors import ConfigError
+import numpy as np
+
+from bench.finding import Finding
+from bench.machine import float32_peak, int8_peak
+from bench.work import Work
+
+KERNELS = ('int8', 'float32', 'numpy')
+REGIONS = 900  # of a reference
+OPERATIONS = 2 * 32  # of a query's region with one of these: 32 products and sums
+_PAIRS, _ROUNDS = 32, 40
+_LEAST_SHARE = 0.55  # of the peak
+_SALIENCY = 0.5  # of the highest entropy; the default of `saliency_threshold`
+
+
+def salient(query: Descriptor) -> int:
+    """Return how many regions of a query are compared."""
+    seen = extract(query, _SALIENCY * ENTROPY.max_bits)
+    return len(seen.index) if seen else 0
+
+
+def measure(work: Work) -> list[Finding]:
+    """Time every kernel and the peaks."""
+    if (wanted := os.environ.get('CONVSEQ_KERNELS', '')) and library().problem:
+        return [Finding(what=f'pair, {wanted}', note=library().problem)]
+    query = describe(work.images[0])
+    references = open_map(work.map_path(work.sizes[0]))
+    indices = (work.sizes[0] // 2 + np.arange(_PAIRS)) % work.sizes[0]
+    seen = extract(query, _SALIENCY * ENTROPY.max_bits)
+    assert seen
+    exact = [
+        coherent_score(seen, projected_regions(references.cells(index)))[0]
+        for index in indices.tolist()
+    ]
+    peak = int8_peak()
+    what = f'pair of images, {len(seen.index)} regions with {REGIONS}'
+    findings = [
+        Finding(what='peak of a core, float32', value=float32_peak(), unit='GFLOP/s'),
+        Finding(what='peak of a core, int8', value=peak, unit='GOP/s', note=library().variant),
+    ]
+    for kernel in KERNELS:
+        chosen = MatchingConfig(kernel=kernel, threads=1, subtract_background=False)
+        finding = Finding(what=what, side=f'{kernel} kernel')
+        try:
+            matcher = Matcher(references, chosen, _SALIENCY)
+        except ConfigError as error:
+            findings.append(replace(finding, note=str(error)))
+            continue
+        run = partial(matcher.scores, matcher.extract(query), indices)
+        error = float(np.abs(run() - exact).max())
+        took_ms = _pair_ms(run, 1 if work.quick else _ROUNDS)
+        low, value, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
+        timed = {'value': value, 'low': low, 'high': high, 'runs': len(took_ms)}
+        findings.append(replace(finding, **timed, note=f'error {error:.0e}'))
+        if kernel == 'int8' and peak:
+            share = len(seen.index) * REGIONS * OPERATIONS / value / 1e6 / peak
+            finding = replace(finding, value=share, unit='of the peak', least=_LEAST_SHARE)
+            findings.append(finding)
+    return findings
+
+
+def _pair_ms(run: partial[object], rounds: int) -> list[float]:
+    took_ms = []
+    for _ in range(rounds):
+        start_ns = time.thread_time_ns()
+        run()
+        took_ms.append((time.thread_time_ns() - start_ns) / 1e6 / _PAIRS)
+    return took_ms

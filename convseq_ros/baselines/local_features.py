@@ -1,0 +1,97 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Keypoints of an image, and how many of two images agree with one motion of the camera."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+COUNT = 1000  # keypoints of an image at most, the strongest
+FEWEST = 12  # matches, and inliers of them, without which nothing is said; as DLoopDetector has it
+_REPROJECTION_PX, _SURENESS, _ITERATIONS = 2.0, 0.99, 500  # of RANSAC; as DLoopDetector has it
+_SMALLEST_PX = 32  # side of an image that ORB can look at
+_RATIO = 0.8  # of the nearest descriptor's distance to the second's, at most; Lowe 2004
+
+Rows = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Keypoints:
+    """
+    Keypoints of one image.
+
+    Parameters
+    ----------
+    points_px : ndarray of float32, shape (n, 2)
+        Columns and rows.
+    descriptors : ndarray, shape (n, 32) of uint8 or (n, 128) of float32
+        256 bits each of ORB, or RootSIFT's numbers, of unit length.
+
+    """
+
+    points_px: npt.NDArray[np.float32]
+    descriptors: Rows
+
+    @property
+    def size_bytes(self) -> int:
+        """What a map must keep to verify with them; of RootSIFT, a byte for each number."""
+        return self.points_px.nbytes + self.descriptors.size
+
+
+Extract = Callable[[npt.NDArray[np.uint8]], Keypoints]
+
+
+def orb(gray: npt.NDArray[np.uint8]) -> Keypoints:
+    """Return the ORB keypoints (Rublee et al. 2011) of a grey image (H, W)."""
+    if min(gray.shape) < _SMALLEST_PX:
+        return _keypoints((), np.zeros((0, 32), np.uint8))
+    points, rows = cv2.ORB.create(COUNT).detectAndCompute(gray, None)
+    return _keypoints(points, np.zeros((0, 32), np.uint8) if rows is None else rows)
+
+
+def root_sift(gray: npt.NDArray[np.uint8]) -> Keypoints:
+    """Return SIFT (Lowe 2004) as RootSIFT (Arandjelovic and Zisserman 2012) of an image (H, W)."""
+    points, rows = cv2.SIFT.create(COUNT).detectAndCompute(gray, None)
+    rows = np.zeros((0, 128), np.float32) if rows is None else rows
+    shares = rows / np.maximum(rows.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    return _keypoints(points, np.sqrt(shares, dtype=np.float32))
+
+
+def inliers(query: Keypoints, reference: Keypoints) -> int:
+    """
+    Return how many keypoints agree with the best fundamental matrix; 0 for fewer than 12.
+
+    Matches are nearest neighbours by both images, clearly nearer than the second; RANSAC keeps
+    those within 2 px of their epipolar line.
+    """
+    if min(len(query.points_px), len(reference.points_px)) < FEWEST:
+        return 0
+    pairs = mutual_matches(query.descriptors, reference.descriptors)
+    if len(pairs) < FEWEST:
+        return 0
+    first, second = query.points_px[pairs[:, 0]], reference.points_px[pairs[:, 1]]
+    ransac = cv2.FM_RANSAC, _REPROJECTION_PX, _SURENESS, _ITERATIONS
+    _, kept = cv2.findFundamentalMat(first, second, *ransac)
+    count = 0 if kept is None else int(np.count_nonzero(kept))
+    return count if count >= FEWEST else 0
+
+
+def mutual_matches(query: Rows, reference: Rows) -> npt.NDArray[np.int64]:
+    """Return pairs of rows (m, 2), one of each, that are nearest to each other, and clearly so."""
+    norm = cv2.NORM_HAMMING if query.dtype == np.uint8 else cv2.NORM_L2
+    matcher = cv2.BFMatcher(norm)
+    nearest = {one.queryIdx: one.trainIdx for one in matcher.match(reference, query)}
+    found = [
+        (best.queryIdx, best.trainIdx)
+        for best, *others in matcher.knnMatch(query, reference, k=2)
+        if nearest.get(best.trainIdx) == best.queryIdx
+        and (not others or best.distance < _RATIO * others[0].distance)
+    ]
+    return np.array(found, np.int64).reshape(-1, 2)
+
+
+def _keypoints(points: Sequence[cv2.KeyPoint], rows: Rows) -> Keypoints:
+    return Keypoints(np.array([one.pt for one in points], np.float32).reshape(-1, 2), rows)

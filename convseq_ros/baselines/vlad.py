@@ -1,0 +1,59 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""VLAD of local descriptors (Jegou et al. 2010; Arandjelovic and Zisserman 2013)."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+CENTRES = 64
+_ROUNDS = 20  # of k-means
+_MOST = 100_000  # descriptors that centres are learnt of, drawn of all
+_SEED = 0
+
+Rows = npt.NDArray[np.float32]
+
+
+def nearest(rows: Rows, centres: Rows) -> npt.NDArray[np.int64]:
+    """Return which centre (k, d) each row (n, d) is nearest to, (n,)."""
+    away = (centres**2).sum(axis=1) - 2 * rows @ centres.T
+    return np.asarray(away.argmin(axis=1), np.int64)
+
+
+def means(rows: Rows, centres: Rows, rounds: int = _ROUNDS) -> Rows:
+    """Return k-means' centres (k, d) after some rounds of Lloyd; one without rows stays."""
+    centres = centres.copy()
+    for _ in range(rounds):
+        own = nearest(rows, centres)
+        for number in range(len(centres)):
+            if (some := rows[own == number]).size:
+                centres[number] = some.mean(axis=0)
+    return centres
+
+
+def learnt_centres(images: Sequence[Rows], count: int = CENTRES) -> Rows:
+    """Return so many centres of the descriptors (n, d) of images, fewer if these are fewer."""
+    rows, random = np.concatenate(images), np.random.default_rng(_SEED)
+    rows = rows[random.permutation(len(rows))[:_MOST]]
+    return means(rows, rows[:count])
+
+
+def vlad(rows: Rows, centres: Rows) -> Rows:
+    """
+    Return one vector (k d,) for the descriptors (n, d) of an image, of unit length; or all 0.
+
+    What lies beyond each centre is summed up, scaled to unit length for each, and the roots of
+    these numbers are scaled again.
+    """
+    sums, own = np.zeros_like(centres), nearest(rows, centres)
+    np.add.at(sums, own, rows - centres[own])
+    sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+    rooted = np.sign(sums) * np.sqrt(np.abs(sums))
+    return np.asarray((rooted / max(float(np.linalg.norm(rooted)), 1e-12)).ravel(), np.float32)
+
+
+def describer(images: Sequence[Rows]) -> Callable[[Rows], Rows]:
+    """Return what makes the vector of an image, by centres that are learnt of some images."""
+    return partial(vlad, centres=learnt_centres(images))

@@ -1,0 +1,134 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A tree of words of binary descriptors, and bags of them weighed by tf-idf, as in DBoW2."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+BRANCHES, LEVELS = 10, 4  # 10,000 words at most; ORB-SLAM's has 6 levels, for all the world
+_ROUNDS = 10  # of k-medians; few descriptors change sides later
+_SEED = 0
+
+Bits = npt.NDArray[np.uint8]  # (n, 32), 256 bits a descriptor
+Signs = npt.NDArray[np.float32]  # (n, 256), each bit as -1 or 1
+Words = npt.NDArray[np.int64]
+
+
+def signs(descriptors: Bits) -> Signs:
+    """Return the bits of descriptors (n, b) as -1 and 1, (n, 8 b): products count equal ones."""
+    return np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
+
+
+def medians(descriptors: Signs, count: int, random: np.random.Generator) -> Signs:
+    """
+    Return so many centres at most, (k, 256), of which each bit is what most of their own have.
+
+    The first are drawn as k-means++ does; no empty centre stays.
+    """
+    centres = descriptors[[random.integers(len(descriptors))]]
+    nearest = _distances(descriptors, centres)[:, 0]
+    while len(centres) < count and nearest.any():
+        chances = nearest.astype(np.float64) ** 2
+        drawn = random.choice(len(descriptors), p=chances / chances.sum())
+        centres = np.append(centres, descriptors[[drawn]], axis=0)
+        nearest = np.minimum(nearest, _distances(descriptors, centres[-1:])[:, 0])
+    own = np.full(len(descriptors), -1)
+    for _ in range(_ROUNDS):
+        before, own = own, _distances(descriptors, centres).argmin(axis=1)
+        if (own == before).all():
+            break
+        sums = [descriptors[own == one].sum(axis=0) for one in np.unique(own)]
+        centres = np.where(np.array(sums) >= 0, 1, -1).astype(np.float32)
+        own = np.unique(own, return_inverse=True)[1]
+    return centres
+
+
+def _distances(descriptors: Signs, centres: Signs) -> npt.NDArray[np.float32]:
+    """Return how many bits differ, (n, k)."""
+    return (descriptors.shape[1] - descriptors @ centres.T) / 2
+
+
+@dataclass(eq=False)
+class _Node:
+    """A branch of the tree: what its children are like, and which they are."""
+
+    centres: Signs  # (k, 256)
+    children: 'list[_Node | int]'  # nodes, or words by their number
+
+
+class Vocabulary:
+    """
+    Words of the descriptors of some images, a tree of 10 branches and 4 levels.
+
+    Parameters
+    ----------
+    images : sequence of ndarray of uint8, shape (n, 32)
+        The descriptors of each image that words are learnt of.
+
+    Attributes
+    ----------
+    idf : ndarray of float32, shape (W,)
+        By how much a word weighs: the log of how few of these images have it.
+
+    """
+
+    def __init__(
+        self, images: Sequence[Bits], branches: int = BRANCHES, levels: int = LEVELS
+    ) -> None:
+        self._branches, self._random, self._words = branches, np.random.default_rng(_SEED), 0
+        every = signs(np.concatenate(images))
+        self._root = self._grown(every, levels) if len(every) else None
+        counts = np.zeros(self._words)
+        for one in images:
+            counts[np.unique(self.words(one))] += 1
+        self.idf = np.log(max(1, len(images)) / np.maximum(counts, 1)).astype(np.float32)
+
+    def __len__(self) -> int:
+        return self._words
+
+    def _grown(self, descriptors: Signs, levels: int) -> _Node:
+        centres = medians(descriptors, self._branches, self._random)
+        own = _distances(descriptors, centres).argmin(axis=1)
+        children: list[_Node | int] = []
+        for number in range(len(centres)):
+            some = descriptors[own == number]
+            if levels > 1 and len(some) > self._branches:
+                children.append(self._grown(some, levels - 1))
+            else:
+                children.append(self._words)
+                self._words += 1
+        return _Node(centres, children)
+
+    def words(self, descriptors: Bits) -> Words:
+        """Return the word of each descriptor (n, 32), as the nearest branches lead to it: (n,)."""
+        found = np.zeros(len(descriptors), np.int64)
+        if self._root is None or not len(descriptors):
+            return found
+        waiting = [(self._root, np.arange(len(descriptors)), signs(descriptors))]
+        while waiting:
+            node, places, some = waiting.pop()
+            nearest = _distances(some, node.centres).argmin(axis=1)
+            for number, child in enumerate(node.children):
+                here = nearest == number
+                if isinstance(child, int):
+                    found[places[here]] = child
+                elif here.any():
+                    waiting.append((child, places[here], some[here]))
+        return found
+
+    def bag(self, descriptors: Bits) -> npt.NDArray[np.float32]:
+        """Return the tf-idf of each word in an image, (W,), that sum up to 1; or all 0."""
+        counts = np.bincount(self.words(descriptors), minlength=self._words)[: self._words]
+        weights = counts * self.idf if len(descriptors) else np.zeros(self._words)
+        return (weights / max(float(weights.sum()), 1e-12)).astype(np.float32)
+
+
+def bag_scores(
+    query: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Return DBoW2's L1 score of a bag (W,) with others (R, W), in [0, 1]: (R,)."""
+    there = np.flatnonzero(query)
+    return np.asarray(np.minimum(query[there], references[:, there]).sum(axis=1), np.float32)

@@ -1,0 +1,86 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A .bag of ROS 1, read by rosbags, with bounds on what a file can make it do."""
+
+from collections.abc import Iterator
+import functools
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.errors import SourceError
+from convseq_ros.sources.inflate import inflate, RecordingLimits
+from convseq_ros.sources.raw_message import RawMessage, typestore
+from convseq_ros.sources.topics import Index, Topic
+
+_MAGIC = b'#ROSBAG V2.0\n'
+
+
+def index(path: Path, limits: RecordingLimits) -> Index:
+    """Return what the index of a file says."""
+    with _opened(path, limits) as reader:
+        topics = {
+            name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
+            for name, info in reader.topics.items()
+        }
+        return Index(topics, max(0, int(reader.duration)) / 1e9)
+
+
+def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMessage]:
+    """Yield the messages of a topic in order of recording; without content if damaged."""
+    with _opened(path, limits) as reader:
+        chosen = [item for item in reader.connections if item.topic == topic]
+        for connection, log_time_ns, data in reader.messages(chosen) if chosen else ():
+            try:
+                cdr = bytes(typestore().ros1_to_cdr(data, connection.msgtype))
+            except Exception:
+                cdr = b''
+            yield RawMessage(log_time_ns, connection.msgtype, cdr)
+
+
+def _opened(path: Path, limits: RecordingLimits) -> Any:
+    with path.open('rb') as file:
+        # Else rosbags looks for the end of the first line, wherever that is.
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise SourceError('it does not begin as a recording does')
+    return _bounded_reader()(path, limits)
+
+
+@functools.cache
+def _bounded_reader() -> type:
+    from rosbags.rosbag1 import Reader
+    from rosbags.rosbag1.reader import decompressors
+
+    names = {function: name for name, function in decompressors.items()}
+
+    class BoundedBag(Reader):
+        """A .bag whose index is read once, and whose chunks are bounded."""
+
+        _indexed_bytes = _inflated_bytes = 0
+
+        def __init__(self, path: Path, limits: RecordingLimits) -> None:
+            super().__init__(path)
+            self._limits, self._size = limits, path.stat().st_size
+
+        def read_index_data(self, pos: int, indexes: Any) -> None:
+            """Read what a chunk's index says; ValueError once it is more than the file."""
+            assert self.bio
+            start = self.bio.tell()
+            super().read_index_data(pos, indexes)
+            self._indexed_bytes += self.bio.tell() - start
+            if self._indexed_bytes > self._size:
+                raise ValueError('its index lists a chunk more than once')
+
+        def read_chunk(self) -> Any:
+            """Read the head of a chunk."""
+            chunk = super().read_chunk()
+
+            def bounded(data: bytes) -> bytes:
+                content = inflate(data, names[chunk.decompressor], self._limits.chunk_bytes)
+                # One chunk is held: messages of two in turn would have both inflated each time.
+                self._inflated_bytes += len(content)
+                self._limits.refuse_bomb('it', self._inflated_bytes, self._size)
+                return content
+
+            return chunk._replace(decompressor=bounded)
+
+    return BoundedBag

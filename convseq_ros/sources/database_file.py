@@ -1,0 +1,101 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A .db3 of rosbag2: two tables of SQLite, with bounds on what a file can make that do."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+import re
+import sqlite3
+import struct
+
+from convseq_ros.errors import SourceError
+from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import Index, merge_topics, Topic
+
+_HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
+_MAGIC = b'SQLite format 3\0'
+# A row takes 4 bytes of its file and some 20 steps of SQLite's machine to be counted.
+_STEPS_AT_ONCE, _STEPS_FREE, _STEPS_A_BYTE = 100_000, 10_000_000, 10
+_ZSTD = b'\x28\xb5\x2f\xfd'  # with which a compressed message begins; others begin with a 0
+_TIMES = 'SELECT min(timestamp), max(timestamp) FROM messages'
+_TOPICS = """
+SELECT name, type, (SELECT count(*) FROM messages WHERE topic_id = topics.id) FROM topics
+"""
+_MESSAGES = """
+SELECT timestamp, topics.type, data FROM messages JOIN topics ON topics.id = topic_id
+WHERE topics.name = ? ORDER BY timestamp
+"""
+
+
+def index(path: Path, limits: RecordingLimits) -> Index:
+    """Return what a .db3, or a .db3.zstd, holds; SourceError if it is cut, or computes that."""
+    with _opened(path, limits) as database:
+        rows = database.execute(_TOPICS).fetchall()
+        topics = merge_topics({name: Topic(name, kind, count)} for name, kind, count in rows)
+        first, last = database.execute(_TIMES).fetchone()
+    return Index(topics, max(0, (last or 0) - (first or 0)) / 1e9)
+
+
+def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMessage]:
+    """Yield the messages of a topic in order of recording; each may be compressed."""
+    with _opened(path, limits) as database:
+        for stamp_ns, kind, data in database.execute(_MESSAGES, (topic,)):
+            content = bytes(data)
+            if content.startswith(_ZSTD):
+                content = inflate(content, 'zstd', limits.chunk_bytes)
+            yield RawMessage(int(stamp_ns), kind, content)
+
+
+@contextmanager
+def _opened(path: Path, limits: RecordingLimits) -> Iterator[sqlite3.Connection]:
+    """Open it to be read alone, without what computes; refuse more than it can hold."""
+    with inflated_file(path, limits) as plain:
+        size = _checked_size(plain)
+        uri = f'{plain.absolute().as_uri()}?immutable=1'
+        with closing(sqlite3.connect(uri, uri=True)) as database:
+            left = [_STEPS_FREE + _STEPS_A_BYTE * size]
+
+            def is_too_long() -> bool:
+                left[0] -= _STEPS_AT_ONCE
+                return left[0] < 0
+
+            database.set_progress_handler(is_too_long, _STEPS_AT_ONCE)
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limits.chunk_bytes)
+            database.execute('PRAGMA trusted_schema = OFF')
+            _refuse_computed(database)
+            held = 'SELECT count(*), coalesce(sum(length(data)), 0) FROM messages'
+            rows, content = database.execute(held).fetchone()
+            if rows > size or content > size:
+                raise SourceError(
+                    f'its {size} bytes cannot hold {rows} messages of {content} bytes'
+                )
+            yield database
+
+
+def _checked_size(path: Path) -> int:
+    """Return the size of a database in bytes; SourceError if cut: SQLite reads zeros there."""
+    with path.open('rb') as file:
+        head = file.read(_HEAD.size)
+    size = path.stat().st_size
+    if len(head) < _HEAD.size:
+        raise SourceError(f'{size} bytes are not a recording')
+    magic, page_bytes, pages = _HEAD.unpack(head)
+    if magic != _MAGIC:
+        raise SourceError('not an SQLite file')
+    expected = (65536 if page_bytes == 1 else page_bytes) * pages
+    if size < expected:
+        raise SourceError(f'cut short, {size} of {expected} bytes are there')
+    return size
+
+
+def _refuse_computed(database: sqlite3.Connection) -> None:
+    for kind, name, told in database.execute('SELECT type, name, sql FROM sqlite_master'):
+        plain = kind in ('table', 'index') and not re.match(r'\s*CREATE\s+VIRTUAL', told or '')
+        if not plain:
+            raise SourceError(f'{name} is no plain table; recordings have none such')
+    for table in ('messages', 'topics'):
+        for _, name, *_, hidden in database.execute(f'PRAGMA table_xinfo({table})'):
+            if hidden:
+                raise SourceError(f'{table}.{name} is computed, not stored')

@@ -1,0 +1,102 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the other scripts share: options, drawn drives, counts of right and false answers, rows."""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+from convseq_ros import Frame, PlaceRecognizer
+from convseq_ros.core.types import Candidate, Pose, Reason
+from convseq_ros.simulation.drive import draw, Drive, Way
+from convseq_ros.simulation.route import Route
+import numpy as np
+
+RIGHT_M = 5.0
+PASSED_OVER = Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY
+START_NS, HOUR_NS = 1_700_000_000_000_000_000, 3600 * 10**9
+Shots = list[tuple[float, Frame]]  # how far along its way each frame was taken, in metres
+
+
+def options(description: str | None, **defaults: Any) -> argparse.Namespace:
+    """Return what the command line says; None is for a path, [] for paths, a list for several."""
+    parser = argparse.ArgumentParser(description=description)
+    for name, default in defaults.items():
+        flag = f'--{name.replace("_", "-")}'
+        if default is False:
+            parser.add_argument(flag, action='store_true')
+        elif isinstance(default, list):
+            kind = type(default[0]) if default else Path
+            parser.add_argument(flag, type=kind, nargs='*', default=default)
+        else:
+            kind = Path if default is None else type(default)
+            parser.add_argument(flag, type=kind, default=default)
+    return parser.parse_args()
+
+
+def town(seed: int) -> Route:
+    """Return a way of some 1,080 m through a town of 300 m by 200 m."""
+    corners = ((10, 0), (150, 0), (150, 100), (0, 100), (0, 200), (300, 200), (300, 0), (190, 0))
+    return Route(tuple((float(x), float(y)) for x, y in corners), seed=seed)
+
+
+def lanes(
+    length_m: float, middle_m: float, aside_m: float, rng: np.random.Generator
+) -> tuple[tuple[float, float], ...]:
+    """Return a line that wanders to both sides of a lane, as `Drive` takes it."""
+    at = np.arange(0.0, length_m + 30.0, 30.0)
+    offsets = np.clip(middle_m + rng.uniform(-aside_m, aside_m, len(at)), -3.0, 3.0)
+    return tuple(zip(at.tolist(), offsets.tolist(), strict=True))
+
+
+def shots(way: Way, **how: Any) -> Shots:
+    """Return the frames of a drive, by default of 320 x 240 px and 1 m apart."""
+    drive = Drive(**{'width_px': 320, 'height_px': 240} | how)
+    tell(f'drawing {drive.num_frames} frames by {drive.light}')
+    return [(shot.distance_m, shot.frame) for shot in draw(way, drive)]
+
+
+def blind(frames: Iterable[Frame]) -> list[Frame]:
+    """Return frames without poses."""
+    return [replace(frame, pose=None) for frame in frames]
+
+
+def away_m(one: Pose | None, other: Pose | None) -> float:
+    """Return how far apart two poses are; infinity if one is not known."""
+    return math.dist(one.position, other.position) if one and other else math.inf
+
+
+def count(
+    recognizer: PlaceRecognizer,
+    frames: Iterable[Frame],
+    is_right: Callable[[Frame, Candidate], bool],
+) -> Counter[str]:
+    """Recognise frames; count keyframes, and of those accepted the right and the false ones."""
+    counts = Counter[str]()
+    for frame in frames:
+        match = recognizer.process(frame)
+        counts['keyframes'] += match.reason not in PASSED_OVER
+        if match.accepted:
+            counts['right' if is_right(frame, match.accepted) else 'false'] += 1
+    return counts
+
+
+def head(*names: str) -> None:
+    """Print the head of a table."""
+    row(*names)
+    print('|---' * len(names) + '|')
+
+
+def row(*cells: object) -> None:
+    """Print a row of a table."""
+    print(f'| {" | ".join(map(str, cells))} |', flush=True)
+
+
+def tell(text: str) -> None:
+    """Say what is done meanwhile."""
+    print(text, file=sys.stderr, flush=True)

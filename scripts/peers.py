@@ -1,0 +1,220 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print what is recognised by us and by what robots run today, each at its best threshold.
+
+Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow].
+By the open protocol: half of the map is removed in turn. Recall is right matches of all frames
+whose place is in the map. `own`: by the method's own decision, with false matches behind it if
+there are any. `best`: at the threshold that just keeps every false match of this very set out,
+by the criterion (and alpha) with the highest recall, so that every method is favoured. `one`: at
+the threshold that does so on all sets together. `first`: frames from the first known one to the
+first right match, at best. In laps a map of the first lap is driven on: 40 of 840 places off is
+right, and up to 100 is not counted.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+import sys
+import tempfile
+
+from convseq_ros.config import Config
+from convseq_ros.evaluation.cache import Cache
+from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
+from convseq_ros.evaluation.material import Material, open_material
+from convseq_ros.evaluation.method_name import parse_method
+from convseq_ros.evaluation.methods import make_method
+from convseq_ros.evaluation.protocols import ask, ONLINE, OPEN, Outcome
+from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
+from convseq_ros.evaluation.truth import Truth
+from convseq_ros.sources.folder import pictures_in
+import laps
+import numpy as np
+import numpy.typing as npt
+
+SETS = (
+    'gardens_point_day_day',
+    'street_night',
+    'street_noise',
+    'street_lane',
+    'corridor',
+    'rtabmap84',
+    'laps',
+)
+METHODS = 'convseq', 'orb-bow', 'sift-vlad', 'seqslam', 'cohog', 'hog'
+ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
+OWN = 'convseq'
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a method did on a set, with one of its variants."""
+
+    verdicts: Verdicts
+    neutral: npt.NDArray[np.bool_]  # (M,), what is neither right nor false
+    halves: Sequence[str]
+    frame_ms: float
+    place_bytes: float
+
+    def false(self, taken: npt.NDArray[np.bool_]) -> int:
+        """Return how many of the answers taken are false."""
+        return int((taken & ~self.verdicts.correct & ~self.neutral).sum())
+
+    def threshold(self, criterion: str) -> float:
+        """Return the highest value of a false answer."""
+        wrong = self.verdicts.matched & ~self.verdicts.correct & ~self.neutral
+        return float(self.verdicts.sure(criterion)[wrong].max(initial=-np.inf))
+
+    def taken(self, criterion: str, threshold: float) -> npt.NDArray[np.bool_]:
+        """Return which answers exceed a threshold."""
+        return self.verdicts.taken(criterion, threshold)
+
+    def recall(self, taken: npt.NDArray[np.bool_]) -> float:
+        """Return the share of known frames that are taken and right."""
+        return float((taken & self.verdicts.correct).sum() / self.verdicts.known.sum())
+
+    def first(self, taken: npt.NDArray[np.bool_]) -> str:
+        """Return how long each run waits for a right match."""
+        waits = first_closures(replace(self.verdicts, accepted=taken), self.halves)
+        return ', '.join('-' if one is None else f'{one:.0f}' for one in waits.values())
+
+
+@contextmanager
+def laps_material(data: Path, cache: Cache, config: Config) -> Iterator[Material]:
+    """Yield the first lap as a map, and what follows as a query; unknown places are neutral."""
+    truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
+    with tempfile.TemporaryDirectory() as made:
+        parts, places = [], []
+        for name, first, last in (('rest', laps.FIRST_LAP + 1, 10**6), ('lap', 0, laps.FIRST_LAP)):
+            folder = Path(made, name)
+            folder.mkdir()
+            own = [one for one in pictures_in(data / 'laps' / 'drive')]
+            own = [one for one in own if first <= int(one.stem) <= last]
+            for one in own:
+                (folder / one.name).symlink_to(one.resolve())
+            parts.append(Part(folder))
+            numbers = [int(one.stem) for one in own]
+            near = [min(truth, key=lambda known, here=here: abs(known - here)) for here in numbers]
+            places.append(
+                np.array(
+                    [
+                        truth[known] + here - known if abs(here - known) <= laps.REACH else np.nan
+                        for here, known in zip(numbers, near, strict=True)
+                    ]
+                )
+            )
+        data_set = DataSet('laps', parts[0], TruthSource('none'), parts[1])
+        material = open_material(data_set, cache, config.encoding)
+        query, reference = places
+        off = np.abs((query[:, None] - reference + laps.LAP / 2) % laps.LAP - laps.LAP / 2)
+        yield replace(material, truth=_Laps(off <= laps.RIGHT, 0, ~(off > laps.WRONG)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Laps(Truth):
+    near: npt.NDArray[np.bool_] | None = None  # (Q, R), what is not surely wrong
+
+    @property
+    def slip(self) -> npt.NDArray[np.bool_]:
+        """What is neither right nor wrong."""
+        return np.asarray(self.near & ~self.right)
+
+
+def runs(material: Material, text: str, config: Config) -> list[Run]:
+    """Return what a method does; of peers, with each alpha."""
+    method = make_method(parse_method(text), config)
+    protocol = ONLINE if material.data_set.online else OPEN
+    if 'alpha' not in method.kind.options:
+        return [_run(ask(material, method, protocol))]
+    pairs, made = method.rows(material), []
+    for alpha in ALPHAS:
+        said = replace(pairs, detect=partial(pairs.detect, alpha=alpha))
+        kind = replace(method.kind, rows=lambda *_, said=said: said)
+        made.append(_run(ask(material, replace(method, kind=kind), protocol)))
+    return made
+
+
+def _run(outcome: Outcome) -> Run:
+    verdicts = judge(outcome)
+    pairs = outcome.pairs
+    frame_ms = outcome.frame_ms or (pairs.encode_ms or 0.0) + (pairs.row_ms or 0.0)
+    return Run(verdicts, verdicts.slip, outcome.halves, frame_ms, pairs.place_bytes or 0.0)
+
+
+def criteria(run: Run) -> list[str]:
+    """Return how sure a method can say to be."""
+    return [one for one, values in run.verdicts.values.items() if not np.isnan(values).all()]
+
+
+def main() -> int:
+    """Measure, and print three tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path, required=True)
+    parser.add_argument('--sets', nargs='*', default=SETS)
+    parser.add_argument('--methods', nargs='*', default=METHODS)
+    chosen = parser.parse_args()
+    config = Config()
+    found: dict[str, dict[str, list[Run]]] = {text: {} for text in chosen.methods}
+    cache = Cache(None)
+    for name in chosen.sets:
+        with _opened(name, chosen.data, cache, config) as material:
+            for text in chosen.methods:
+                found[text][name] = runs(material, text, config)
+                print(f'{name} {text}: {_own(found[text][name][0])}', file=sys.stderr, flush=True)
+    print('| method | |', ' | '.join(chosen.sets), '|')
+    print('|---' * (len(chosen.sets) + 2) + '|')
+    for text, by_set in found.items():
+        best = {name: max(_options(some)) for name, some in by_set.items()}
+        one = max(_for_all(list(by_set.values())), key=sum)
+        for label, cells in (
+            ('own', [_own(some[0]) for some in by_set.values()]),
+            ('best', [_percent(recall) for recall, _ in best.values()]),
+            ('one', [_percent(recall) for recall in one]),
+            ('first', [first for _, first in best.values()]),
+            ('ms', [f'{some[0].frame_ms:.0f}' for some in by_set.values()]),
+            ('kB', [f'{some[0].place_bytes / 1e3:.1f}' for some in by_set.values()]),
+        ):
+            print(f'| {text} | {label} |', ' | '.join(cells), '|', flush=True)
+    return 0
+
+
+@contextmanager
+def _opened(name: str, data: Path, cache: Cache, config: Config) -> Iterator[Material]:
+    if name == 'laps':
+        with laps_material(data, cache, config) as material:
+            yield material
+    else:
+        yield open_material(open_data_set(name, data), cache, config.encoding)
+
+
+def _options(some: Sequence[Run]) -> Iterator[tuple[float, str]]:
+    """Yield recall, and how long each run waits, at each criterion's best threshold."""
+    for run in some:
+        for criterion in criteria(run):
+            taken = run.taken(criterion, run.threshold(criterion))
+            yield run.recall(taken), run.first(taken)
+
+
+def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
+    """Yield the recall on each set with one threshold for all, by variant and criterion."""
+    for variant in zip(*by_set, strict=True):
+        for criterion in criteria(variant[0]):
+            threshold = max(run.threshold(criterion) for run in variant)
+            yield [run.recall(run.taken(criterion, threshold)) for run in variant]
+
+
+def _own(run: Run) -> str:
+    false = run.false(run.verdicts.accepted)
+    return _percent(run.recall(run.verdicts.accepted)) + (f' ({false} false)' if false else '')
+
+
+def _percent(share: float) -> str:
+    return f'{100 * share:.1f} %'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,143 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of words, VLAD and loop detection, beside second implementations of their stages."""
+
+from itertools import pairwise
+
+from convseq_ros.baselines.local_features import COUNT, inliers, mutual_matches, orb, root_sift
+from convseq_ros.baselines.loop_detector import detect, Detection, islands
+from convseq_ros.baselines.vlad import learnt_centres, means, nearest, vlad
+from convseq_ros.baselines.vocabulary import bag_scores, signs, Vocabulary
+import cv2
+from hypothesis import given, strategies
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(5)
+
+
+def drawn(random, count):
+    return [random.integers(0, 256, (60, 32), np.uint8) for _ in range(count)]
+
+
+def textured(random, size=(240, 320)):
+    small = random.integers(0, 256, (size[0] // 8, size[1] // 8), np.uint8)
+    return cv2.resize(small, size[::-1], interpolation=cv2.INTER_CUBIC)
+
+
+def test_words_are_those_that_opencvs_matcher_finds(random):
+    images = drawn(random, 6)
+    flat = Vocabulary(images, branches=20, levels=1)
+    centres = flat._root.centres
+    for image in images:
+        # As BOWImgDescriptorExtractor does; of words as near as each other, the first or any.
+        matches = cv2.BFMatcher(cv2.NORM_L2).match(signs(image), centres)
+        theirs = np.array([one.trainIdx for one in matches])
+        products = signs(image) @ centres.T
+        is_clear = (products == products.max(axis=1, keepdims=True)).sum(axis=1) == 1
+        assert is_clear.any()
+        assert (flat.words(image)[is_clear] == theirs[is_clear]).all()
+
+
+def test_tf_idf_is_scikit_learns(random):
+    text = pytest.importorskip('sklearn.feature_extraction.text')
+    images = drawn(random, 8)
+    own = Vocabulary(images, branches=5, levels=2)
+    counts = np.array([np.bincount(own.words(one), minlength=len(own)) for one in images])
+    theirs = text.TfidfTransformer(norm=None, smooth_idf=False).fit(counts)
+    assert own.idf == pytest.approx(theirs.idf_ - 1, abs=1e-6)
+    bags = np.array([own.bag(one) for one in images])
+    expected = counts * (theirs.idf_ - 1)
+    assert bags == pytest.approx(expected / expected.sum(axis=1, keepdims=True), abs=1e-6)
+
+
+def test_bags_are_scored_by_the_l1_distance(random):
+    bags = random.random((5, 40)).astype(np.float32)
+    bags /= bags.sum(axis=1, keepdims=True)
+    expected = 1 - np.abs(bags[0] - bags).sum(axis=1) / 2
+    assert bag_scores(bags[0], bags) == pytest.approx(expected, abs=1e-6)
+    assert bag_scores(bags[2], bags).argmax() == 2
+
+
+def test_a_vocabulary_is_the_same_each_time_and_of_few_words_for_few_descriptors(random):
+    images = drawn(random, 3)
+    first, second = Vocabulary(images), Vocabulary(images)
+    assert (first.words(images[0]) == second.words(images[0])).all()
+    same = Vocabulary([np.zeros((30, 32), np.uint8)])
+    assert len(same) == 1
+    assert not Vocabulary([np.zeros((0, 32), np.uint8)]).bag(np.zeros((0, 32), np.uint8)).any()
+
+
+def test_centres_are_scikit_learns(random):
+    cluster = pytest.importorskip('sklearn.cluster')
+    rows = random.normal(size=(300, 8)).astype(np.float32)
+    started = rows[:6]
+    theirs = cluster.KMeans(6, init=started, n_init=1, max_iter=20, tol=0).fit(rows)
+    assert means(rows, started, 20) == pytest.approx(theirs.cluster_centers_, abs=1e-4)
+    assert (nearest(rows, theirs.cluster_centers_) == theirs.labels_).all()
+
+
+def test_vlad_is_its_definition_by_hand():
+    centres = np.array([[0, 0], [10, 10]], np.float32)
+    rows = np.array([[3, 0], [0, 4], [10, 9]], np.float32)
+    # Of the first centre (3, 4) / 5, of the second (0, -1); roots; both of length sqrt(1.4), 1.
+    expected = np.array([0.6**0.5, 0.8**0.5, 0, -1]) / 2.4**0.5
+    assert vlad(rows, centres) == pytest.approx(expected, abs=1e-6)
+    assert not vlad(np.zeros((0, 2), np.float32), centres).any()
+    assert learnt_centres([rows], 2).shape == (2, 2)
+
+
+def test_keypoints_that_moved_alike_are_inliers_and_others_are_not(random):
+    image = textured(random)
+    moved = cv2.warpAffine(image, np.float32([[1, 0, 9], [0, 1, 4]]), image.shape[::-1])
+    for extract in (orb, root_sift):
+        seen = extract(image)
+        assert 50 < len(seen.points_px) <= COUNT
+        assert inliers(seen, extract(moved)) > 50
+        assert inliers(seen, extract(textured(random))) < 20
+        assert inliers(seen, extract(np.zeros((1, 1), np.uint8))) == 0
+
+
+def test_matches_are_mutual():
+    query = np.array([[0] * 32, [1] * 32, [255] * 32], np.uint8)
+    reference = np.array([[255] * 32, [0] * 32], np.uint8)
+    assert mutual_matches(query, reference).tolist() == [[0, 1], [2, 0]]
+
+
+def test_islands_are_references_that_hardly_lie_apart():
+    found = islands({1: 0.5, 3: 0.7, 7: 0.2, 20: 0.9})
+    assert [one.first for one in found] == [1, 7, 20]
+    assert [one.last for one in found] == [3, 7, 20]
+    assert [one.best for one in found] == [3, 7, 20]
+    assert found[0].score == pytest.approx(1.2)
+    assert found[0].agrees(found[0]) and not found[0].agrees(found[2])
+
+
+def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():
+    rows = np.full((8, 30), 0.01, np.float32)
+    rows[np.arange(8), np.arange(8) + 10] = 0.5
+    found = detect(rows, [0.0] + [0.5] * 7, lambda frame, _: 40 + frame)
+    # The first frame has none before it, and says nothing; the next three agree, then it is said.
+    assert found[0] == Detection()
+    assert [one.inliers for one in found] == [0, 0, 0, 0, 44, 45, 46, 47]
+    assert [one.reference for one in found[1:]] == [*range(11, 18)]
+    assert not any(one.inliers for one in detect(rows, [0.5] * 8, lambda *_: 0))
+
+
+def test_a_jump_begins_anew_and_what_may_not_be_matched_is_not():
+    rows = np.full((8, 30), 0.01, np.float32)
+    rows[np.arange(8), [10, 11, 12, 25, 26, 27, 28, 29]] = 0.5
+    found = detect(rows, [0.5] * 8, lambda *_: 30)
+    assert [bool(one.inliers) for one in found] == [False] * 6 + [True] * 2
+    nothing = np.full((3, 4), np.nan, np.float32)
+    assert detect(nothing, [0.5] * 3, lambda *_: 30) == [Detection()] * 3
+
+
+@given(strategies.lists(strategies.integers(0, 60), min_size=1, unique=True))
+def test_every_reference_is_in_one_island(references):
+    found = islands(dict.fromkeys(references, 1.0))
+    assert sum(one.score for one in found) == len(references)
+    assert all(later.first - one.last > 3 for one, later in pairwise(found))

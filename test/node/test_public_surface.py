@@ -1,0 +1,208 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What others build on is what docs/STABILITY.md promises: a change of it is seen, and is meant.
+
+`public_surface.json` is made from the code: CONVSEQ_SURFACE=write pytest THIS-FILE makes it anew.
+"""
+
+import argparse
+from collections.abc import Iterator
+import dataclasses
+from enum import EnumType
+import importlib
+import inspect
+import json
+import os
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import convseq_ros
+from convseq_ros.cli import COMMANDS, main
+from convseq_ros.config import core_parameters
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, TABLES
+from convseq_ros.node_config import NodeConfig
+from convseq_ros.parameter import parameters
+from convseq_ros.results import COLUMNS
+import pytest
+
+pytest.importorskip('rclpy')
+
+KEPT = Path(__file__).resolve().parents[1] / 'golden' / 'public_surface.json'
+STABLE, MAY_CHANGE = 'stable', 'may change'
+# Everything that is not named here is stable.
+CHANGING = {
+    '/diagnostics', '~/debug_image', '~/fleet_answer', '~/markers', '~/reference_path',
+    'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
+    'open_map(encoding)', 'open_map(keyframes)', 'build_map(links)',
+    'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report', 'convseq watch',
+}  # fmt: skip
+# What every node of ROS has: topics, and packages of the types of its services.
+OF_ROS = {'/rosout', '/parameter_events', '/clock'}
+OF_EVERY_NODE = {'rcl_interfaces', 'type_description_interfaces'}
+
+
+def classes(hint: Any) -> Iterator[type]:
+    """Yield the records and words of this package that a type names."""
+    if isinstance(hint, type) and hint.__module__.startswith('convseq_ros.core.types'):
+        yield hint
+    for part in get_args(hint):
+        yield from classes(part)
+
+
+def records() -> dict[str, type]:
+    """Return the records that go into the six names and come out of them, by name."""
+    found, asked = {}, [convseq_ros.Frame, convseq_ros.Match]
+    while asked:
+        one = asked.pop()
+        if found.setdefault(one.__name__, one) is one and dataclasses.is_dataclass(one):
+            hints = get_type_hints(one).values()
+            asked += [
+                each for hint in hints for each in classes(hint) if each.__name__ not in found
+            ]
+    return found
+
+
+def members() -> Iterator[str]:
+    """Yield fields and properties of records, and words of enumerations."""
+    for name, one in records().items():
+        if isinstance(one, EnumType):
+            yield from (f'{name}.{word.name} = {word.value}' for word in one)
+            continue
+        yield from (f'{name}.{item.name}' for item in dataclasses.fields(one))
+        for member, value in vars(one).items():
+            if isinstance(value, property):
+                yield f'{name}.{member}'
+
+
+def arguments() -> Iterator[str]:
+    """Yield the arguments of the functions and methods."""
+    for name in sorted({*convseq_ros.__all__} - {'Config', 'Frame', 'Match'}):
+        one = getattr(convseq_ros, name)
+        called = {name: one}
+        if isinstance(one, type):
+            methods = inspect.getmembers(one, inspect.isfunction)
+            called |= {f'{name}.{key}': each for key, each in methods if not key.startswith('_')}
+        for place, function in called.items():
+            given = [key for key in inspect.signature(function).parameters if key != 'self']
+            yield from (f'{place}({key})' for key in given or [''])
+
+
+def options(parser: argparse.ArgumentParser, command: str) -> Iterator[str]:
+    """Yield the arguments of a command and of its verbs."""
+    for action in parser._actions:
+        if action.nargs == argparse.PARSER:
+            for verb, own in (action.choices or {}).items():
+                yield from options(own, f'{command} {verb}')
+        elif action.dest != 'help':
+            yield from (f'{command} {one}' for one in action.option_strings if one[1] == '-')
+
+
+def commands() -> Iterator[str]:
+    """Yield each command and its options; parameters are listed once, elsewhere."""
+    known = {f'--{item.name.replace("_", "-")}' for item in core_parameters()}
+    for name in COMMANDS:
+        yield f'convseq {name}'
+        module = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
+        if hasattr(module, 'describe') and f'convseq {name}' not in CHANGING:
+            module.describe(parser := argparse.ArgumentParser(add_help=False))
+            own = options(parser, f'convseq {name}')
+            yield from (one for one in own if one.split()[-1] not in known)
+
+
+def settings() -> Iterator[str]:
+    """Yield each parameter with its type, its unit and its choices."""
+    for item in (*core_parameters(), *parameters(NodeConfig)):
+        kind = ' | '.join(item.choices) or item.type.__name__
+        yield f'{item.name}: {kind}{f", {item.unit}" if item.unit else ""}'
+
+
+def messages() -> Iterator[str]:
+    """Yield the fields of the two messages that have fields of their own."""
+    from convseq_ros.node.closure_message import CLOSURE
+    from convseq_ros.node.conversions import CANDIDATE, cloud_fields
+
+    for topic, row in (('~/closure', CLOSURE), ('~/candidates', CANDIDATE)):
+        for item in cloud_fields(row):
+            yield f'{topic} {item.name} {item.datatype} x {item.count}'
+
+
+def on_the_graph(client: Any, vpr: Any) -> dict[str, list[str]]:
+    """Return the topics and services of a node that has all of them."""
+    node = vpr(publish_initial_pose='true', fleet='tcp://127.0.0.1:1')
+    who = node.get_name(), node.get_namespace()
+
+    def told(find: Any) -> list[str]:
+        return [
+            f'{name.replace("/vpr_node/", "~/")} {" ".join(kinds)}'
+            for name, kinds in find(*who)
+            if name not in OF_ROS
+            and not OF_EVERY_NODE & {kind.partition('/')[0] for kind in kinds}
+        ]
+
+    find_subscribed = node.get_subscriber_names_and_types_by_node
+    client.wait_for(lambda: len(told(find_subscribed)) == len(['image', 'camera_info', 'odom']))
+    return {
+        'publishes': told(node.get_publisher_names_and_types_by_node),
+        'subscribes': told(find_subscribed),
+        'services': told(node.get_service_names_and_types_by_node),
+    }
+
+
+def changing(line: str) -> bool:
+    """Return whether a line of the surface is not promised."""
+    return any(line == one or line.startswith(f'{one} ') for one in CHANGING)
+
+
+@pytest.fixture
+def surface(client: Any, vpr: Any) -> dict[str, dict[str, list[str]]]:
+    """Return all that is public, by what it is."""
+    found = {
+        'python': [*arguments()],
+        'records': [*members()],
+        **on_the_graph(client, vpr),
+        'messages': [*messages()],
+        'columns': [*COLUMNS],
+        'parameters': [*settings()],
+        'commands': [*commands()],
+        'map file': [
+            f'format {FORMAT_VERSION}, application id {APPLICATION_ID:#x}',
+            *(f'{name} {columns}' for name, columns in TABLES.items()),
+        ],
+    }
+    ordered = {'columns', 'messages'}  # readers may go by their places, too
+    parts: dict[str, dict[str, list[str]]] = {STABLE: {}, MAY_CHANGE: {}}
+    for kind, lines in found.items():
+        for line in lines if kind in ordered else sorted(lines):
+            parts[MAY_CHANGE if changing(line) else STABLE].setdefault(kind, []).append(line)
+    return parts
+
+
+def test_what_is_public_is_what_was_promised(surface):
+    """Whoever changes a stable line breaks somebody; `may change` is told in the changelog."""
+    if os.environ.get('CONVSEQ_SURFACE') == 'write':
+        KEPT.write_text(json.dumps(surface, indent=1) + '\n', encoding='utf-8')
+    assert surface == json.loads(KEPT.read_text(encoding='utf-8'))
+    told = [line for lines in surface[MAY_CHANGE].values() for line in lines]
+    assert not [one for one in CHANGING if not any(line.startswith(one) for line in told)]
+
+
+@pytest.mark.parametrize(
+    ('code', 'words'),
+    [
+        (0, ['config']),
+        (0, ['--version']),
+        (1, ['info', 'absent.db']),  # one line says why
+        (1, ['replay', 'absent', '--map', 'absent.db']),
+        (2, ['replay', '--no-such-option']),  # the usage
+        (2, ['no-such-command']),
+    ],
+)
+def test_the_exit_code_says_what_went_wrong(code, words, capsys):
+    try:
+        ended = main(words)
+    except SystemExit as end:
+        ended = end.code
+    told = capsys.readouterr().err
+    assert ended == code
+    assert len(told.splitlines()) == 1 if code == 1 else 'Traceback' not in told
