@@ -46,6 +46,11 @@ class EncodingConfig(Checked):
         0, 'Images are turned counter-clockwise by this before all else, for a camera on its '
         'side or upside down: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
     )
+    descriptor_model: str = parameter(
+        '', 'ONNX file of a network that turns an image into the vector by which places are found '
+        'first; empty for the built-in one. A map is of one model.',
+    )
+    keeps_cells: bool = True  # in maps; with `matching: descriptor` they are not needed
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -60,8 +65,9 @@ class MatchingConfig(Checked):
 
     matching: str = parameter(
         'coherent', 'Pair score of two images: regional is the mean similarity of best matching '
-        'regions (the paper), coherent the share of regions that moved together.',
-        choices=('coherent', 'regional'),
+        'regions (the paper), coherent the share of regions that moved together, descriptor the '
+        'cosine of two descriptors, without geometry.',
+        choices=('coherent', 'regional', 'descriptor'),
     )
     search: str = parameter(
         'shortlist', 'Which map places get a pair score: exhaustive scores all of them (the '

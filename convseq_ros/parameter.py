@@ -122,8 +122,10 @@ class Parameter:
 
 
 def parameters(group: type | Any) -> Iterator[Parameter]:
-    """Yield the parameters of a group (class or instance), in order."""
+    """Yield the parameters of a group (class or instance), in order; plain fields are none."""
     for item in fields(group):
+        if not item.metadata:  # what a program sets, and no person
+            continue
         yield Parameter(item.name, item.type, item.default, **item.metadata)  # type: ignore[arg-type]
 
 

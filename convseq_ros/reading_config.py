@@ -36,6 +36,7 @@ class ReadingConfig(Checked):
         'parameter file of a node without it.',
         unit='MB', low=0.001, high=1_000_000.0,
     )
+    keeps_color: bool = False  # in frames, beside grey; for a model that wants it
 
     def above(self, name: str, size: float, what: str) -> str:
         """Return a line that tells what to set if a size is above the parameter of a name."""

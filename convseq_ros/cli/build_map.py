@@ -13,12 +13,21 @@ import time
 from convseq_ros.cli.options import add_annotations, add_parameters, chosen_reading, given
 from convseq_ros.cli.progress import progress
 from convseq_ros.cli.recording_info import describe_recording, quoted
-from convseq_ros.config import Config, EncodingConfig, KeyframeConfig, make_config, MotionConfig
+from convseq_ros.config import (
+    Config,
+    EncodingConfig,
+    KeyframeConfig,
+    make_config,
+    MatchingConfig,
+    MotionConfig,
+)
 from convseq_ros.core.cameras import of_camera
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.online_config import OnlineConfig
+from convseq_ros.onnx_model import open_model
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.robot_config import RobotConfig
@@ -153,7 +162,9 @@ def build(
         If the map cannot be written.
 
     """
-    sources = open_each_camera(recording, topic, odom, camera_info, poses, config.reading, depth)
+    model = open_model(config)
+    reading = with_first_stage(config, model).reading
+    sources = open_each_camera(recording, topic, odom, camera_info, poses, reading, depth)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
@@ -169,6 +180,7 @@ def build(
             pose_frame or source.pose_frame,
             links,
             max_looks,
+            model,
         )
         try:
             with builder:
@@ -257,6 +269,7 @@ def _mount() -> list[Parameter]:
 
 
 def _encoding() -> list[Parameter]:
-    """Return what a map keeps of the encoding and a user may choose."""
-    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg'
-    return [item for item in parameters(EncodingConfig) if item.name in chosen]
+    """Return what a map keeps of the encoding and a user may choose, and by what it is matched."""
+    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
+    both = *parameters(EncodingConfig), *parameters(MatchingConfig)
+    return [item for item in both if item.name in chosen]

@@ -26,7 +26,7 @@ def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
 
     Its queries are places of the same map: upright already, and a keyframe each.
     """
-    places = Places(whole.cell_shape, len(indices))
+    places = Places(whole.global_descriptors.shape[1], len(indices))
     for index in indices:
         places.append(whole.places[index], whole.global_descriptors[index])
 
@@ -44,7 +44,10 @@ def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
     place = whole.places[index]
     camera = whole.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
-    return frame, whole_descriptor(whole.cells(index))
+    descriptor = whole_descriptor(whole.cells(index))
+    if whole.encoding.descriptor_model:
+        descriptor = replace(descriptor, vector=whole.global_descriptors[index])
+    return frame, descriptor
 
 
 class _DrivenMap(OnlineMap):
@@ -62,7 +65,9 @@ class _DrivenMap(OnlineMap):
 
 
 def not_linked(whole: ReferenceMap) -> list[range]:
-    """Return the places of each session some of which were not looked up before."""
+    """Return the places of each session some of which were not looked up before, by cells."""
+    if not whole.encoding.keeps_cells:
+        return []
     ends = pairwise([*whole.bounds.starts.tolist(), len(whole)])
     return [range(*of) for of in ends if not all(map(whole.links.knows, range(*of)))]
 
@@ -76,13 +81,16 @@ def link_map(
     It goes by what the map keeps of them, of which every region counts as salient; else it is what
     online mode does on these drives. Others may use the map meanwhile.
     """
+    sessions = not_linked(whole) if sessions is None else sessions
+    if not sessions:
+        return
     seen = selected(whole, range(len(whole)))
     seen.links = whole.links
     online = replace(config.online, mode='online')
     config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
     recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
     recognizer.order, recognizer.mapping = AnyOrder(), mapping
-    for session in not_linked(seen) if sessions is None else sessions:
+    for session in sessions:
         recognizer.reset()
         mapping.begin(session.start)
         for index in session:

@@ -77,9 +77,9 @@ class MatchPublishers:
         poses = {
             item.reference_index: places[item.reference_index].pose for item in match.candidates
         }
-        self._answer.publish(
-            answer_message(match, duration_ms, recognizer.reference_map, self.config.map_frame)
-        )
+        map_, own = recognizer.reference_map, self.config
+        told = answer_message(match, duration_ms, map_, own.map_frame, recognizer.model_ms)
+        self._answer.publish(told)
         self._index.publish(Int32(data=accepted.reference_index if accepted else -1))
         self._score.publish(Float32(data=best.score if best else 0.0))
         self._length.publish(UInt32(data=match.sequence_length))

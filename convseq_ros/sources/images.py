@@ -46,9 +46,35 @@ def gray_from_bgr(bgr: Pixels) -> Gray:
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
+def gray_and_color(pixels: Pixels, reading: ReadingConfig) -> tuple[Gray, Pixels | None]:
+    """Return the grey image of pixels (H, W) or (H, W, 3), and a copy of these if that is kept."""
+    if pixels.ndim == 2:
+        return pixels, None
+    return gray_from_bgr(pixels), pixels.copy() if reading.keeps_color else None
+
+
 def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of a sensor_msgs/Image; errors of `image_pixels`."""
+    return _only_gray(image_pixels(message, reading))
+
+
+def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of a CompressedImage; errors of `compressed_pixels`."""
+    return _only_gray(compressed_pixels(message, reading))
+
+
+def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of an encoded picture; errors of `picture_pixels`."""
+    return _only_gray(picture_pixels(data, reading))
+
+
+def _only_gray(pixels: Pixels) -> Gray:
+    return pixels if pixels.ndim == 2 else gray_from_bgr(pixels)
+
+
+def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image of a sensor_msgs/Image.
+    Return the image of a sensor_msgs/Image, in colour if it has any.
 
     Parameters
     ----------
@@ -59,8 +85,8 @@ def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray
 
     Returns
     -------
-    ndarray of uint8, shape (H, W)
-        C-contiguous and independent of the message.
+    ndarray of uint8, shape (H, W), or (H, W, 3): blue, green, red
+        C-contiguous; in colour, it may be the message's own memory.
 
     Raises
     ------
@@ -100,12 +126,12 @@ def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray
     shape = (height, width, encoding.bytes_per_pixel)
     strides = (step, encoding.bytes_per_pixel, 1)
     pixels = np.ascontiguousarray(np.ndarray(shape, np.uint8, data, 0, strides))
-    return encoding.to_gray(pixels, bool(message.is_bigendian))
+    return encoding.to_pixels(pixels, bool(message.is_bigendian))
 
 
-def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image of a sensor_msgs/CompressedImage.
+    Return the image of a sensor_msgs/CompressedImage, in colour.
 
     Parameters
     ----------
@@ -117,8 +143,8 @@ def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
     Returns
     -------
-    ndarray of uint8, shape (H, W)
-        C-contiguous and independent of the message.
+    ndarray of uint8, shape (H, W, 3)
+        Blue, green, red.
 
     Raises
     ------
@@ -131,14 +157,14 @@ def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) ->
             f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
         )
     try:
-        return decode_picture(message.data, reading)
+        return picture_pixels(message.data, reading)
     except ImageError as error:
         raise ImageError(f'format {message.format!r}: {error}') from None
 
 
-def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image of an encoded picture, as stored (an EXIF rotation is not applied).
+    Return an encoded picture in colour, as stored (an EXIF rotation is not applied).
 
     Parameters
     ----------
@@ -149,7 +175,8 @@ def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
 
     Returns
     -------
-    ndarray of uint8, shape (H, W)
+    ndarray of uint8, shape (H, W, 3)
+        Blue, green, red.
 
     Raises
     ------
@@ -176,24 +203,24 @@ def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
         raise ImageError(
             f'data: {encoded.size} bytes cannot be decoded; expected a whole JPEG or PNG'
         )
-    return gray_from_bgr(_uint8(bgr))
+    return _uint8(bgr)
 
 
-def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Gray:
+def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image of a picture file.
+    Return a picture file in colour, (H, W, 3).
 
     Raises
     ------
     ImageError
-        As for `decode_picture`; also if the file is larger than the largest picture can be.
+        As for `picture_pixels`; also if the file is larger than the largest picture can be.
     OSError
         If it cannot be read.
 
     """
     size = path.stat().st_size
     reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
-    return decode_picture(path.read_bytes(), reading)
+    return picture_pixels(path.read_bytes(), reading)
 
 
 def _is_cut_jpeg(data: bytes) -> bool:
@@ -213,21 +240,21 @@ def _high_byte(pixels: Pixels, is_bigendian: bool) -> Gray:
     return pixels[:, :, 0 if is_bigendian else 1].copy()
 
 
-def _bgr(pixels: Pixels, _: bool) -> Gray:
-    return gray_from_bgr(pixels)
+def _bgr(pixels: Pixels, _: bool) -> Pixels:
+    return pixels
 
 
-def _through_bgr(conversion: int) -> Callable[[Pixels, bool], Gray]:
-    def to_gray(pixels: Pixels, _: bool) -> Gray:
-        return gray_from_bgr(_uint8(cv2.cvtColor(pixels, conversion)))
+def _to_bgr(conversion: int) -> Callable[[Pixels, bool], Pixels]:
+    def to_pixels(pixels: Pixels, _: bool) -> Pixels:
+        return _uint8(cv2.cvtColor(pixels, conversion))
 
-    return to_gray
+    return to_pixels
 
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
     bytes_per_pixel: int
-    to_gray: Callable[[Pixels, bool], Gray]
+    to_pixels: Callable[[Pixels, bool], Pixels]
     min_side: int = 1
     width_multiple: int = 1
 
@@ -240,15 +267,15 @@ ENCODINGS = {
     '8UC1': _Encoding(1, _gray),
     '8UC3': _Encoding(3, _bgr),
     'bgr8': _Encoding(3, _bgr),
-    'rgb8': _Encoding(3, _through_bgr(cv2.COLOR_RGB2BGR)),
-    'bgra8': _Encoding(4, _through_bgr(cv2.COLOR_BGRA2BGR)),
-    'rgba8': _Encoding(4, _through_bgr(cv2.COLOR_RGBA2BGR)),
-    'bayer_rggb8': _Encoding(1, _through_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
-    'bayer_bggr8': _Encoding(1, _through_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
-    'bayer_gbrg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
-    'bayer_grbg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
-    'yuv422': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'uyvy': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'yuv422_yuy2': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
-    'yuyv': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'rgb8': _Encoding(3, _to_bgr(cv2.COLOR_RGB2BGR)),
+    'bgra8': _Encoding(4, _to_bgr(cv2.COLOR_BGRA2BGR)),
+    'rgba8': _Encoding(4, _to_bgr(cv2.COLOR_RGBA2BGR)),
+    'bayer_rggb8': _Encoding(1, _to_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
+    'bayer_bggr8': _Encoding(1, _to_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
+    'bayer_gbrg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
+    'bayer_grbg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
+    'yuv422': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'uyvy': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'yuv422_yuy2': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'yuyv': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
 }

@@ -159,7 +159,7 @@ def _whole(parts: Sequence[Part]) -> ReferenceMap:
     refuse_unlike(parts)
     own = parts[0].reference_map
     every = [(part.reference_map, at) for part in parts for at in part.places]
-    places = Places(own.cell_shape, len(every))
+    places = Places(own.global_descriptors.shape[1], len(every))
     for number, part in enumerate(parts):
         for at in part.places:
             place = part.reference_map.places[at]

@@ -10,6 +10,7 @@ from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import (
@@ -23,7 +24,7 @@ from convseq_ros.core.map.format import (
 )
 from convseq_ros.core.map.link_rows import takes_links, write_links
 from convseq_ros.core.map.opening import EMPTY, open_to_write
-from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.replacing import replaced
@@ -106,6 +107,10 @@ class MapWriter:
         while self._sessions <= place.session:
             self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
+        encoding, vector = self.reader.encoding, descriptor
+        if encoding.descriptor_model:  # what is built in stays, for who has no model
+            known = encoding.keeps_cells
+            descriptor = built_in(unpack_cells(picture.packed)).tobytes() if known else b''
         where = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
         with explained(self._path):
@@ -114,10 +119,16 @@ class MapWriter:
             self._insert('pictures', (index, cells, picture.thumbnail))
             self._insert('images', (index, picture.image))
             if picture.depths is not None:
-                if not self._database.has('depths'):
-                    self._database.rows(FURTHER['depths'])
-                self._insert('depths', (index, picture.depths))
+                self._insert_further('depths', (index, picture.depths))
+            if encoding.descriptor_model:
+                self._insert_further('vectors', (index, vector))
         self._count += 1
+
+    def _insert_further(self, table: str, row: tuple[object, ...]) -> None:
+        """Insert a row into a table that only some maps have."""
+        if not self._database.has(table):
+            self._database.rows(FURTHER[table])
+        self._insert(table, row)
 
     def add_session(self, session: MapSession) -> None:
         """Append a session, of which places may be."""
@@ -187,8 +198,9 @@ class MapWriter:
     def __exit__(self, _kind: object, error: object, _trace: object) -> None:
         with closing(self._database), explained(self._path):
             if error and not isinstance(error, MapError):
-                depths = ('depths',) if self._database.has('depths') else ()
-                for table in _OF_A_PLACE + depths:  # its last row may lack those of other tables
+                further = (one for one in ('depths', 'vectors') if self._database.has(one))
+                # The last row of one may lack those of others.
+                for table in (*_OF_A_PLACE, *further):
                     since = f'DELETE FROM {table} WHERE reference_index >= ?'
                     self._database.rows(since, (self._count,))
             if not isinstance(error, MapError):
