@@ -8,12 +8,11 @@ left out. Everything measured stays in the run folder, from which `convseq repor
 """
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from convseq_ros.cli import main as convseq
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.calibration import pooled
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, ready_made
 from convseq_ros.evaluation.run_folder import read_run, Run, write_text
 
@@ -28,6 +27,7 @@ METHODS = {
     'seqslam': ('SeqSLAM', 'seqslam'),
     'hog': ('HOG, single images', 'hog'),
 }
+_MEANS = 'said', 'right'
 LONG = 'street_hour'  # 3,600 frames: only when it is named
 
 
@@ -106,6 +106,20 @@ def _tables(results: Path) -> Iterable[str]:
             for row in rows
         ),
     )
+
+
+def pooled(tables: Iterable[Sequence[Mapping[str, float]]]) -> list[dict[str, float]]:
+    """Return one reliability table of several, range by range."""
+    rows: dict[float, list[Mapping[str, float]]] = {}
+    for table in tables:
+        for row in table:
+            rows.setdefault(row['low'], []).append(row)
+    together = []
+    for low, own in sorted(rows.items()):
+        count = sum(row['count'] for row in own)
+        means = {name: sum(row['count'] * row[name] for row in own) / count for name in _MEANS}
+        together.append({'low': low, 'high': own[0]['high'], 'count': count, **means})
+    return together
 
 
 def _accuracy(runs: Sequence[Run]) -> Iterable[str]:

@@ -28,7 +28,7 @@ from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthS
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import parse_method
 from convseq_ros.evaluation.methods import make_method
-from convseq_ros.evaluation.protocols import online, open_set, Outcome
+from convseq_ros.evaluation.protocols import ask, ONLINE, OPEN, Outcome
 from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
 from convseq_ros.sources.folder import pictures_in
@@ -127,14 +127,14 @@ class _Laps(Truth):
 def runs(material: Material, text: str, config: Config) -> list[Run]:
     """Return what a method does; of peers, with each alpha."""
     method = make_method(parse_method(text), config)
-    ask = online if material.data_set.online else open_set
+    protocol = ONLINE if material.data_set.online else OPEN
     if 'alpha' not in method.kind.options:
-        return [_run(ask(material, method))]
+        return [_run(ask(material, method, protocol))]
     pairs, made = method.rows(material), []
     for alpha in ALPHAS:
         said = replace(pairs, detect=partial(pairs.detect, alpha=alpha))
         kind = replace(method.kind, rows=lambda *_, said=said: said)
-        made.append(_run(ask(material, replace(method, kind=kind))))
+        made.append(_run(ask(material, replace(method, kind=kind), protocol)))
     return made
 
 

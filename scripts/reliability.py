@@ -17,22 +17,25 @@ import sys
 import tempfile
 
 from convseq_ros.config import EVERY_FRAME, make_config
+from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Reason
 from convseq_ros.evaluation.cache import Cache
-from convseq_ros.evaluation.calibration import EDGES, reliability
-from convseq_ros.evaluation.changes import picture_change
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
+from convseq_ros.evaluation.metrics import EDGES, reliability
 from convseq_ros.evaluation.protocols import kept_halves
-from convseq_ros.evaluation.rerun import part_of
+from convseq_ros.evaluation.recognition import part_of
 from convseq_ros.evaluation.truth import Truth
+import cv2
 from drawn_drives import CHECKS, drawn, Pair
 import numpy as np
 
 REAL = 'gardens_point_day_day'
+LAMPS, NOISE = 6, 12.0  # of an image whose light is taken; noise in grey levels
 LEAST = 50  # frames of a bin whose gap counts
 Answers = Iterator[tuple[float, bool]]  # confidence; right, or a slip
 Asked = list[tuple[Frame, Descriptor | None]]
@@ -72,18 +75,31 @@ def of_drawn(pair: Pair) -> Answers:
     yield from answers(asked, made, np.zeros((len(frames), len(made)), bool), config)
 
 
+def darker(gray: np.ndarray, share: float, generator: np.random.Generator) -> np.ndarray:
+    """Return an image, uint8 (H, W), without so much of its light, with noise and lamps."""
+    if not share:
+        return gray
+    height, width = gray.shape
+    light = np.zeros((height, width), np.float32)
+    for _ in range(LAMPS):
+        x, y = generator.integers(0, width), generator.integers(0, max(1, height // 2))
+        cv2.circle(light, (int(x), int(y)), max(1, width // 60), 255.0, -1)
+    glow = cv2.GaussianBlur(light, (0, 0), max(1.0, width / 40)) + light
+    noise = generator.normal(0, NOISE * share, gray.shape)
+    dark = gray * (1 - share) + share * glow + noise
+    return np.clip(np.rint(dark), 0, 255).astype(np.uint8)
+
+
 def of_real(name: str, data: Path, darkened: float, folder: Path) -> Answers:
     """Yield the answers to a real drive, so much of its light taken."""
     config = make_config(EVERY_FRAME.spacing)
-    whole = open_material(open_data_set(name, data), Cache(folder), config.encoding)
-    change = picture_change('darken', darkened) if darkened else None
-    query = replace(whole.query, change=change, changed_by=['darken', darkened])
-    material = replace(whole, query=query, _drives={})
-    drive, references = material.drives(config.encoding)
-    asked = [
-        (Frame(stamp_ns, None), one)
-        for stamp_ns, one in zip(drive.stamps_ns, drive.descriptors, strict=True)
-    ]
+    material = open_material(open_data_set(name, data), Cache(folder), config.encoding)
+    _, references = material.drives(config.encoding)
+    asked: Asked = []
+    for index, frame in enumerate(material.query):
+        gray = darker(frame.gray, darkened, np.random.default_rng([index, 6]))
+        seen = upright(replace(frame, gray=gray), config.encoding)
+        asked.append((Frame(frame.stamp_ns, None), describe(seen.gray, config.encoding)))
     right = material.truth.right | material.truth.slip
     for first, last in kept_halves(len(references)).values():
         part = part_of(references.reference_map, first, last)

@@ -18,8 +18,6 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report import read_runs
-from convseq_ros.evaluation.report.curves import read_curve
-from convseq_ros.evaluation.study import read_study
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
@@ -93,7 +91,6 @@ def decoders() -> dict[str, Decoder]:
         'data set': Decoder(
             [_DATA_SET], _in_file('set.yaml', lambda path: read_data_set(path, path.parent))
         ),
-        'study': Decoder([_STUDY], _in_file('s.yaml', lambda path: read_study(path, path.parent))),
         'camera file': Decoder(
             [_CAMERA, b'P0: ' + b'1 ' * 12],
             _in_file('camera.yaml', lambda path: read_camera_file(path, 48, 64)),
@@ -203,7 +200,7 @@ def _run_folder(data: bytes, folder: Path) -> None:
     for name, content in files.items():
         (folder / name).write_bytes(content)
     for one in read_runs([folder]):
-        one.truth(), one.scores(), one.thumbnail('query', 0), read_curve(one)
+        one.run.thumbnail('query', 0)
 
 
 def _provider(data: bytes) -> Any:
@@ -283,12 +280,6 @@ query: {path: query, count: 3}
 reference: {path: reference, topic: /camera}
 truth: {kind: table, path: truth.csv, tolerance: 2}
 published: {netvlad: scores.npy}
-"""
-_STUDY = b"""name: lengths
-sets: [street_night]
-methods: [convseq, seqslam-k10]
-vary: {max_length: [5, 25]}
-change: {noise: [1, 2.5]}
 """
 _CAMERA = b"""image_width: 64
 image_height: 48

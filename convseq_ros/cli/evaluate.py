@@ -3,14 +3,12 @@
 """Measure methods on data sets: `convseq evaluate SET... --output DIR`."""
 
 import argparse
-from collections.abc import Sequence
 import json
 from pathlib import Path
 import sys
-from typing import Any
 
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
 from convseq_ros.evaluation.cache import Cache, default_folder
@@ -18,10 +16,7 @@ from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
 from convseq_ros.evaluation.scorecard import CRITERIA
-from convseq_ros.evaluation.study import Each, read_study, run_study
 from convseq_ros.evaluation.table import format_table, summary_rows
-
-MOST_DISTRACTORS = 100_000
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -53,11 +48,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'
     )
     parser.add_argument(
-        '--threshold-from-others',
-        action='store_true',
-        help='also take the threshold for each set from the sets of other places',
-    )
-    parser.add_argument(
         '--exclude-recent',
         type=int,
         metavar='N',
@@ -71,27 +61,13 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'the first, the last and the middle half in turn',
     )
     parser.add_argument(
-        '--distractors',
-        type=int,
-        default=0,
-        metavar='N',
-        help='add so many drawn places that no query shows to every map, as a session (0)',
-    )
-    parser.add_argument(
-        '--study',
-        type=Path,
-        action='append',
-        metavar='FILE',
-        default=[],
-        help='run a study, a YAML file, instead; may be given more than once',
-    )
-    add_run(parser)
-
-
-def add_run(parser: argparse.ArgumentParser) -> None:
-    """Declare where a run reads and writes, and its settings."""
-    parser.add_argument(
         '--output', type=Path, default=Path('results'), help='run folder to write (results)'
+    )
+    parser.add_argument(
+        '--export',
+        type=Path,
+        metavar='FOLDER',
+        help='also write one JSON file a method and set, for `convseq report A.json B.json`',
     )
     parser.add_argument(
         '--data-root',
@@ -112,17 +88,13 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Evaluate, write the run folder, and print the table."""
-    if chosen.study:
-        return run_studies(chosen)
-    config, cache = chosen_settings(chosen)
+    # Truth counts frames.
+    config = chosen_config(chosen, EVERY_FRAME.spacing)
+    cache = Cache(None if chosen.no_cache else chosen.cache or default_folder())
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
     if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
         raise ConfigError(f'--exclude-recent: {chosen.exclude_recent} is below 0')
-    if not 0 <= chosen.distractors <= MOST_DISTRACTORS:
-        raise ConfigError(
-            f'--distractors: {chosen.distractors} is outside 0 .. {MOST_DISTRACTORS}'
-        )
     asked = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
     if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in asked):
         raise ConfigError(
@@ -132,39 +104,15 @@ def run(chosen: argparse.Namespace) -> int:
         methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
         protocols=tuple(dict.fromkeys(asked)),
         criterion=chosen.criterion,
-        transfer=chosen.threshold_from_others,
         exclude_recent=chosen.exclude_recent,
         keep=chosen.keep,
-        distractors=chosen.distractors,
+        export=chosen.export,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
     summaries = evaluate(data_sets, config, plan, chosen.output, cache, _say)
-    _print(summaries, summary_rows(summaries), chosen.json)
+    print(json.dumps(summaries) if chosen.json else format_table(summary_rows(summaries)))
     return 0
-
-
-def chosen_settings(chosen: argparse.Namespace) -> tuple[Config, Cache]:
-    """Return the configuration of a run, and its cache."""
-    # Truth counts frames.
-    config = chosen_config(chosen, EVERY_FRAME.spacing)
-    return config, Cache(None if chosen.no_cache else chosen.cache or default_folder())
-
-
-def run_studies(chosen: argparse.Namespace, each: Each = map) -> int:
-    """Run studies, and print their tables; `each` as of `run_study`."""
-    if chosen.sets:
-        raise ConfigError(f'{chosen.sets[0]}: a study names its own sets; leave it out')
-    config, cache = chosen_settings(chosen)
-    for path in chosen.study:
-        study = read_study(path, chosen.data_root, config.reading)
-        rows = run_study(study, config, chosen.output, cache, tuple(sys.argv), _say, each)
-        _print(rows, rows, chosen.json)
-    return 0
-
-
-def _print(content: Any, rows: Sequence[dict[str, Any]], as_json: bool) -> None:
-    print(json.dumps(content) if as_json else format_table(rows))
 
 
 def _say(text: str) -> None:

@@ -7,7 +7,6 @@ from importlib import import_module
 
 COMMANDS = {
     'build': 'build a map of each recording in a folder, in parallel',
-    'evaluate': 'run studies of what parameters do, in parallel',
     'link': 'recognise each session of the maps in a folder in the others',
     'replay': 'recognise the frames of a recording in all maps of a folder',
     'serve': 'have robots ask all maps of a folder',

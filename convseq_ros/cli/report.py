@@ -8,8 +8,9 @@ import sys
 
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_report
-from convseq_ros.evaluation.report.charts import write_figures
+from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_figures, write_report
+from convseq_ros.evaluation.run_folder import read_exports
+from convseq_ros.evaluation.table import format_table, summary_rows
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +20,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs='+',
         metavar='RESULT',
-        help='folder that `convseq evaluate --output` wrote',
+        help='folder that `convseq evaluate --output` wrote; or files that `--export` wrote, '
+        'which are put in one table instead',
     )
     parser.add_argument(
         '--output',
@@ -42,7 +44,11 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Write the page, and the figures if they are wanted."""
+    """Write the page, and the figures if they are wanted; or print a table of exports."""
+    if all(path.suffix == '.json' for path in chosen.result):
+        exports = read_exports(chosen.result, chosen_reading(chosen))
+        print(format_table(summary_rows(exports)))
+        return 0
     if not chosen.max_megabytes > 0:
         raise ConvseqError(f'--max-megabytes: {chosen.max_megabytes:g} is not above 0')
     runs = read_runs(chosen.result, chosen_reading(chosen))

@@ -79,25 +79,10 @@ def read_objects(
     file: BinaryIO, shape: tuple[int, ...], is_fortran: bool
 ) -> npt.NDArray[np.object_]:
     """
-    Return an array of objects.
+    Return an array of objects of a shape; arrays in it are flat lists.
 
-    Parameters
-    ----------
-    file : binary file
-        Stands behind the header of a .npy file; all of it is read.
-    shape, is_fortran : tuple of int, bool
-        Of that header.
-
-    Returns
-    -------
-    ndarray of object
-        Of the shape; arrays in it are flat lists.
-
-    Raises
-    ------
-    Exception
-        Of any kind, if it is none.
-
+    The file stands behind the header of a .npy file, which gives the shape and the order; all of
+    it is read. Raises an exception of any kind if it holds no such array.
     """
     found = _Unpickler(io.BytesIO(file.read()), encoding='latin1').load()
     if not isinstance(found, _Array) or len(found.values) != math.prod(shape):

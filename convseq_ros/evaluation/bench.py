@@ -4,75 +4,40 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation import protocols
+from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.cache import Cache
-from convseq_ros.evaluation.comparison import calibrate, compare_times, Result, Summary, transfer
 from convseq_ros.evaluation.data_set import DataSet
-from convseq_ros.evaluation.material import Material, open_material, with_distractors
+from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import MethodName, parse_method
 from convseq_ros.evaluation.methods import make_method, Method
-from convseq_ros.evaluation.protocols import CLOSED, ONLINE, OPEN, Outcome
+from convseq_ros.evaluation.protocols import ask, CLOSED, ONLINE, OPEN, VERSION
 from convseq_ros.evaluation.provenance import provenance
-from convseq_ros.evaluation.run_folder import (
-    write_curve,
-    write_fields,
-    write_frames,
-    write_json,
-    write_poses,
-    write_scores,
-    write_summary_table,
-    write_truth,
-)
-from convseq_ros.evaluation.scorecard import judge, summarize, Verdicts
-from convseq_ros.evaluation.thumbnails import write_thumbnails
-from convseq_ros.evaluation.transfer import Measured
+from convseq_ros.evaluation.scorecard import add_thresholds, judge, Scorecard, summarize, Summary
 
 DEFAULT_METHODS = ('convseq', 'convseq-k10', 'convseq-forward', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
 PAST = 'past'
+Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """
-    What to run.
+    """What to run."""
 
-    Parameters
-    ----------
-    methods : tuple of str
-        As on the command line; `published` stands for a set's own score matrices.
-    protocols : tuple of str
-        closed, open and past, for sets with a reference; past: each of its drives against its
-        own past, forwards and backwards, where nothing is revisited.
-    criterion : str
-        What the curves are drawn over: score, margin or confidence.
-    transfer : bool
-        Whether to try thresholds from the other sets.
-    exclude_recent : int or None
-        Overrides what the sets say, for drives against their own past.
-    keep : float or None
-        Share of the map, from its start, that the open protocol keeps; otherwise halves of it.
-    distractors : int
-        Drawn places that no query shows, added to every map.
-    argv : tuple of str
-        The command, for the record.
-
-    """
-
+    # As on the command line; `published` stands for a set's own score matrices.
     methods: tuple[str, ...] = DEFAULT_METHODS
+    # closed, open and past, for sets with a reference; past: each of its drives against its own
+    # past, forwards and backwards, where nothing is revisited.
     protocols: tuple[str, ...] = (CLOSED,)
-    criterion: str = 'score'
-    transfer: bool = False
-    exclude_recent: int | None = None
-    keep: float | None = None
-    distractors: int = 0
-    argv: tuple[str, ...] = ()
+    criterion: str = 'score'  # what curves are drawn over: score, margin or confidence
+    exclude_recent: int | None = None  # overrides the sets, for drives against their own past
+    keep: float | None = None  # share of the map, from its start, that `open` keeps
+    export: Path | None = None  # folder for one JSON file a method and set
+    argv: tuple[str, ...] = ()  # the command, for the record
 
 
 def evaluate(
@@ -81,52 +46,39 @@ def evaluate(
     plan: Plan,
     output: Path,
     cache: Cache,
-    report: Callable[[str], None] = lambda _: None,
+    report: Report = lambda _: None,
 ) -> list[Summary]:
     """
-    Run every method on every set and write the run folder.
+    Run every method on every set, write the run folder, and return the summaries in order.
 
-    Parameters
-    ----------
-    data_sets : sequence of DataSet
-        What to run on; names must differ.
-    config : Config
-        The core's parameters, for all methods that do not bring their own.
-    plan : Plan
-        What to run.
-    output : Path
-        The run folder (see `run_folder`).
-    cache : Cache
-        Where encodings and results are kept.
-    report : callable
-        Told what is being done.
-
-    Returns
-    -------
-    list of dict
-        The summaries, in order.
-
-    Raises
-    ------
-    ConvseqError
-        If a set, a method or an option is wrong.
-
+    `config` holds the core's parameters for all methods that do not bring their own; `report` gets
+    a line of text for each step. ConvseqError if a set, whose names must differ, a method or an
+    option is wrong.
     """
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets of this name; rename one')
-    results: list[Result] = []
+    cards: list[Scorecard] = []
     for data_set in data_sets:
-        results += _on_set(data_set, config, plan, output, cache, report)
-    for result in results:
-        calibrate(result, results)
-        if plan.transfer:
-            transfer(result, results, plan.criterion)
-    for result in results:
-        write_json(result.folder / 'summary.json', result.summary)
-    summaries = [result.summary for result in results]
-    write_summary_table(output, summaries)
+        if plan.exclude_recent is not None:
+            data_set = replace(data_set, exclude_recent=plan.exclude_recent)
+        protocols: tuple[str, ...] = plan.protocols
+        if data_set.online:
+            protocols = (ONLINE,)
+        elif PAST in protocols:
+            for past in data_set.own_pasts:
+                cards += _on_set(past, (ONLINE,), config, plan, output, cache, report)
+        protocols = tuple(one for one in protocols if one != PAST)
+        cards += _on_set(data_set, protocols, config, plan, output, cache, report)
+    add_thresholds(cards)
+    summaries = [card.summary for card in cards]
+    for summary in summaries:
+        folder = output / summary['set'] / summary['method']
+        run_folder.write_json(folder / 'summary.json', summary)
+    run_folder.write_summary_table(output, summaries)
+    if plan.export is not None:
+        run_folder.write_exports(plan.export, summaries)
     return summaries
 
 
@@ -134,11 +86,7 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
     """
     Return the methods to run on a set, `published` spelt out.
 
-    Raises
-    ------
-    ConfigError
-        If one cannot be understood, or two have the same label.
-
+    ConfigError if one cannot be understood, or two have the same label.
     """
     names = []
     for text in texts:
@@ -157,67 +105,48 @@ def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
 
 def _on_set(
     data_set: DataSet,
+    protocols: Sequence[str],
     config: Config,
     plan: Plan,
     output: Path,
     cache: Cache,
-    report: Callable[[str], None],
-) -> list[Result]:
-    if plan.exclude_recent is not None:
-        data_set = replace(data_set, exclude_recent=plan.exclude_recent)
-    results: list[Result] = []
-    if PAST in plan.protocols and not data_set.online:
-        for past in data_set.own_pasts:
-            results += _on_set(past, config, plan, output, cache, report)
-        plan = replace(plan, protocols=tuple(one for one in plan.protocols if one != PAST))
-        if not plan.protocols:
-            return results
+    report: Report,
+) -> list[Scorecard]:
+    cards: list[Scorecard] = []
+    if not protocols:
+        return cards
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, cache, config.encoding, config.reading)
-    if plan.distractors and not data_set.online:
-        material = with_distractors(material, plan.distractors)
     base = output / data_set.name
-    write_truth(base, material.truth)
-    query, reference = material.drives(config.encoding)
-    write_poses(base, query.poses, reference.poses)
-    write_thumbnails(base / 'thumbnails' / 'query', material.query)
-    if not data_set.online:
-        write_thumbnails(base / 'thumbnails' / 'reference', material.reference)
-    for protocol in (ONLINE,) if data_set.online else plan.protocols:
+    run_folder.write_set(base, material, *material.drives(config.encoding))
+    if protocols == (OPEN,):
+        _describe_set(base, CLOSED, material)
+    for protocol in protocols:
         name = f'{data_set.name}-open' if protocol == OPEN else data_set.name
-        _describe_set(output / name, name, protocol, material, plan.keep)
-        if protocol == OPEN and CLOSED not in plan.protocols:
-            _describe_set(base, data_set.name, CLOSED, material)
-        found = []
+        _describe_set(output / name, protocol, material, plan.keep)
         for method in methods:
             report(f'{name}: {method.name.label}')
-            found.append(_measure(material, method, protocol, output / name, plan))
-        compare_times([result.summary for result in found])
-        results += found
-    return results
+            cards.append(_measure(material, method, protocol, output / name, plan))
+    return cards
 
 
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
-) -> Result:
-    ask: dict[str, Callable[[Material, Method], Outcome]] = {
-        CLOSED: protocols.closed,
-        OPEN: partial(protocols.open_set, keep=plan.keep),
-        ONLINE: protocols.online,
-    }
-    outcome = ask[protocol](material, method)
+) -> Scorecard:
+    outcome = ask(material, method, protocol, plan.keep)
     verdicts = judge(outcome)
-    own = folder / method.name.label
-    own.mkdir(parents=True, exist_ok=True)
-    write_frames(own / 'frames.csv', outcome, verdicts)
-    write_fields(own / 'fields.npz', outcome.fields)
-    if protocol != OPEN:
-        write_scores(own / 'scores.npy', outcome)
-    write_curve(own / 'curve.csv', _known_curve(verdicts, plan.criterion))
+    answerable = int((verdicts.matched & verdicts.known).sum())
+    curve = verdicts.curve(plan.criterion, answerable)
+    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve)
     summary = {
         'set': folder.name,
         'method': method.name.label,
+        'protocol_version': VERSION,
+        'images': {
+            'query': material.query.sha256,
+            'reference': None if material.data_set.online else material.reference.sha256,
+        },
         **summarize(outcome, verdicts, plan.criterion),
         'configuration': {
             'kind': method.name.kind,
@@ -228,37 +157,31 @@ def _measure(
         **provenance(),
         'argv': list(plan.argv),
     }
-    data_set = material.data_set
-    return Result(own, summary, Measured(folder.name, data_set.place or data_set.name, verdicts))
-
-
-def _known_curve(verdicts: Verdicts, criterion: str) -> Any:
-    return verdicts.curve(criterion, int((verdicts.matched & verdicts.known).sum()))
+    return Scorecard(outcome, verdicts, summary)
 
 
 def _describe_set(
-    folder: Path, name: str, protocol: str, material: Material, keep: float | None = None
+    folder: Path, protocol: str, material: Material, keep: float | None = None
 ) -> None:
     data_set, removed = material.data_set, ''
     if protocol == OPEN:
-        kept = '' if keep is None else f', first {keep:.0%} of the map kept'
-        removed = kept or ', half of the map removed'
+        removed = ', half of the map removed'
+        if keep is not None:
+            removed = f', first {keep:.0%} of the map kept'
     queries, references = material.truth.right.shape
-    write_json(
-        folder / 'set.json',
-        {
-            'name': name,
-            'title': data_set.title + removed,
-            'protocol': protocol,
-            'truth': data_set.truth.kind,
-            'tolerance': data_set.truth.tolerance,
-            'radius_m': data_set.truth.radius_m or None,
-            'exclude_recent': data_set.exclude_recent if data_set.online else None,
-            'queries': queries,
-            'references': references,
-            'query': str(data_set.query),
-            'reference': str(data_set.reference) if data_set.reference else None,
-            'source': data_set.source,
-            'base': data_set.name if protocol == OPEN else None,
-        },
-    )
+    about = {
+        'name': folder.name,
+        'title': data_set.title + removed,
+        'protocol': protocol,
+        'truth': data_set.truth.kind,
+        'tolerance': data_set.truth.tolerance,
+        'radius_m': data_set.truth.radius_m or None,
+        'exclude_recent': data_set.exclude_recent if data_set.online else None,
+        'queries': queries,
+        'references': references,
+        'query': str(data_set.query),
+        'reference': str(data_set.reference) if data_set.reference else None,
+        'source': data_set.source,
+        'base': data_set.name if protocol == OPEN else None,
+    }
+    run_folder.write_json(folder / 'set.json', about)

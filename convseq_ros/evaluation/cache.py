@@ -12,6 +12,7 @@ from typing import Any
 import zipfile
 
 from convseq_ros.results import complete_or_absent
+from convseq_ros.sources.folder import pictures_in
 import numpy as np
 import numpy.typing as npt
 
@@ -28,7 +29,7 @@ def default_folder() -> Path:
 def digest(facts: Any) -> str:
     """Return a name for anything that JSON can say."""
     text = json.dumps(facts, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:32]
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
@@ -43,27 +44,24 @@ def program_digest() -> str:
 
 
 def content_digest(path: Path) -> str:
-    """Return a name for the content of a file, or of the files in a folder and their names."""
-    found = hashlib.blake2b(digest_size=16)
-    files = [path] if path.is_file() else sorted(item for item in path.iterdir() if item.is_file())
+    """
+    Return the SHA-256 of the list of images of a folder, or of the only file that there is.
+
+    The list has a line for each, in the order of the frames, as `sha256sum` prints it: the SHA-256
+    of its content, two spaces, its name. In a folder without images all files count.
+    """
+    found = [path] if path.is_file() else pictures_in(path)
+    files = found or sorted(item for item in path.iterdir() if item.is_file())
+    lines = hashlib.sha256()
     for item in files:
-        found.update(f'{item.name}\0{item.stat().st_size}\0'.encode())
         with item.open('rb') as file:
-            while chunk := file.read(1 << 20):
-                found.update(chunk)
-    return found.hexdigest()
+            content = hashlib.file_digest(file, 'sha256').hexdigest()
+        lines.update(f'{content}  {item.name}\n'.encode())
+    return lines.hexdigest()
 
 
 class Cache:
-    """
-    A folder of .npz files, without pickle; a damaged one counts as absent.
-
-    Parameters
-    ----------
-    folder : Path or None
-        None keeps nothing.
-
-    """
+    """A folder of .npz files, without pickle; None keeps nothing, a damaged one is absent."""
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder

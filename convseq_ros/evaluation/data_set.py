@@ -3,7 +3,7 @@
 """A data set: a query, a reference and a truth, named by a small YAML file."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 import difflib
 from pathlib import Path
 import re
@@ -21,30 +21,14 @@ TRUTH_KINDS = ('identity', 'table', 'npy', 'poses', 'none')
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """
-    Where the images of a drive are.
+    """Where the images of a drive are."""
 
-    Parameters
-    ----------
-    path : Path
-        Folder, recording or video.
-    topic, odom : str
-        Topics of a recording: its images, and the poses that a truth of kind `poses` takes.
-    count : int
-        Images that must be there; 0 for any number.
-    simulated : SimulatedDrive, optional
-        Images that are drawn; there is no path then.
-    backwards : bool
-        Whether the last image comes first.
-
-    """
-
-    path: Path = Path()
-    topic: str = ''
-    odom: str = ''
-    count: int = 0
-    simulated: SimulatedDrive | None = None
-    backwards: bool = False
+    path: Path = Path()  # folder, recording or video
+    topic: str = ''  # of a recording: its images
+    odom: str = ''  # of a recording: the poses that a truth of kind `poses` takes
+    count: int = 0  # images that must be there; 0 for any number
+    simulated: SimulatedDrive | None = None  # images that are drawn; there is no path then
+    backwards: bool = False  # the last image comes first
 
     def __str__(self) -> str:
         return 'drawn' if self.simulated else str(self.path)
@@ -52,65 +36,28 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class TruthSource:
-    """
-    Where the truth is, and how far off an answer may be.
+    """Where the truth is, and how far off an answer may be."""
 
-    Parameters
-    ----------
-    kind : str
-        One of `TRUTH_KINDS`; `none` says that no place is seen twice.
-    path : Path or None
-        Its file.
-    tolerance : int
-        Frames.
-    radius_m : float
-        Metres, for poses.
-    first_index : int
-        The number that a table gives to the first image.
-
-    """
-
-    kind: str
+    kind: str  # one of `TRUTH_KINDS`; `none` says that no place is seen twice
     path: Path | None = None
-    tolerance: int = 0
-    radius_m: float = 0.0
-    first_index: int = 0
+    tolerance: int = 0  # frames
+    radius_m: float = 0.0  # for poses
+    first_index: int = 0  # the number that a table gives to the first image
 
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """
-    What a YAML file says.
+    """What a YAML file says."""
 
-    Parameters
-    ----------
-    name, title : str
-        Name in tables and folders, and for people.
-    query, reference : Part
-        The drives; without a reference, the query is matched against its own past.
-    truth : TruthSource
-        The right answers.
-    exclude_recent : int
-        Latest frames that are no loop closure, for a drive against its own past.
-    place : str
-        Sets of one place are never told apart as "other sets"; by default the name.
-    published : mapping of str to Path
-        Score matrices of other methods, query by reference.
-    where, source : str
-        Where the images belong and where they come from, for people.
-
-    """
-
-    name: str
+    name: str  # in tables and folders
     query: Part
     truth: TruthSource
-    reference: Part | None = None
-    exclude_recent: int = 20
-    place: str = ''
-    published: Mapping[str, Path] = field(default_factory=dict)
+    reference: Part | None = None  # None: the query is matched against its own past
+    exclude_recent: int = 20  # latest frames that are no loop closure, against its own past
+    published: Mapping[str, Path] = field(default_factory=dict)  # scores (Q, R) of other methods
     title: str = ''
-    where: str = ''
-    source: str = ''
+    where: str = ''  # where the images belong, for people
+    source: str = ''  # where they come from
 
     @property
     def online(self) -> bool:
@@ -127,7 +74,6 @@ class DataSet:
                 replace(part, backwards=part.backwards != backwards),
                 TruthSource('none'),
                 exclude_recent=self.exclude_recent,
-                place=self.place,
                 title=f'{self.title}: {label} against its own past{", backwards" * backwards}',
                 where=self.where,
                 source=self.source,
@@ -147,22 +93,10 @@ def open_data_set(
     text: str, data_root: Path = Path(), reading: ReadingConfig = ReadingConfig()
 ) -> DataSet:
     """
-    Return the data set that a user names.
+    Return the data set that a user names; ConfigError if there is none, or it makes no sense.
 
-    Parameters
-    ----------
-    text : str
-        A YAML file, whose relative paths start at the file; or the name of a ready-made set.
-    data_root : Path
-        Where the relative paths of a ready-made set start.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such set, or it says something that cannot be understood.
-
+    `text` is a YAML file, whose relative paths start at the file, or the name of a ready-made set,
+    whose relative paths start at `data_root`.
     """
     path = Path(text)
     if path.suffix.lower() in ('.yaml', '.yml'):
@@ -175,19 +109,7 @@ def open_data_set(
 def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
     content = read_yaml(path, reading)
-    known = (
-        'name',
-        'title',
-        'query',
-        'reference',
-        'truth',
-        'exclude_recent',
-        'place',
-        'published',
-        'where',
-        'source',
-    )
-    refuse_unknown(content, known, path)
+    refuse_unknown(content, DataSet, path)
     name = str(content.get('name', path.stem))
     if not re.fullmatch(r'[\w.-]+', name) or name.startswith('.'):
         raise ConfigError(f'{path}: name {name!r} is no folder name; use letters, digits, . _ -')
@@ -205,7 +127,6 @@ def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig
         reference=None if reference is None else _part(reference, path, base, 'reference'),
         truth=_truth(content['truth'], path, base),
         exclude_recent=_number(content.get('exclude_recent', 20), int, path, 'exclude_recent'),
-        place=str(content.get('place', name)),
         published=published,
         title=str(content.get('title', name)),
         where=' '.join(str(content.get('where', '')).split()),
@@ -219,9 +140,9 @@ def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig
     return data_set
 
 
-def refuse_unknown(names: Iterable[str], known: Iterable[str], path: Path) -> None:
-    """Raise a ConfigError that names the first unknown key and the nearest known one."""
-    known = list(known)
+def refuse_unknown(names: Iterable[str], record: Any, path: Path) -> None:
+    """Raise a ConfigError that names the first key that is no field, and the nearest field."""
+    known = [item.name for item in fields(record)]
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(str(name), known, n=1)
@@ -231,7 +152,7 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str], path: Path) -> No
 
 def _part(content: Any, path: Path, base: Path, name: str) -> Part:
     said = _mapping(content, path, name)
-    refuse_unknown(said, ('path', 'topic', 'odom', 'count', 'simulated', 'backwards'), path)
+    refuse_unknown(said, Part, path)
     drawn = said.get('simulated')
     if ('path' in said) == (drawn is not None):
         raise ConfigError(f'{path}: {name} has no path; add where its images are, or simulated')
@@ -256,7 +177,7 @@ def _part(content: Any, path: Path, base: Path, name: str) -> Part:
 
 def _truth(content: Any, path: Path, base: Path) -> TruthSource:
     said = _mapping(content, path, 'truth')
-    refuse_unknown(said, ('kind', 'path', 'tolerance', 'radius_m', 'first_index'), path)
+    refuse_unknown(said, TruthSource, path)
     kind = str(said.get('kind', ''))
     if kind not in TRUTH_KINDS:
         raise ConfigError(f'{path}: truth kind {kind!r} is not one of {", ".join(TRUTH_KINDS)}')

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One drive, ready to be matched: its images on demand, and what was computed of each."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache, cached_property
 import json
 from pathlib import Path
 import time
@@ -12,128 +12,75 @@ from typing import Any
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.cache import Cache, content_digest
-from convseq_ros.evaluation.geometry import pose_rows
+from convseq_ros.evaluation.cache import Cache, content_digest, digest
 from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
 import numpy.typing as npt
 
-Changed = Callable[[Frame, int], Frame]
-
 
 @dataclass(frozen=True)
 class Images:
-    """
-    The images of a drive, which can be read again and again.
+    """The images of a drive, which can be read again and again."""
 
-    Parameters
-    ----------
-    path, topic : Path, str
-        Folder, recording or video, and image topic.
-    simulated : SimulatedDrive, optional
-        What is drawn instead.
-    order : tuple of int, optional
-        Which frames, in which order; all of them if left out.
-    restamp : bool
-        Whether frames out of the common order take the stamps of an even pace.
-    reading : ReadingConfig
-        Which images are too large.
-    change : callable, optional
-        Alters a frame, given its index.
-    changed_by : object
-        What JSON can say of `change`; part of `content`.
-
-    """
-
-    path: Path
+    path: Path  # folder, recording or video
     topic: str = ''
-    simulated: SimulatedDrive | None = None
-    order: tuple[int, ...] | None = None
-    restamp: bool = True
-    reading: ReadingConfig = ReadingConfig()
-    change: Changed | None = field(default=None, compare=False)
-    changed_by: Any = None
+    simulated: SimulatedDrive | None = None  # what is drawn instead
+    backwards: bool = False  # the last one first, at an even pace
+    reading: ReadingConfig = ReadingConfig()  # which images are too large
 
     @cached_property
-    def content(self) -> list[Any]:
-        """What determines these images, for a cache."""
-        order = list(self.order) if self.order is not None else None
+    def sha256(self) -> str:
+        """Of the list of images (see `content_digest`), or of what they are drawn by."""
+        if self.simulated:
+            return digest(self.simulated.content)
         try:
-            images = self.simulated.content if self.simulated else content_digest(self.path)
+            return content_digest(self.path)
         except OSError as error:
             raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
-        return [images, self.topic, order, self.restamp, asdict(self.reading), self.changed_by]
+
+    @property
+    def content(self) -> list[Any]:
+        """What determines these images, for a cache."""
+        return [self.sha256, self.topic, self.backwards, asdict(self.reading)]
+
+    @property
+    def in_color(self) -> 'Images':
+        """The same, with colours."""
+        return replace(self, reading=replace(self.reading, keeps_color=True))
 
     def __iter__(self) -> Iterator[Frame]:
         source = self.simulated or open_source(self.path, self.topic, self.reading)
-        frames: Iterable[Frame] = source
-        if self.order is not None:
-            whole = list(source)
-            stamps_ns = self.stamps_ns([frame.stamp_ns for frame in whole])
-            frames = (
-                replace(whole[index], stamp_ns=stamp_ns)
-                for index, stamp_ns in zip(self.order, stamps_ns, strict=True)
-            )
-        for index, frame in enumerate(frames):
-            yield self.change(frame, index) if self.change else frame
-
-    def stamps_ns(self, whole: Sequence[int]) -> list[int]:
-        """Return the stamps of the frames in their order, given those of all frames."""
-        if self.order is None or not self.restamp:
-            return [whole[index] for index in self.order or range(len(whole))]
-        step_ns = whole[1] - whole[0] if len(whole) > 1 else 0
-        return [whole[0] + place * step_ns for place in range(len(self.order))]
-
-    def reversed(self, count: int) -> 'Images':
-        """Return the same images, so many of them, the last one first."""
-        return replace(self, order=tuple(range(count - 1, -1, -1)))
-
-    @property
-    def whole(self) -> 'Images':
-        """The same images, all of them in the common order."""
-        return replace(self, order=None)
+        if not self.backwards:
+            yield from source
+            return
+        whole = list(source)
+        first_ns, step_ns = whole[0].stamp_ns, 0
+        if len(whole) > 1:
+            step_ns = whole[1].stamp_ns - first_ns
+        for index, frame in enumerate(reversed(whole)):
+            yield replace(frame, stamp_ns=first_ns + index * step_ns)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """
-    What was computed of the images of a drive; entry i belongs to frame i.
+    """What was computed of the images of a drive; entry i belongs to frame i."""
 
-    Parameters
-    ----------
-    images : Images
-        Where it came from.
-    stamps_ns, names, readable : sequences
-        Stamp, file name or topic, and whether the image could be decoded.
-    descriptors : sequence of Descriptor
-        One that shows nothing where the image could not be decoded.
-    encode_ms : float
-        Median time to describe an image.
-    poses : sequence of Pose or None
-        Where the robot's base was, if that is known.
-    camera : Camera or None
-        What took the first image, as it came, if that is known.
-    others : tuple of int
-        Frames at which other drives begin.
-
-    """
-
-    images: Images
     encoding: EncodingConfig
     stamps_ns: Sequence[int]
-    names: Sequence[str]
-    readable: Sequence[bool]
-    descriptors: Sequence[Descriptor]
-    encode_ms: float
-    poses: Sequence[Pose | None]
-    camera: Camera | None
-    others: tuple[int, ...] = ()
+    names: Sequence[str]  # file name or topic
+    readable: Sequence[bool]  # whether the image could be decoded
+    descriptors: Sequence[Descriptor]  # one that shows nothing if it could not
+    encode_ms: float  # median time to describe an image
+    poses: Sequence[Pose | None]  # where the robot's base was, if known
+    camera: Camera | None  # what took the first image, as it came, if known
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -143,18 +90,12 @@ class Drive:
         """Which frames show anything, shape (N,)."""
         return np.array([one.informative for one in self.descriptors], np.bool_)
 
-    def followed_by(self, other: 'Drive') -> 'Drive':
-        """Return these frames and those of another drive, a second after them: two sessions."""
-        later = self.stamps_ns[-1] - other.stamps_ns[0] + 1_000_000_000
-        return replace(
-            self,
-            stamps_ns=[*self.stamps_ns, *(one + later for one in other.stamps_ns)],
-            names=[*self.names, *other.names],
-            readable=[*self.readable, *other.readable],
-            descriptors=[*self.descriptors, *other.descriptors],
-            poses=[*self.poses, *(None for _ in other.poses)],  # of another frame
-            others=(*self.others, len(self)),
-        )
+    @property
+    def described(self) -> Iterator[tuple[Frame, Descriptor | None]]:
+        """Frames without images, and their descriptors; None if the image was not readable."""
+        columns = self.stamps_ns, self.readable, self.descriptors
+        for stamp_ns, readable, descriptor in zip(*columns, strict=True):
+            yield Frame(stamp_ns, None), descriptor if readable else None
 
     @property
     def flipped(self) -> 'Drive':
@@ -184,67 +125,74 @@ class Drive:
     def _map(self, poses: Sequence[Pose | None], camera: Camera | None) -> ReferenceMap:
         made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
         columns = self.stamps_ns, self.names, poses, self.descriptors
-        for index, (stamp_ns, name, pose, one) in enumerate(zip(*columns, strict=True)):
-            if index in self.others:
-                made.begin_session(stamp_ns)
+        for stamp_ns, name, pose, one in zip(*columns, strict=True):
             made.add_frame(Frame(stamp_ns, None, name, pose, camera=camera), one)
         return made
 
 
-def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Drive:
-    """
-    Describe every image of a drive, or recall what an earlier run found.
+@cache
+def model_at(path: str, reading: ReadingConfig) -> OnnxModel | None:
+    """Return the model of a path, opened once; None of none."""
+    return OnnxModel(Path(path), reading) if path else None
 
-    Raises
-    ------
-    SourceError
-        If the images cannot be read.
 
+def describe_drive(images: Images, encoding: EncodingConfig, kept_in: Cache) -> Drive:
     """
-    if images.order is not None and images.change is None:
-        return _paced(describe_drive(images.whole, encoding, cache), images, images.order)
+    Describe every image of a drive, or recall it, by the model of the encoding if it names one.
+
+    SourceError if images cannot be read, ModelError if the model cannot be used.
+    """
+    if model := model_at(encoding.descriptor_model, images.reading):
+        encoding = replace(encoding, descriptor_model=identity_of(model))
+        images = images.in_color if model.wants_color else images
     facts = [images.content, asdict(encoding)]
-    kept = cache.get('drives', facts)
+    kept = kept_in.get('drives', facts)
     if kept is None:
-        kept = _described(images, encoding)
-        cache.put('drives', facts, kept)
+        kept = _described(images, encoding, model)
+        kept_in.put('drives', facts, kept)
     columns = [kept[item.name] for item in fields(Descriptor)]
-    descriptors = [Descriptor(*map(_value, row)) for row in zip(*columns, strict=True)]
+    rows = zip(*columns, strict=True)
     return Drive(
-        images,
-        encoding,
-        kept['stamps_ns'].tolist(),
-        kept['names'].tolist(),
-        kept['readable'].tolist(),
-        descriptors,
-        float(kept['encode_ms']),
-        [None if np.isnan(one).any() else _pose(one.tolist()) for one in kept['poses']],
-        _camera(str(kept['camera'])),
+        encoding=encoding,
+        stamps_ns=kept['stamps_ns'].tolist(),
+        names=kept['names'].tolist(),
+        readable=kept['readable'].tolist(),
+        descriptors=[_descriptor(row) for row in rows],
+        encode_ms=float(kept['encode_ms']),
+        poses=[None if np.isnan(one).any() else _pose(one.tolist()) for one in kept['poses']],
+        camera=_camera(str(kept['camera'])),
     )
 
 
-def _paced(whole: Drive, images: Images, order: Sequence[int]) -> Drive:
-    return replace(
-        whole,
-        images=images,
-        stamps_ns=images.stamps_ns(whole.stamps_ns),
-        names=[whole.names[index] for index in order],
-        readable=[whole.readable[index] for index in order],
-        descriptors=[whole.descriptors[index] for index in order],
-        poses=[whole.poses[index] for index in order],
-    )
+def pose_rows(poses: Sequence[Pose | None]) -> npt.NDArray[np.float64]:
+    """Return positions and quaternions, (N, 7); NaN where they are not known."""
+    unknown = (np.nan,) * 7
+    return np.array([(*one.position, *one.orientation) if one else unknown for one in poses])
 
 
-def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArray[Any]]:
+def _descriptor(columns: Sequence[Any]) -> Descriptor:
+    cells, salient, cell_entropy, entropy, vector = columns
+    known = vector if vector.size else None
+    return Descriptor(cells, salient, cell_entropy, entropy.item(), known)
+
+
+def _described(
+    images: Images, encoding: EncodingConfig, model: OnnxModel | None
+) -> dict[str, npt.NDArray[Any]]:
+    first_stage = FirstStage(model, encoding)
+    numbers = model.numbers if model else 0
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
     poses, camera = [], None
     for raw in images:
         frame, camera = upright(raw, encoding), camera or raw.camera
         started = time.perf_counter()
         if frame.gray is None:
-            descriptors.append(blank_descriptor(encoding))
+            nothing = np.zeros(numbers, np.float16)
+            descriptors.append(replace(blank_descriptor(encoding), vector=nothing))
         else:
-            descriptors.append(describe(frame.gray, encoding))
+            own = first_stage.add(frame, describe(frame.gray, encoding))
+            none = np.zeros(0, np.float16)
+            descriptors.append(own if model else replace(own, vector=none))
             durations.append((time.perf_counter() - started) * 1e3)
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
@@ -266,19 +214,14 @@ def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArra
     }
 
 
-def _value(stored: Any) -> Any:
-    return stored if np.ndim(stored) else stored.item()
-
-
 def _pose(numbers: Sequence[float]) -> Pose:
-    x, y, z, *orientation = numbers
-    qx, qy, qz, qw = orientation
+    x, y, z, qx, qy, qz, qw = numbers
     return Pose((x, y, z), (qx, qy, qz, qw))
 
 
 def _camera(stored: str) -> Camera | None:
-    said = json.loads(stored)
-    if said is None:
+    known = json.loads(stored)
+    if known is None:
         return None
-    mount = said['mount'] and _pose([*said['mount']['position'], *said['mount']['orientation']])
-    return Camera(**{**said, 'distortion': tuple(said['distortion']), 'mount': mount})
+    mount = known['mount'] and _pose([*known['mount']['position'], *known['mount']['orientation']])
+    return Camera(**{**known, 'distortion': tuple(known['distortion']), 'mount': mount})

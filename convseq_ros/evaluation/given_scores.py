@@ -1,37 +1,33 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recogniser on the pair scores of any other method."""
+"""The recogniser on the pair scores of any other method, and how a method ranks references."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Candidates, Descriptor, Frame, Indices, Match
+from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.types import Candidates, Descriptor, Indices, Match, Row
 from convseq_ros.evaluation.drive import Drive
-from convseq_ros.evaluation.rerun import part_of
+from convseq_ros.evaluation.recognition import part_of, Scores, with_known
 import numpy as np
 import numpy.typing as npt
 
-Scores = npt.NDArray[np.float32]
+SequenceScores = npt.NDArray[np.float64]  # (Q, R); -inf where there is none
+# Of the rows of the newest frame and of those before it, newest first, to scores (R,).
+SequenceScorer = Callable[[Sequence[Row | None]], npt.NDArray[np.float64]]
 
 
 class GivenScores(Matcher):
     """
     Stands in for a matcher where pair scores are known already.
 
-    Parameters
-    ----------
-    rows : ndarray of float32, shape (Q, R)
-        Pair scores; NaN where there is none. A row without any shows nothing.
-
-    Attributes
-    ----------
-    frame : int
-        The row of the frame that comes next; to be set before it does.
-
+    `rows` has NaN where there is no score; a row without any shows nothing. `frame` is the row of
+    the frame that comes next, and must be set before it comes.
     """
 
     def __init__(self, rows: Scores) -> None:
@@ -55,60 +51,90 @@ class GivenScores(Matcher):
         return candidates
 
 
-def match_given(
-    rows: Scores, drive: Drive, reference_map: ReferenceMap, config: Config, forward: bool = False
-) -> list[Match]:
+def answers_to(
+    rows: Scores,
+    drive: Drive,
+    reference_map: ReferenceMap,
+    config: Config,
+    scorer: SequenceScorer | None = None,
+    forward: bool = False,
+) -> tuple[list[Match], SequenceScores]:
     """
-    Return the recogniser's answers to a drive, given its pair scores.
+    Return the recogniser's answers to a drive, given its pair scores, and its sequence scores.
 
-    Parameters
-    ----------
-    rows : ndarray of float32, shape (Q, R)
-        Pair scores, NaN where there is none.
-    drive : Drive
-        The query.
-    reference_map : ReferenceMap
-        The R references.
-    config : Config
-        Asks for exhaustive search and regional matching, which use pair scores as they are.
-    forward : bool
-        Whether the frames of a sequence lie after the anchor, as in the paper: then the drive is
-        read from its end, in the map from its end.
-
+    `config` asks for exhaustive search and regional matching, which use pair scores as they are.
+    With a `scorer`, the method's own scores of sequences decide. If `forward`, the frames of a
+    sequence lie after the anchor, as in the paper: then the drive is read from its end, in the map
+    from its end.
     """
     if forward:
-        back = match_given(
-            rows[::-1, ::-1],
-            drive.flipped,
-            part_of(reference_map, len(reference_map) - 1, -1, -1),
-            config,
-        )
-        return [
+        backwards = part_of(reference_map, len(reference_map) - 1, -1, -1)
+        found, scores = answers_to(rows[::-1, ::-1], drive.flipped, backwards, config, scorer)
+        pairs = zip(reversed(found), drive.stamps_ns, strict=True)
+        matches = [
             _flipped(match, index, stamp_ns, reference_map)
-            for index, (match, stamp_ns) in enumerate(
-                zip(reversed(back), drive.stamps_ns, strict=True)
-            )
+            for index, (match, stamp_ns) in enumerate(pairs)
         ]
+        return matches, scores[::-1, ::-1]
+    if scorer is None:
+        matches = _recognized(rows, drive, reference_map, config)
+        lengths = [match.sequence_length for match in matches]
+        return matches, rank_references(rows, drive, lengths)
+    length = config.sequence.fixed_length
+    lengths = [length * (index >= length - 1) for index in range(len(drive))]
+    scores = rank_references(rows, drive, lengths, scorer)
+    single = with_known(config, {'fixed_length': 1})
+    own = np.where(np.isfinite(scores), scores, np.nan).astype(np.float32)
+    matches = [
+        replace(match, sequence_length=length if match.candidates else 0)
+        for match in _recognized(own, drive, reference_map, single)
+    ]
+    scores[[not match.candidates for match in matches]] = -np.inf
+    return matches, scores
+
+
+def rank_references(
+    rows: Scores,
+    drive: Drive,
+    lengths: Sequence[int],
+    scorer: SequenceScorer | None = None,
+    partial_windows: bool = False,
+) -> SequenceScores:
+    """
+    Return the sequence scores of every frame with every reference.
+
+    `lengths` holds k of each frame, 0 for none. Rows of uninformative frames are passed over.
+    Windows may leave the map if `partial_windows`, as those of the belief may.
+    """
+    scorer = scorer or partial(sequence_scores, partial=partial_windows)
+    shown = drive.informative & np.isfinite(rows).any(axis=1)
+    usable = [row if there else None for row, there in zip(rows, shown, strict=True)]
+    scores = np.full(rows.shape, -np.inf)
+    for index, length in enumerate(lengths):
+        if length and shown[index]:
+            scores[index] = scorer(usable[index::-1][:length])
+    return scores
+
+
+def _recognized(
+    rows: Scores, drive: Drive, reference_map: ReferenceMap, config: Config
+) -> list[Match]:
     given = GivenScores(rows)
     recognizer = PlaceRecognizer(reference_map, config, given)
     matches = []
-    for stamp_ns, readable, descriptor in zip(
-        drive.stamps_ns, drive.readable, drive.descriptors, strict=True
-    ):
-        matches.append(recognizer.process(Frame(stamp_ns, None), descriptor if readable else None))
+    for frame, descriptor in drive.described:
+        matches.append(recognizer.process(frame, descriptor))
         given.frame += 1
     return matches
 
 
 def _flipped(match: Match, index: int, stamp_ns: int, reference_map: ReferenceMap) -> Match:
-    places = reference_map.places
-    last = len(places) - 1
+    last = len(reference_map) - 1
+    places = [last - one.reference_index for one in match.candidates]
     candidates = tuple(
         replace(
-            one,
-            reference_index=last - one.reference_index,
-            reference_stamp_ns=places[last - one.reference_index].stamp_ns,
+            one, reference_index=place, reference_stamp_ns=reference_map.places[place].stamp_ns
         )
-        for one in match.candidates
+        for one, place in zip(match.candidates, places, strict=True)
     )
     return replace(match, query_index=index, query_stamp_ns=stamp_ns, candidates=candidates)

@@ -19,25 +19,12 @@ def match_picture(
     frame: Frame, match: Match, thumbnail: bytes, field: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.uint8]:
     """
-    Return the query (left) beside the thumbnail of its best reference (right), with a caption.
+    Return the query (left) beside the thumbnail of its best reference, BGR (264, width, 3).
 
-    Parameters
-    ----------
-    frame : Frame
-        The query; a grey field stands for one that could not be read.
-    match : Match
-        What came of it; the caption is green if it was accepted.
-    thumbnail : bytes
-        JPEG of the best reference; a grey field stands for none.
-    field : ndarray of float64, shape (n, 5)
-        Where regions lie in both, as `QueryBuffer.field` gives it: a dot of the same colour in
-        both pictures for each inlier, which `Candidate.inliers` counts, a grey one for others.
-
-    Returns
-    -------
-    ndarray of uint8, shape (264, width, 3)
-        BGR.
-
+    The caption is green if the match was accepted. A grey field stands for a query that could not
+    be read, and for a thumbnail, JPEG, that is not there. `field` (n, 5), as `QueryBuffer.field`
+    gives it, says where regions lie in both: inliers are dots of one colour in both pictures, as
+    many as `Candidate.inliers`, others are grey.
     """
     sides = [_to_height(frame.gray), _to_height(shown(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)

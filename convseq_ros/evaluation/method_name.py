@@ -10,7 +10,7 @@ import re
 from convseq_ros.errors import ConfigError
 
 _PATTERN = re.compile(
-    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-(?:forward|bow|vlad))?)(?:-k(?P<length>[0-9]+))?'
+    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-[a-z]+)?)(?:-k(?P<length>[0-9]+))?'
     r'(?::(?P<argument>.+?))?(?:@(?P<sequence>dynamic|single|k[0-9]+))?'
     r'(?P<options>(?:\+\w+=[^+]+)*)'
 )
@@ -18,29 +18,13 @@ _PATTERN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class MethodName:
-    """
-    A method as asked for: `[label=]kind[-kN][:argument][@sequence][+option=value]...`.
+    """A method as asked for: `[label=]kind[-kN][:argument][@sequence][+option=value]...`."""
 
-    Parameters
-    ----------
-    label : str
-        Name in tables and folders.
-    kind : str
-        Row of the registry.
-    argument : str
-        Files of the method, as written.
-    length : int or None
-        Frames matched together: 0 for as many as the frames ask for, None for the method's own.
-    options : mapping of str to str
-        Options of the method and parameters of the core.
-
-    """
-
-    label: str
-    kind: str
-    argument: str = ''
-    length: int | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
+    label: str  # in tables and folders
+    kind: str  # row of the registry
+    argument: str = ''  # files of the method, as written
+    length: int | None = None  # k: 0 for as many as the frames ask for, None for its own
+    options: Mapping[str, str] = field(default_factory=dict)  # its own, and core parameters
 
 
 def parse_method(text: str) -> MethodName:
@@ -65,13 +49,10 @@ def parse_method(text: str) -> MethodName:
     if sequence:
         length = {'dynamic': 0, 'single': 1}.get(sequence)
         length = int(sequence[1:]) if length is None else length
-    label = found['label'] or _label(kind, argument, found['length'], sequence, options)
+    label = found['label']
+    if not label:
+        name = PurePath(argument.split(',')[0]).stem if argument else kind
+        k = f'k{found["length"]}' if found['length'] else ''
+        parts = [name, k, sequence or '', *options.values()]
+        label = re.sub(r'[^\w.-]+', '_', '-'.join(part for part in parts if part))
     return MethodName(label, kind, argument, length, options)
-
-
-def _label(
-    kind: str, argument: str, length: str | None, sequence: str | None, options: Mapping[str, str]
-) -> str:
-    name = PurePath(argument.split(',')[0]).stem if argument else kind
-    parts = [name, f'k{length}' if length else '', sequence or '', *options.values()]
-    return re.sub(r'[^\w.-]+', '_', '-'.join(part for part in parts if part))

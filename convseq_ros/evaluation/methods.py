@@ -1,9 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The methods: one row of the registry for each, all giving pair scores, query by reference."""
+"""
+The methods: one row of the registry for each.
+
+A method plugs in as a function of a data set that returns `PairScores`, and a row of `KINDS` that
+gives it a name. Its images are `material.query` and `material.reference`; `_descriptors` describes
+them one by one and keeps the result. Protocols, thresholds and tables then treat it as the others.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 import time
@@ -19,48 +25,29 @@ from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.pair_scores import PairScores
-from convseq_ros.evaluation.recognition import pair_scores, with_known
+from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
 from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import refuse_retired, Value
 import numpy as np
 import numpy.typing as npt
 
 Gray = npt.NDArray[np.uint8]
+Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
 _PUBLISHED: Mapping[str, Value] = {'matching': 'regional', 'search': 'exhaustive'}
 _ANSWERS_ALWAYS: Mapping[str, Value] = {'acceptance_rule': 'margin', 'min_margin': 0.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """
-    A row of the registry.
-
-    Parameters
-    ----------
-    rows : callable
-        The pair scores of a data set.
-    length : int or None
-        k unless asked otherwise: 0 for as many frames as they ask for, None for the parameter's.
-    settings : mapping
-        Core parameters that belong to the method.
-    options : tuple of str
-        Its own options.
-    argument : str
-        What stands after the colon; empty for nothing.
-    forward : bool
-        Whether the frames of a sequence lie after the anchor.
-    recognizer : bool
-        Whether it is the online recogniser that answers.
-
-    """
+    """A row of the registry."""
 
     rows: Callable[[Material, MethodName, Config], PairScores]
-    length: int | None = 1
-    settings: Mapping[str, Value] = field(default_factory=dict)
-    options: tuple[str, ...] = ()
-    argument: str = ''
-    forward: bool = False
-    recognizer: bool = False
+    length: int | None = 1  # k unless asked otherwise, as in `MethodName`
+    settings: Mapping[str, Value] = field(default_factory=dict)  # core parameters it needs
+    options: tuple[str, ...] = ()  # its own
+    argument: str = ''  # what stands after the colon; empty for nothing
+    forward: bool = False  # whether the frames of a sequence lie after the anchor
+    recognizer: bool = False  # whether the online recogniser answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +61,16 @@ class Method:
     def rows(self, material: Material) -> PairScores:
         """Return the pair scores of a data set."""
         return self.kind.rows(material, self.name, self.config)
+
+    def measured(self, material: Material, found: Recognition) -> PairScores:
+        """Return the recogniser's pair scores, and what they cost."""
+        query, reference = material.drives(self.config.encoding)
+        row_ms = max(0.0, float(np.median(found.durations_ms)) - query.encode_ms)
+        made = reference.reference_map
+        place_bytes = made.global_descriptors[0].nbytes
+        if self.config.matching.matching != 'descriptor':
+            place_bytes += made.packed(0).nbytes
+        return PairScores(found.rows, query.encode_ms, row_ms, place_bytes=place_bytes)
 
 
 def make_method(name: MethodName, config: Config) -> Method:
@@ -114,10 +111,11 @@ def make_method(name: MethodName, config: Config) -> Method:
     return Method(name, kind, with_known(config, {**kind.settings, **values}))
 
 
-def _core(material: Material, _: MethodName, config: Config) -> PairScores:
-    rows, frame_ms = pair_scores(material, config)
-    encode_ms = material.drives(config.encoding)[0].encode_ms
-    return PairScores(rows, encode_ms, max(0.0, frame_ms - encode_ms))
+def _core(material: Material, name: MethodName, config: Config) -> PairScores:
+    """Return the recogniser's pair scores of all images, which no decision has left out."""
+    whole = with_known(config, {'search': 'exhaustive'})
+    method = Method(name, KINDS[name.kind], whole)
+    return method.measured(material, recognize(material, whole))
 
 
 def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
@@ -125,8 +123,8 @@ def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
     started = time.perf_counter()
     scores = seqslam.enhanced(seqslam.differences(query, reference))
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
-    own = name.length is None
-    return PairScores(scores, encode_ms, row_ms, seqslam.trajectory_scores if own else None)
+    scorer = seqslam.trajectory_scores if name.length is None else None
+    return PairScores(scores, encode_ms, row_ms, scorer, place_bytes=reference[0].nbytes)
 
 
 def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
@@ -171,20 +169,20 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
             f'method {name.label}: descriptors of {query.shape[1]} and {reference.shape[1]} '
             'numbers cannot be compared; compute both with one model'
         )
-    return PairScores(cosine_scores(query, reference))
+    return _by_cosine(query, reference)
 
 
 def _descriptors(
     material: Material,
-    describe: Callable[[Gray], npt.NDArray[np.float32]],
+    describe: Callable[[Gray], Vectors],
     facts: object,
     wants_color: bool = False,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], float]:
+) -> tuple[Vectors, Vectors, float]:
     """Return query and reference descriptors and the median time of one; kept by content."""
     found = []
     for images in (material.query, material.reference):
         if wants_color:
-            images = replace(images, reading=replace(images.reading, keeps_color=True))
+            images = images.in_color
         kept = material.cache.get('descriptors', [images.content, facts])
         if kept is None:
             kept = _described(images, describe)
@@ -194,10 +192,8 @@ def _descriptors(
     return query['rows'], reference['rows'], float(query['encode_ms'])
 
 
-def _described(
-    images: Images, describe: Callable[[Gray], npt.NDArray[np.float32]]
-) -> dict[str, npt.NDArray[np.float32]]:
-    rows: list[npt.NDArray[np.float32] | None] = []
+def _described(images: Images, describe: Callable[[Gray], Vectors]) -> dict[str, Vectors]:
+    rows: list[Vectors | None] = []
     durations = []
     for frame in images:
         started = time.perf_counter()
@@ -211,12 +207,11 @@ def _described(
     }
 
 
-def _by_cosine(
-    query: npt.NDArray[np.float32], reference: npt.NDArray[np.float32], encode_ms: float
-) -> PairScores:
+def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = None) -> PairScores:
     started = time.perf_counter()
     scores = cosine_scores(query, reference)
-    return PairScores(scores, encode_ms, (time.perf_counter() - started) * 1e3 / len(query))
+    row_ms = (time.perf_counter() - started) * 1e3 / len(query)
+    return PairScores(scores, encode_ms, row_ms, place_bytes=reference[0].nbytes)
 
 
 _other = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})

@@ -6,7 +6,7 @@ Exact figures of merit: every score that occurs is a threshold, equal scores are
 A figure that does not exist, such as the recall of nothing, is None.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
@@ -15,24 +15,19 @@ import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
 Values = npt.NDArray[np.float64]
+EDGES = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)  # of ranges of confidences
+_RESAMPLES = 1000
+_SEED = 0
+_LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """
-    Precision and recall when everything from a threshold up is taken.
+    """Precision and recall when everything from a threshold up is taken, T points."""
 
-    Parameters
-    ----------
-    threshold, precision, recall : ndarray of float64, shape (T,)
-        In order of falling threshold, so of rising recall; recall is NaN if nothing is to be
-        found.
-
-    """
-
-    threshold: Values
-    precision: Values
-    recall: Values
+    threshold: Values  # (T,), falling
+    precision: Values  # (T,)
+    recall: Values  # (T,), rising; NaN if nothing is to be found
 
 
 def share(part: int, whole: int) -> float | None:
@@ -44,21 +39,10 @@ def precision_recall(correct: Flags, values: Values, positives: int | None = Non
     """
     Return the exact precision-recall curve.
 
-    Parameters
-    ----------
-    correct : ndarray of bool, shape (M,)
-        Which answers are right.
-    values : ndarray of float64, shape (M,)
-        How sure of each; higher is surer.
-    positives : int, optional
-        How many right answers there are to be found; by default, those among the M. With the
-        number of all queries that have an answer, recall counts the missed ones too.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or a value is NaN.
-
+    `correct` (M,) says which answers are right, `values` (M,) how sure the method is, higher is
+    surer; ValueError if their shapes differ or a value is NaN. `positives` counts the right
+    answers that are to be found: by default those among the M; with the number of all queries
+    that have an answer, recall counts the missed ones too.
     """
     if correct.shape != values.shape or np.isnan(values).any():
         raise ValueError(f'expected two of one shape, no NaN: {correct.shape}, {values.shape}')
@@ -94,23 +78,11 @@ def recall_at(
     scores: Values, right: Flags, counts: Sequence[int] = (1, 5, 10, 20)
 ) -> dict[int, float | None]:
     """
-    Return for how many queries a right reference is among the best few.
+    Return for which share of the queries a right reference is among so many of the best.
 
-    Parameters
-    ----------
-    scores : ndarray of float64, shape (Q, R)
-        Sequence scores; -inf where there is none.
-    right : ndarray of bool, shape (Q, R)
-        Which references are right.
-    counts : sequence of int
-        How many of the best to look at.
-
-    Returns
-    -------
-    dict of int to float or None
-        Share of the queries that have a right reference. Wrong references that score as much as
-        the best right one count as before it.
-
+    `scores` (Q, R) are of sequences, -inf where there is none; `right` (Q, R) says which
+    references are right. Queries without a right one do not count. Wrong references that score as
+    much as the best right one count as before it.
     """
     known = right.any(axis=1)
     best_right = np.where(right, scores, -np.inf).max(axis=1, initial=-np.inf)
@@ -121,21 +93,56 @@ def recall_at(
     }
 
 
-def performance_per_compute_unit(
-    precision_at_full_recall: float, encode_ms: float, slowest_encode_ms: float
-) -> float:
+def reliability(said: Values, right: Flags) -> list[dict[str, float]]:
     """
-    Return PCU = P_R100 * log10(t_e_max / t_e + 9), as the CoHOG paper defines it.
+    Return how often each range of confidences was right; empty ranges are left out.
 
-    Parameters
-    ----------
-    precision_at_full_recall : float
-        Share of the matched queries that are right when all answers are taken.
-    encode_ms, slowest_encode_ms : float
-        Encoding time of this method and of the slowest one in the comparison.
-
+    A row has `low` and `high`, the range, high included in the last one only; `count`; `said`, the
+    mean confidence; and `right`, the share that showed the right place, slips included.
     """
-    return precision_at_full_recall * math.log10(slowest_encode_ms / encode_ms + 9)
+    bins = np.clip(np.digitize(said, EDGES) - 1, 0, len(EDGES) - 2)
+    return [
+        {
+            'low': EDGES[index],
+            'high': EDGES[index + 1],
+            'count': int((bins == index).sum()),
+            'said': float(said[bins == index].mean()),
+            'right': float(right[bins == index].mean()),
+        }
+        for index in range(len(EDGES) - 1)
+        if (bins == index).any()
+    ]
+
+
+def block_intervals(
+    count: int,
+    figures: Callable[[npt.NDArray[np.int64]], Mapping[str, float | None]],
+    block: int | None = None,
+) -> dict[str, tuple[float, float]]:
+    """
+    Return 95 % confidence intervals from resampled contiguous blocks of a sequence.
+
+    `figures` gives figures by name of the frames with some indices, None for one that does not
+    exist. The circular block bootstrap (Politis and Romano 1992) is used, since neighbouring
+    frames are not independent: blocks of sqrt(count) frames, or `block`, may start at every frame
+    and run on from the end to the start. The same at every call; figures that never exist are
+    left out.
+    """
+    if not count:
+        return {}
+    block = min(block or max(1, round(count**0.5)), count)
+    generator = np.random.default_rng(_SEED)
+    starts = generator.integers(0, count, (_RESAMPLES, -(-count // block)))
+    chosen = (starts[:, :, None] + np.arange(block)).reshape(_RESAMPLES, -1)[:, :count] % count
+    drawn = [figures(one) for one in chosen]
+    tail = (1 - _LEVEL) / 2
+    intervals = {}
+    for name in drawn[0]:
+        values = [one[name] for one in drawn if one[name] is not None]
+        if values:
+            low, high = np.quantile(np.array(values, np.float64), (tail, 1 - tail))
+            intervals[name] = (float(low), float(high))
+    return intervals
 
 
 def _has_recall(curve: Curve) -> bool:

@@ -10,164 +10,120 @@ Closed: every query has an answer. Open: a part of the map is removed, so that f
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.drive import Drive
-from convseq_ros.evaluation.geometry import Dots, NO_DOTS
-from convseq_ros.evaluation.given_scores import match_given
+from convseq_ros.evaluation.given_scores import answers_to, rank_references, SequenceScores
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.peers import matches_of
-from convseq_ros.evaluation.ranking import rank_references
-from convseq_ros.evaluation.recognition import answer_again, past_only, recognize, with_known
-from convseq_ros.evaluation.rerun import part_of
+from convseq_ros.evaluation.recognition import (
+    Dots,
+    NO_DOTS,
+    part_of,
+    Recognition,
+    recognize,
+    Scores,
+    Span,
+)
 import numpy as np
 import numpy.typing as npt
 
 CLOSED, OPEN, ONLINE = 'closed', 'open', 'online'
-Span = tuple[int, int]
+VERSION = 1  # of what figures mean; one more with every change that makes them differ
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """
-    What a method said, frame by frame; M is Q, or three times Q with half of the map removed.
-
-    Parameters
-    ----------
-    protocol : str
-        closed, open or online.
-    matches : list of M Match
-        Its answers; indices of references are those of the whole map.
-    sequence_scores : ndarray of float64, shape (M, R)
-        -inf where there is none.
-    right, slip : ndarray of bool, shape (M, R)
-        Which references are right, and which the right place but a little off.
-    reach : ndarray of bool, shape (M,)
-        Whether the whole sequence of a right answer lies in the map.
-    halves : list of M str
-        Which part of the map was kept; empty with the whole map.
-    query : Drive
-        The Q frames.
-    pairs : PairScores
-        Scores of single frames, and times.
-    frame_ms : float or None
-        Median time of a frame, where it was measured.
-    durations_ms : list of M floats, or None
-        The same of every frame.
-    way_m : ndarray of float64, shape (Q,), or None
-        How far along its way each frame was taken, if that is known.
-    fields : sequence of M uint8 arrays (n, 4)
-        The inliers of each best candidate, as `Dots`; empty where nothing was verified.
-
-    """
+    """What a method answered, frame by frame; M is Q, or three times Q with halves of the map."""
 
     protocol: str
-    matches: list[Match]
-    sequence_scores: npt.NDArray[np.float64]
-    right: npt.NDArray[np.bool_]
-    slip: npt.NDArray[np.bool_]
-    reach: npt.NDArray[np.bool_]
-    halves: list[str]
+    matches: list[Match]  # M; references are numbered as those of the whole map
+    sequence_scores: SequenceScores  # (M, R)
+    right: Flags  # (M, R), which references are right
+    slip: Flags  # (M, R), which are the right place but a little off
+    reach: Flags  # (M,), whether the whole sequence of a right answer lies in the map
+    halves: list[str]  # M; which part of the map was kept, empty with the whole map
     query: Drive
-    pairs: PairScores
-    frame_ms: float | None = None
+    pairs: PairScores  # of single frames
+    frame_ms: float | None  # median time of a frame, if it was measured
+    durations_ms: Sequence[float] | None  # the same of every frame, with the whole map
+    way_m: npt.NDArray[np.float64] | None  # (Q,), way up to each frame, if known
+    fields: Sequence[Dots]  # M; the inliers of each best candidate
+
+
+@dataclass(frozen=True)
+class _Answers:
+    """What a method answered with one part of the map."""
+
+    matches: list[Match]
+    scores: SequenceScores  # (Q, R); -inf outside the part
+    fields: Sequence[Dots]
     durations_ms: Sequence[float] | None = None
-    way_m: npt.NDArray[np.float64] | None = None
-    fields: Sequence[Dots] = ()
 
 
-def closed(material: Material, method: Method, afresh: bool = True) -> Outcome:
+def ask(
+    material: Material, method: Method, protocol: str = CLOSED, keep: float | None = None
+) -> Outcome:
     """
-    Return the answers with the whole map.
+    Return the answers of a method, by one of the three protocols.
 
-    Unless `afresh`, the recogniser is fed with pair scores of an earlier pass, which gives the
-    same answers sooner.
+    Open keeps the first, the last and the middle half of the map in turn, or only the first share
+    `keep`, in (0, 1). The recogniser's answers are then those with that part; the scores beside
+    them are of the whole map, searched exhaustively.
     """
-    if method.kind.recognizer and afresh:
-        return _afresh(CLOSED, material, method)
-    _, reference = material.drives(method.config.encoding)
-    pairs = method.rows(material)
-    matches, scores, dots = _answers(material, method, pairs, (0, len(reference)))
-    outcome = _whole_map(CLOSED, material, method, pairs, matches, scores, dots)
-    if pairs.encode_ms is None or pairs.row_ms is None:
-        return outcome
-    return replace(outcome, frame_ms=pairs.encode_ms + pairs.row_ms)
-
-
-def open_set(material: Material, method: Method, keep: float | None = None) -> Outcome:
-    """
-    Return the answers with the first, the last and the middle half of the map kept in turn.
-
-    With `keep`, a share in (0, 1), the first so much of the map is kept instead. The recogniser's
-    answers are those with that part; scores beside them are of the whole map.
-    """
-    pairs = method.rows(material)
     query, reference = material.drives(method.config.encoding)
-    matches: list[Match] = []
-    fields: list[Dots] = []
-    scores, right, reach = [], [], []
-    spans = kept_halves(len(reference))
-    if keep is not None:
-        spans = {'first': (0, round(keep * len(reference)))}
-    for first, last in spans.values():
-        found, score, dots = _answers(material, method, pairs, (first, last))
-        matches += found
-        fields += dots
-        scores.append(score)
+    spans: Mapping[str, Span] = {'': (0, len(reference))}
+    if protocol == OPEN:
+        spans = kept_halves(len(reference), keep)
+    if method.kind.recognizer and protocol != OPEN:
+        found = recognize(material, method.config)
+        pairs = method.measured(material, found)
+        answers = [_ranked(material, method, found, found.rows, spans[''])]
+    else:
+        pairs = method.rows(material)
+        rows = pairs.scores
+        if protocol == ONLINE:
+            rows = _past_only(rows, max(1, material.data_set.exclude_recent))
+        answers = [_of_part(material, method, pairs, rows, span) for span in spans.values()]
+    rights, reach = [], []
+    for one, (first, last) in zip(answers, spans.values(), strict=True):
         kept = np.zeros_like(material.truth.right)
         kept[:, first:last] = material.truth.right[:, first:last]
-        right.append(kept)
-        reach.append(in_reach(kept[:, first:last], found, method.kind.forward))
+        rights.append(kept)
+        reach.append(in_reach(kept[:, first:last], one.matches, method.kind.forward))
     return Outcome(
-        OPEN,
-        matches,
-        np.concatenate(scores),
-        np.concatenate(right),
+        protocol,
+        [match for one in answers for match in one.matches],
+        np.concatenate([one.scores for one in answers]),
+        np.concatenate(rights),
         np.concatenate([material.truth.slip] * len(spans)),
         np.concatenate(reach),
         [half for half in spans for _ in range(len(query))],
         query,
         pairs,
-        way_m=material.way_m,
-        fields=fields,
+        _frame_ms(answers, pairs, protocol),
+        answers[0].durations_ms if protocol != OPEN else None,
+        material.way_m,
+        [dots for one in answers for dots in one.fields],
     )
 
 
-def online(material: Material, method: Method) -> Outcome:
-    """Return the answers of a drive to itself: each frame may match what is past for long."""
-    if method.kind.recognizer:
-        return _afresh(ONLINE, material, method)
-    query, _ = material.drives(method.config.encoding)
-    pairs = method.rows(material)
-    past = max(1, material.data_set.exclude_recent)
-    known = replace(pairs, scores=past_only(pairs.scores, past))
-    matches, scores, dots = _answers(material, method, known, (0, len(query)))
-    return _whole_map(ONLINE, material, method, pairs, matches, scores, dots)
-
-
-def kept_halves(count: int) -> Mapping[str, Span]:
-    """Return the half-open spans of the references that are kept."""
+def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
+    """Return the spans of the references that are kept; with `keep`, the first share of them."""
+    if keep is not None:
+        return {'first': (0, round(keep * count))}
     half, quarter = count // 2, count // 4
     return {'first': (0, half), 'last': (count - half, count), 'middle': (quarter, quarter + half)}
 
 
-def in_reach(
-    right: npt.NDArray[np.bool_], matches: Sequence[Match], forward: bool = False
-) -> npt.NDArray[np.bool_]:
+def in_reach(right: Flags, matches: Sequence[Match], forward: bool = False) -> Flags:
     """
-    Return which queries have a right reference whose whole sequence lies in the map.
+    Return which queries (Q,) have a right reference whose whole sequence lies in the map.
 
-    Parameters
-    ----------
-    right : ndarray of bool, shape (Q, R)
-        Which references of the map are right.
-    matches : sequence of Q Match
-        Their k; 0 is never in reach.
-    forward : bool
-        Whether the k frames lie after the query, not before it.
-
+    `right` (Q, R) is of the map, and the matches have k; 0 is never in reach. If `forward`, the k
+    frames lie after the query, not before it.
     """
     lengths = np.array([match.sequence_length for match in matches])[:, None]
     index = np.arange(right.shape[1])
@@ -175,82 +131,56 @@ def in_reach(
     return np.asarray((right & inside & (lengths > 0)).any(axis=1))
 
 
-def _afresh(protocol: str, material: Material, method: Method) -> Outcome:
-    """Return what the recogniser says, frame by frame."""
+def _ranked(
+    material: Material, method: Method, found: Recognition, rows: Scores, span: Span
+) -> _Answers:
+    """Return the recogniser's answers with sequence scores by some rows, of a part of the map."""
     query, _ = material.drives(method.config.encoding)
-    found = recognize(material, method.config)
+    first, last = span
     lengths = [match.sequence_length for match in found.matches]
-    scores = rank_references(found.rows, query, lengths, partial_windows=_leaves_the_map(method))
-    frame_ms = float(np.median(found.durations_ms))
-    pairs = PairScores(found.rows, query.encode_ms, max(0.0, frame_ms - query.encode_ms))
-    said = found.matches, scores, found.fields
-    outcome = _whole_map(protocol, material, method, pairs, *said)
-    return replace(outcome, frame_ms=frame_ms, durations_ms=found.durations_ms)
+    scores = np.full(rows.shape, -np.inf)
+    scores[:, first:last] = rank_references(
+        rows[:, first:last], query, lengths, partial_windows=method.config.believes
+    )
+    return _Answers(found.matches, scores, found.fields, found.durations_ms)
 
 
-def _whole_map(
-    protocol: str,
-    material: Material,
-    method: Method,
-    pairs: PairScores,
-    matches: list[Match],
-    scores: npt.NDArray[np.float64],
-    fields: Sequence[Dots],
-) -> Outcome:
-    query, _ = material.drives(method.config.encoding)
-    truth = material.truth
-    reach = in_reach(truth.right, matches, method.kind.forward)
-    halves = [''] * len(query)
-    found = protocol, matches, scores, truth.right, truth.slip, reach, halves, query, pairs
-    return Outcome(*found, way_m=material.way_m, fields=fields)
-
-
-def _answers(
-    material: Material, method: Method, pairs: PairScores, span: Span
-) -> tuple[list[Match], npt.NDArray[np.float64], list[Dots]]:
+def _of_part(
+    material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
+) -> _Answers:
+    """Return the answers with a part of the map."""
+    if method.kind.recognizer:
+        found = recognize(material, method.config, span)
+        return _ranked(material, method, found, rows, span)
     query, reference = material.drives(method.config.encoding)
     first, last = span
-    kept, forward = pairs.scores[:, first:last], method.kind.forward
-    if method.kind.recognizer:
-        matches, dots = answer_again(material, method.config, first, last)
-    else:
-        part = part_of(reference.reference_map, first, last)
-        matches = _given(kept, query, part, method, pairs, first)
-        dots = [NO_DOTS] * len(matches)
-    lengths = [match.sequence_length for match in matches]
-    found = rank_references(kept, query, lengths, forward, pairs.scorer, _leaves_the_map(method))
-    scores = np.full(pairs.scores.shape, -np.inf)
-    scores[:, first:last] = found
-    return [_moved(match, first) for match in matches], scores, dots
-
-
-def _given(
-    rows: npt.NDArray[np.float32],
-    query: Drive,
-    part: ReferenceMap,
-    method: Method,
-    pairs: PairScores,
-    first: int,
-) -> list[Match]:
-    """Return the answers by given pair scores, or by the method's own decision or sequences."""
+    part = part_of(reference.reference_map, first, last)
+    kept, scores = rows[:, first:last], np.full(rows.shape, -np.inf)
     if pairs.detect is not None:
-        return matches_of(pairs.detect(rows, first), query, part)
-    config, forward = method.config, method.kind.forward
-    if pairs.scorer is None:
-        return match_given(rows, query, part, config, forward)
-    length = config.sequence.fixed_length
-    lengths = [length * (index >= length - 1) for index in range(len(query))]
-    own = rank_references(rows, query, lengths, forward, pairs.scorer)
-    single = with_known(config, {'fixed_length': 1})
-    scores = np.where(np.isfinite(own), own, np.nan).astype(np.float32)
-    return [
-        replace(match, sequence_length=length if match.candidates else 0)
-        for match in match_given(scores, query, part, single, forward)
-    ]
+        answers = matches_of(pairs.detect(kept, first), query, part)
+        lengths = [match.sequence_length for match in answers]
+        scores[:, first:last] = rank_references(kept, query, lengths)
+    else:
+        given = query, part, method.config, pairs.scorer, method.kind.forward
+        answers, scores[:, first:last] = answers_to(kept, *given)
+    matches = [_moved(match, first) for match in answers]
+    return _Answers(matches, scores, [NO_DOTS] * len(matches))
 
 
-def _leaves_the_map(method: Method) -> bool:
-    return method.kind.recognizer and method.config.believes
+def _frame_ms(answers: Sequence[_Answers], pairs: PairScores, protocol: str) -> float | None:
+    durations = [one for part in answers for one in part.durations_ms or ()]
+    if not durations:
+        if pairs.encode_ms is None or pairs.row_ms is None:
+            return None
+        return pairs.encode_ms + pairs.row_ms
+    # Descriptors were given if a part of the map was removed.
+    return float(np.median(durations)) + (pairs.encode_ms or 0.0) * (protocol == OPEN)
+
+
+def _past_only(scores: Scores, past: int) -> Scores:
+    """Return scores (Q, Q) of a drive with itself, NaN where a frame is not long past."""
+    index = np.arange(len(scores))
+    return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)
 
 
 def _moved(match: Match, offset: int) -> Match:

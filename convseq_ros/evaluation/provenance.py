@@ -1,12 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What made a result: versions, machine and date."""
+"""What made a result: versions, machine, commit and date."""
 
 from datetime import datetime, UTC
 from importlib import metadata
 import os
 from pathlib import Path
 import platform
+import subprocess  # nosec B404
 from typing import Any
 
 from convseq_ros import __version__
@@ -15,7 +16,7 @@ _LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'scikit-image'
 
 
 def provenance() -> dict[str, Any]:
-    """Return versions, machine and date, ready for JSON."""
+    """Return versions, machine, commit and date, ready for JSON."""
     return {
         'versions': {
             'convseq_ros': __version__,
@@ -23,8 +24,20 @@ def provenance() -> dict[str, Any]:
             **{name: version for name in _LIBRARIES if (version := _version(name))},
         },
         'machine': {'cpu': _cpu(), 'cores': os.cpu_count(), 'system': platform.platform()},
+        'commit': _commit(),
         'date': datetime.now(UTC).isoformat(timespec='seconds'),
     }
+
+
+def _commit() -> str | None:
+    """Return the commit of the source tree, with -dirty if it was changed; None outside of one."""
+    folder = Path(__file__).resolve().parent
+    command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--abbrev=40']
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10)  # nosec B603
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() or None
 
 
 def _version(name: str) -> str | None:

@@ -36,52 +36,38 @@ import json
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.core.types import Match, Pose
+from convseq_ros.core.map.place import thumbnail
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.geometry import Dots, NO_DOTS, pose_rows
+from convseq_ros.evaluation.drive import Drive, Images, pose_rows
+from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.metrics import Curve
-from convseq_ros.evaluation.protocols import Outcome
+from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
+from convseq_ros.evaluation.recognition import Dots, NO_DOTS
 from convseq_ros.evaluation.scorecard import margin, Verdicts
-from convseq_ros.evaluation.truth import Truth
 from convseq_ros.files import read_array, read_text
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import COLUMNS, complete_or_absent, row
 import numpy as np
 import numpy.typing as npt
 
+THUMBNAIL_PX = 160  # wide
 EXTRA_COLUMNS = ('correct', 'known', 'slip', 'margin', 'entropy', 'half')
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """
-    One method on one set, as read from a folder.
-
-    Parameters
-    ----------
-    set, method : str
-        Their names.
-    folder : Path
-        DIR/<set>/<method>.
-    summary : mapping
-        What summary.json holds.
-    frames : list of mapping
-        The rows of frames.csv; empty fields are empty strings.
-    reading : ReadingConfig
-        Which files are too large.
-
-    """
+    """One method on one set, as read from a folder."""
 
     set: str
     method: str
-    folder: Path
-    summary: Mapping[str, Any]
-    frames: list[dict[str, str]]
-    reading: ReadingConfig = ReadingConfig()
+    folder: Path  # DIR/<set>/<method>
+    summary: Mapping[str, Any]  # what summary.json holds
+    frames: list[dict[str, str]]  # the rows of frames.csv; empty fields are empty strings
+    reading: ReadingConfig = ReadingConfig()  # which files are too large
 
     def about_set(self) -> Mapping[str, Any]:
         """Return what set.json holds."""
-        return _read_json(self.folder.parent / 'set.json', self.reading)
+        return read_json(self.folder.parent / 'set.json', self.reading)
 
     def scores(self) -> npt.NDArray[np.float32] | None:
         """Return the pair scores, query by reference, if the folder has them."""
@@ -140,101 +126,124 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=1) + '\n')
 
 
-def write_truth(folder: Path, truth: Truth) -> None:
-    """Write truth.npz into a set's folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with complete_or_absent(folder / 'truth.npz') as part:
-        np.savez_compressed(part, right=truth.right)
+def write_set(folder: Path, material: Material, query: Drive, reference: Drive) -> None:
+    """Write what is known of a set whatever the method: truth, poses and thumbnails."""
+    _write_arrays(folder / 'truth.npz', right=material.truth.right)
+    if any(reference.poses):
+        poses = {'query': pose_rows(query.poses), 'reference': pose_rows(reference.poses)}
+        _write_arrays(folder / 'poses.npz', **poses)
+    _write_thumbnails(folder / 'thumbnails' / 'query', material.query)
+    if not material.data_set.online:
+        _write_thumbnails(folder / 'thumbnails' / 'reference', material.reference)
 
 
-def write_poses(
-    folder: Path, query: Sequence[Pose | None], reference: Sequence[Pose | None]
-) -> None:
-    """Write poses.npz into a set's folder, if any reference has a pose."""
-    if any(reference):
-        with complete_or_absent(folder / 'poses.npz') as part:
-            np.savez_compressed(part, query=pose_rows(query), reference=pose_rows(reference))
+def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) -> None:
+    """Write what a method answered, and its curve."""
+    _write_frames(folder / 'frames.csv', outcome, verdicts)
+    if any(map(len, outcome.fields)):
+        ends = np.cumsum([len(one) for one in outcome.fields])
+        _write_arrays(folder / 'fields.npz', dots=np.concatenate(outcome.fields), ends=ends)
+    if outcome.protocol != OPEN:
+        with complete_or_absent(folder / 'scores.npy') as part:
+            np.save(part, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
+    names = ('threshold', 'precision', 'recall')
+    points = zip(curve.threshold, curve.precision, curve.recall, strict=True)
+    texts = ([f'{value:.7g}' for value in point] for point in points)
+    table = (dict(zip(names, point, strict=True)) for point in texts)
+    write_table(folder / 'curve.csv', names, table)
 
 
-def write_fields(path: Path, fields: Sequence[Dots]) -> None:
-    """Write fields.npz, if there are any inliers."""
-    if any(map(len, fields)):
-        ends = np.cumsum([len(one) for one in fields])
-        with complete_or_absent(path) as part:
-            np.savez_compressed(part, dots=np.concatenate(fields), ends=ends)
+def _write_arrays(path: Path, **arrays: npt.NDArray[Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with complete_or_absent(path) as part:
+        np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
 
 
-def write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
-    """Write frames.csv."""
+def _write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
+    rows, query = [], outcome.query
     durations: Sequence[float | None] = outcome.durations_ms or [None] * len(outcome.matches)
-    write_table(
-        path,
-        COLUMNS + EXTRA_COLUMNS,
-        (
+    for index, (match, duration_ms) in enumerate(zip(outcome.matches, durations, strict=True)):
+        shown, apart = match.query_index, margin(match)
+        entropy = f'{query.descriptors[shown].entropy:.6f}' if query.readable[shown] else ''
+        rows.append(
             {
                 **row(match, duration_ms or 0.0),
                 'duration_ms': None if duration_ms is None else f'{duration_ms:.3f}',
                 'correct': int(verdicts.correct[index]),
                 'known': int(verdicts.known[index]),
                 'slip': int(verdicts.slip[index]),
-                'margin': _margin_text(match),
-                'entropy': _entropy_text(outcome, match.query_index),
+                'margin': '' if np.isnan(apart) else f'{apart:.7f}',
+                'entropy': entropy,
                 'half': outcome.halves[index],
             }
-            for index, (match, duration_ms) in enumerate(
-                zip(outcome.matches, durations, strict=True)
+        )
+    write_table(path, COLUMNS + EXTRA_COLUMNS, rows)
+
+
+def _write_thumbnails(folder: Path, images: Images) -> None:
+    """Write one JPEG for every readable frame; a finished folder of this content is kept."""
+    mark = folder / '.content'
+    content = str(images.content)
+    if mark.exists() and mark.read_text(encoding='utf-8') == content:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    mark.unlink(missing_ok=True)
+    for old in folder.glob('*.jpg'):
+        old.unlink()
+    for index, frame in enumerate(images):
+        if frame.gray is not None:
+            (folder / f'{index:06d}.jpg').write_bytes(thumbnail(frame.gray, THUMBNAIL_PX))
+    mark.write_text(content, encoding='utf-8')
+
+
+def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
+    """Write <set>-<method>.json for each, to be compared with those of others."""
+    for one in summaries:
+        write_json(folder / f'{one["set"]}-{one["method"]}.json', one)
+
+
+def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[str, Any]]:
+    """
+    Return what `write_exports` wrote, set by set.
+
+    Raises
+    ------
+    SourceError
+        If a file is none, its protocol is of another version, or two files of one set are not of
+        the same images: such figures cannot be compared.
+
+    """
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for path in paths:
+        try:
+            one = read_json(path, reading)
+            version, images = one['protocol_version'], one['images']
+            name, _ = str(one['set']), str(one['method'])
+        except (ValueError, KeyError) as error:
+            raise SourceError(f'{path}: no export of `convseq evaluate` ({error})') from None
+        if version != VERSION:
+            raise SourceError(
+                f'{path}: protocol version {version}, and this program has {VERSION}; '
+                'evaluate again with one program'
             )
-        ),
-    )
-
-
-def write_scores(path: Path, outcome: Outcome) -> None:
-    """Write scores.npy."""
-    with complete_or_absent(path) as part:
-        np.save(part, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
-
-
-def write_curve(path: Path, curve: Curve) -> None:
-    """Write curve.csv."""
-    points = zip(curve.threshold, curve.precision, curve.recall, strict=True)
-    names = ('threshold', 'precision', 'recall')
-    write_table(
-        path,
-        names,
-        (
-            {name: f'{value:.7g}' for name, value in zip(names, point, strict=True)}
-            for point in points
-        ),
-    )
+        if found.get(name) and found[name][0]['images'] != images:
+            raise SourceError(
+                f'{path}: its images of {name} are not those of the files before; compare figures '
+                'of one set of images'
+            )
+        found.setdefault(name, []).append(one)
+    return [one for own in found.values() for one in own]
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
     """Write summary.csv: every figure that is one number or text."""
     summaries = list(summaries)
-    columns = dict.fromkeys(
-        name
-        for summary in summaries
-        for name, value in summary.items()
-        if not isinstance(value, Mapping | list)
-    )
-    rows = []
+    columns = dict.fromkeys(name for summary in summaries for name in summary)
     for summary in summaries:
-        transferred = summary.get('transferred') or {}
-        rows.append(
-            {
-                **summary,
-                'transferred': None,
-                **{f'transferred_{name}': value for name, value in transferred.items()},
-            }
-        )
-    extra = dict.fromkeys(
-        name
-        for one in rows
-        for name in one
-        if name.startswith('transferred_') and name != 'transferred_others'
-    )
-    names = [name for name in columns if name != 'transferred'] + list(extra)
-    write_table(folder / 'summary.csv', names, rows)
+        for name, value in summary.items():
+            if isinstance(value, Mapping | list):
+                columns.pop(name, None)
+    write_table(folder / 'summary.csv', columns, summaries)
 
 
 def read_table(path: Path, reading: ReadingConfig) -> list[dict[str, str]]:
@@ -255,7 +264,7 @@ def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:
-            summary = _read_json(path, reading)
+            summary = read_json(path, reading)
             frames = read_table(path.parent / 'frames.csv', reading)
         except (ValueError, csv.Error) as error:
             raise SourceError(
@@ -268,7 +277,7 @@ def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run
     return runs
 
 
-def _read_json(path: Path, reading: ReadingConfig) -> Mapping[str, Any]:
+def read_json(path: Path, reading: ReadingConfig) -> Mapping[str, Any]:
     """Return the object in a file; SourceError if it cannot be read, ValueError if it is none."""
     try:
         content = json.loads(read_text(path, 'a JSON file', reading))
@@ -277,13 +286,3 @@ def _read_json(path: Path, reading: ReadingConfig) -> Mapping[str, Any]:
     if not isinstance(content, Mapping):
         raise ValueError(f'{path.name} holds no object')
     return content
-
-
-def _margin_text(match: Match) -> str:
-    value = margin(match)
-    return '' if np.isnan(value) else f'{value:.7f}'
-
-
-def _entropy_text(outcome: Outcome, index: int) -> str:
-    query = outcome.query
-    return f'{query.descriptors[index].entropy:.6f}' if query.readable[index] else ''

@@ -1,21 +1,26 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From what a method said to the figures in its summary."""
+"""From what a method answered to the figures in its summary."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+import math
 from typing import Any
 
 from convseq_ros.core.types import Match
-from convseq_ros.evaluation.bootstrap import block_intervals
 from convseq_ros.evaluation.metrics import (
     average_precision,
+    block_intervals,
     Curve,
+    Flags,
+    highest_wrong,
     precision_recall,
     recall_at,
     recall_at_full_precision,
+    reliability,
     share,
+    Values,
 )
 from convseq_ros.evaluation.protocols import Outcome
 import numpy as np
@@ -23,41 +28,22 @@ import numpy.typing as npt
 
 CRITERIA = ('score', 'margin', 'confidence')
 RECALL_COUNTS = (1, 5, 10, 20)
-Flags = npt.NDArray[np.bool_]
+Summary = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Verdicts:
-    """
-    What is right and what is wrong, one entry for each of M answers.
+    """What is right and what is wrong, one entry for each of M answers."""
 
-    Parameters
-    ----------
-    matched : ndarray of bool, shape (M,)
-        Whether there is a best reference at all.
-    known : ndarray of bool
-        Whether there is a right one.
-    correct, slip : ndarray of bool
-        Whether the best one is right, or the right place but a little off.
-    accepted : ndarray of bool
-        Whether the method stands by it.
-    reach : ndarray of bool
-        Whether the whole sequence of a right answer lies in the map.
-    lengths : ndarray of int64
-        k; 0 where none could be chosen.
-    values : mapping of str to ndarray of float64
-        How sure the method is, by criterion; NaN where it does not say.
-
-    """
-
-    matched: Flags
-    known: Flags
-    correct: Flags
-    slip: Flags
-    accepted: Flags
-    reach: Flags
-    lengths: npt.NDArray[np.int64]
-    values: Mapping[str, npt.NDArray[np.float64]]
+    matched: Flags  # there is a best reference at all
+    known: Flags  # there is a right one
+    correct: Flags  # the best one is right
+    slip: Flags  # it is the right place but a little off
+    accepted: Flags  # the method stands by it
+    reach: Flags  # the whole sequence of a right answer lies in the map
+    lengths: npt.NDArray[np.int64]  # k; 0 where none could be chosen
+    # How sure the method is, by criterion; NaN where it does not say.
+    values: Mapping[str, Values]
 
     def curve(self, criterion: str, positives: int | None = None) -> Curve:
         """Return the precision-recall curve over the matched frames."""
@@ -65,27 +51,32 @@ class Verdicts:
             self.correct[self.matched], self.sure(criterion)[self.matched], positives
         )
 
+    def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
+        """Return the verdicts on some frames, repeated if asked for more than once."""
+        flags = {
+            item.name: getattr(self, item.name)[chosen]
+            for item in fields(self)
+            if item.name != 'values'
+        }
+        return Verdicts(**flags, values={name: one[chosen] for name, one in self.values.items()})
+
     def taken(self, criterion: str, threshold: float) -> Flags:
         """Return which answers exceed a threshold."""
         return self.matched & (self.sure(criterion) > threshold)
 
-    def of(self, chosen: npt.NDArray[np.int64]) -> 'Verdicts':
-        """Return the verdicts on some frames, repeated if asked for more than once."""
-        return Verdicts(
-            self.matched[chosen],
-            self.known[chosen],
-            self.correct[chosen],
-            self.slip[chosen],
-            self.accepted[chosen],
-            self.reach[chosen],
-            self.lengths[chosen],
-            {name: values[chosen] for name, values in self.values.items()},
-        )
-
-    def sure(self, criterion: str) -> npt.NDArray[np.float64]:
+    def sure(self, criterion: str) -> Values:
         """Return the values of a criterion, -inf where the method does not say."""
         values = self.values[criterion]
         return np.where(np.isnan(values), -np.inf, values)
+
+
+@dataclass(frozen=True)
+class Scorecard:
+    """What one method did on one set."""
+
+    outcome: Outcome
+    verdicts: Verdicts
+    summary: Summary
 
 
 def margin(match: Match) -> float:
@@ -101,6 +92,8 @@ def judge(outcome: Outcome) -> Verdicts:
     best = np.array([match.best.reference_index if match.best else -1 for match in matches])
     matched = best >= 0
     index = np.arange(len(matches))
+    scores = [match.best.score if match.best else np.nan for match in matches]
+    sure = [np.nan if match.confidence is None else match.confidence for match in matches]
     return Verdicts(
         matched=matched,
         known=np.asarray(outcome.right.any(axis=1)),
@@ -110,28 +103,22 @@ def judge(outcome: Outcome) -> Verdicts:
         reach=outcome.reach,
         lengths=np.array([match.sequence_length for match in matches], np.int64),
         values={
-            'score': np.array([match.best.score if match.best else np.nan for match in matches]),
+            'score': np.array(scores),
             'margin': np.array([margin(match) for match in matches]),
-            'confidence': np.array(
-                [np.nan if match.confidence is None else match.confidence for match in matches]
-            ),
+            'confidence': np.array(sure),
         },
     )
 
 
 def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     """
-    Return the figures that depend on the frames alone.
+    Return the figures that depend on the frames alone; None for one that does not exist.
 
-    Returns
-    -------
-    dict of str to float or None
-        `accuracy_matched`: right ones among the queries that were matched and have an answer;
-        `accuracy_all`: among all queries that have an answer, matched or not. `auc_pr`: area
-        under the precision-recall curve of the matched frames, recall over the right matches, as
-        scikit-learn and VPR-Bench count it; `auc_pr_known`: recall over the matched queries that
-        have an answer. `recall_at_100_precision`: over the same queries.
-
+    `accuracy_matched`: right ones among the queries that were matched and have an answer;
+    `accuracy_all`: among all queries that have an answer. `auc_pr`: area under the
+    precision-recall curve of the matched frames, recall over the right matches, as scikit-learn
+    and VPR-Bench count it; `auc_pr_known` and `recall_at_100_precision`: recall over the matched
+    queries that have an answer.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
@@ -149,13 +136,9 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
     """
     Return what the method's own decisions are worth.
 
-    Returns
-    -------
-    dict of str to number or None
-        `accepted`, of which `accepted_right`, `slips` and `false_closures`; `accepted_recall`:
-        right ones among all queries that have an answer; `accepted_recall_in_reach`: among those
-        whose whole sequence lies in the map, the others left out above and below.
-
+    `accepted`, of which `accepted_right`, `slips` and `false_closures`; `accepted_recall`: right
+    ones among all queries that have an answer; `accepted_recall_in_reach`: among those whose whole
+    sequence lies in the map.
     """
     right = verdicts.accepted & verdicts.correct
     slips = verdicts.accepted & verdicts.slip
@@ -171,27 +154,21 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
 
 
 def first_closures(
-    verdicts: Verdicts, halves: Sequence[str], way: npt.ArrayLike | None = None
+    verdicts: Verdicts,
+    halves: Sequence[str],
+    way: npt.ArrayLike | None = None,
+    taken: Flags | None = None,
 ) -> dict[str, float | None]:
     """
     Return how far after its first known frame each run has its first right closure.
 
-    Parameters
-    ----------
-    verdicts : Verdicts
-        Of all M answers.
-    halves : sequence of M str
-        Which part of the map was kept; one run of Q frames each.
-    way : array_like of shape (Q,), optional
-        What is counted, such as metres; frames if left out.
-
-    Returns
-    -------
-    dict of str to number or None
-        One for every part of which a frame is known; None without a right closure.
-
+    There is one run of Q frames for each part of the map that was kept, named by `halves` (M,).
+    The unit is a frame, or that of `way` (Q,), such as metres. Closures are the answers that are
+    accepted, or those `taken` (M,). None without a right closure; a part of which no frame is
+    known is left out.
     """
-    right, waits = verdicts.accepted & verdicts.correct, dict[str, float | None]()
+    right = verdicts.correct & (verdicts.accepted if taken is None else taken)
+    waits = dict[str, float | None]()
     for half in dict.fromkeys(halves):
         here = np.array([one == half for one in halves])
         known, found = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
@@ -201,13 +178,75 @@ def first_closures(
     return waits
 
 
-def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str, Any]:
+def add_thresholds(cards: Sequence[Scorecard]) -> None:
+    """
+    Add to the summaries what thresholds without a false closure would give.
+
+    `own_threshold_...` is chosen to be best on the set itself, `common_threshold_...` to be best
+    on all sets of the same method, as one threshold. Both favour the method: it sees the answers.
+    A threshold is the highest value of a wrong best candidate, slips left out; higher values are
+    taken. `..._by` is the criterion of greatest recall, `..._recall` is of all
+    queries that have an answer, `..._first` counts frames to the first right closure.
+    """
+    groups: dict[tuple[str, bool], list[Scorecard]] = {}
+    for card in cards:
+        key = card.summary['method'], card.outcome.protocol == 'closed'
+        groups.setdefault(key, []).append(card)
+    for group in groups.values():
+        for card in group:
+            _add_threshold([card], 'own_threshold')
+        _add_threshold(group, 'common_threshold')
+
+
+def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
+    best: list[Summary] = []
+    for criterion in CRITERIA:
+        all_verdicts = [card.verdicts for card in cards]
+        if all(np.isnan(one.values[criterion]).all() for one in all_verdicts):
+            continue
+        wrong = [one.matched & ~(one.correct | one.slip) for one in all_verdicts]
+        threshold = max(
+            highest_wrong(~flags, one.sure(criterion))
+            for flags, one in zip(wrong, all_verdicts, strict=True)
+        )
+        found = []
+        for card, verdicts in zip(cards, all_verdicts, strict=True):
+            taken = verdicts.taken(criterion, threshold)
+            right = int((taken & verdicts.correct).sum())
+            first = first_closures(verdicts, card.outcome.halves, taken=taken)
+            found.append(
+                {
+                    name: threshold if math.isfinite(threshold) else None,
+                    f'{name}_by': criterion,
+                    f'{name}_recall': share(right, int(verdicts.known.sum())),
+                    f'{name}_first': first,
+                }
+            )
+        if not best or _mean_recall(found, name) > _mean_recall(best, name):
+            best = found
+    for card, one in zip(cards, best, strict=False):
+        card.summary.update(one)
+
+
+def _mean_recall(found: Sequence[Summary], name: str) -> float:
+    recalls = [one[f'{name}_recall'] for one in found]
+    return float(np.mean([one for one in recalls if one is not None] or [0.0]))
+
+
+def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
     """Return every figure of one method on one set, with 95 % intervals of the main ones."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
     intervals = block_intervals(
         len(verdicts.matched), lambda chosen: figures(verdicts.of(chosen), criterion)
     )
     recalls = recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
+    metres = None
+    if outcome.way_m is not None:
+        metres = first_closures(verdicts, outcome.halves, outcome.way_m)
+    counts = Counter(lengths.tolist())
+    sure = verdicts.values['confidence']
+    told = verdicts.matched & ~np.isnan(sure)
+    table = reliability(sure[told], (verdicts.correct | verdicts.slip)[told])
     return {
         'protocol': outcome.protocol,
         'criterion': criterion,
@@ -231,16 +270,12 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> dict[str,
         'in_reach': int(verdicts.reach.sum()),
         **decisions(verdicts),
         'frames_to_first_closure': first_closures(verdicts, outcome.halves),
-        'metres_to_first_closure': None
-        if outcome.way_m is None
-        else first_closures(verdicts, outcome.halves, outcome.way_m),
+        'metres_to_first_closure': metres,
         'mean_k': float(lengths.mean()) if len(lengths) else None,
-        'k_distribution': dict(
-            sorted(Counter(map(str, lengths.tolist())).items(), key=lambda item: int(item[0]))
-        ),
+        'k_distribution': {str(length): counts[length] for length in sorted(counts)},
         'pairs_per_frame': float(np.mean([match.pairs_scored for match in outcome.matches])),
         'encode_ms': outcome.pairs.encode_ms,
         'frame_ms': outcome.frame_ms,
-        'pcu': None,
-        'transferred': None,
+        'place_bytes': outcome.pairs.place_bytes,
+        'calibration': {'as_shipped': table} if table else None,
     }

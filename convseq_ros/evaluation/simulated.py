@@ -20,19 +20,9 @@ _KNOWN = ('street', 'light', *_NUMBERS)
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDrive:
-    """
-    Images that are drawn when they are first read; the same every time.
+    """Images that are drawn when they are first read; the same every time."""
 
-    Parameters
-    ----------
-    street : int
-        Seed of the street; it is as long as the drive.
-    drive : Drive
-        How it is driven.
-
-    """
-
-    street: int
+    street: int  # seed of the street, which is as long as the drive
     drive: Drive
 
     def __iter__(self) -> Iterator[Frame]:
@@ -57,11 +47,7 @@ def read_simulated(said: Mapping[str, Any], path: Path) -> SimulatedDrive:
     """
     Return the drive that a YAML file describes by `street` and fields of `Drive`.
 
-    Raises
-    ------
-    ConfigError
-        If a name is unknown or a value makes no sense.
-
+    ConfigError if a name is unknown or a value makes no sense.
     """
     try:
         refuse_unknown(said, _KNOWN)

@@ -1,28 +1,32 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables for a terminal."""
+"""The table of all sets and methods, for a terminal and for the report."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-_SHOWN = {
+HEADINGS = {
     'set': 'set',
     'method': 'method',
     'accuracy_matched': 'acc. matched',
     'interval': '95 %',
     'matched_known': 'of',
     'accuracy_all': 'acc. all',
-    'known': 'of',
+    'known': 'of all',
     'auc_pr': 'AUC-PR',
     'recall_at_100_precision': 'R at 100 % P',
+    'accepted_recall': 'accepted R',
     'false_closures': 'false',
     'slips': 'slips',
     'first_closures': 'first after',
+    'own_threshold_recall': 'R at 0 false',
+    'common_threshold_recall': 'R, one threshold',
     'mean_k': 'mean k',
     'encode_ms': 'encode ms',
     'frame_ms': 'frame ms',
-    'pcu': 'PCU',
+    'place_bytes': 'bytes a place',
 }
+_MOST_IS_BEST = 'accuracy_matched', 'accuracy_all', 'auc_pr', 'recall_at_100_precision'
 
 
 def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -32,7 +36,7 @@ def summary_rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
         low, high = summary.get('accuracy_matched_low'), summary.get('accuracy_matched_high')
         interval = '' if low is None or high is None else f'{low:.2f}-{high:.2f}'
         shown = {**summary, 'interval': interval, 'first_closures': first_closures(summary)}
-        rows.append({name: shown.get(name) for name in _SHOWN})
+        rows.append({name: shown.get(name) for name in HEADINGS})
     return rows
 
 
@@ -47,13 +51,19 @@ def first_closures(summary: Mapping[str, Any]) -> str:
     )
 
 
+def best_of(rows: Sequence[Mapping[str, Any]], name: str) -> float | None:
+    """Return the best value of a column, if rows differ in it and the most is best."""
+    values = {row[name] for row in rows} - {None} if name in _MOST_IS_BEST else set()
+    return max(values) if len(values) > 1 else None
+
+
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows with aligned columns; the first row's keys are the columns."""
     if not rows:
         return ''
     names = list(rows[0])
-    table = [[_SHOWN.get(name, name) for name in names]]
-    table += [[_text(row.get(name)) for name in names] for row in rows]
+    table = [[HEADINGS.get(name, name) for name in names]]
+    table += [[text_of(row.get(name)) for name in names] for row in rows]
     widths = [max(len(line[column]) for line in table) for column in range(len(names))]
     numeric = [
         all(isinstance(row.get(name), int | float | None) for row in rows) for name in names
@@ -67,7 +77,8 @@ def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
+    """Return a figure as text, - for None."""
     if value is None:
         return '-'
     if isinstance(value, float):

@@ -13,20 +13,10 @@ SLIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """
-    The right answers.
+    """The right answers."""
 
-    Parameters
-    ----------
-    right : ndarray of bool, shape (Q, R)
-        Query by reference; a row without any is a place that the map does not hold.
-    tolerance : int
-        Frames by which a right answer may be off, already part of `right`.
-
-    """
-
-    right: npt.NDArray[np.bool_]
-    tolerance: int = 0
+    right: npt.NDArray[np.bool_]  # (Q, R); a row without any is a place that the map lacks
+    tolerance: int = 0  # frames by which an answer may be off, already part of `right`
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -48,15 +38,7 @@ class Truth:
 
 
 def same_index(queries: int, references: int, tolerance: int) -> Truth:
-    """
-    Return the truth of two drives that show the same place at the same index.
-
-    Raises
-    ------
-    SourceError
-        If the drives differ in length.
-
-    """
+    """Return the truth of drives with one place an index; SourceError if their lengths differ."""
     if queries != references:
         raise SourceError(
             f'truth: identity needs drives of one length, got {queries} query and {references} '
@@ -69,24 +51,10 @@ def listed(
     pairs: npt.NDArray[np.int64], shape: tuple[int, int], tolerance: int, where: str
 ) -> Truth:
     """
-    Return the truth that a list of pairs states.
+    Return the truth that a list of pairs states, for Q queries and R references.
 
-    Parameters
-    ----------
-    pairs : ndarray of int64, shape (P, 2) or (P, 3)
-        Query, reference and, if there is a third column, the tolerance of this pair.
-    shape : tuple of 2 ints
-        Queries and references that there are.
-    tolerance : int
-        Of pairs without one of their own.
-    where : str
-        The file, for messages.
-
-    Raises
-    ------
-    SourceError
-        If a pair names a frame that does not exist.
-
+    `pairs` has shape (P, 2) or (P, 3): query, reference and perhaps the tolerance of this pair.
+    `where` names the file. SourceError if a pair names a frame that does not exist.
     """
     right = np.zeros(shape, np.bool_)
     for query, reference, *own in pairs.tolist():
@@ -104,17 +72,7 @@ def listed(
 def within_radius(
     queries: npt.NDArray[np.float64], references: npt.NDArray[np.float64], radius_m: float
 ) -> Truth:
-    """
-    Return the truth that positions give.
-
-    Parameters
-    ----------
-    queries, references : ndarray of float64, shape (Q, 3) and (R, 3)
-        Positions in metres; NaN where there is none, which is never right.
-    radius_m : float
-        The largest distance of a right answer.
-
-    """
+    """Return the truth of positions (Q, 3) and (R, 3), metres; NaN, for none, is never right."""
     distance = np.linalg.norm(queries[:, None] - references[None], axis=2)
     return Truth(distance <= radius_m)
 

@@ -16,6 +16,8 @@ from convseq_ros.regular_file import refuse_irregular
 import numpy as np
 import numpy.typing as npt
 
+Pairs = npt.NDArray[np.int64]
+
 
 def read_pairs(
     path: Path,
@@ -23,33 +25,14 @@ def read_pairs(
     reference_names: Sequence[str],
     first_index: int = 0,
     reading: ReadingConfig = ReadingConfig(),
-) -> npt.NDArray[np.int64]:
+) -> Pairs:
     """
-    Return the pairs of a table.
+    Return the pairs of a table, int64 (P, 2), or (P, 3) with the tolerance of each, from 0.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with a header; the first column is the query and the second the reference, each a frame
-        number or a file name; several references stand in several rows, or in one cell with spaces
-        between them. A column called `tolerance` holds for its row.
-    query_names, reference_names : sequence of str
-        File names, in the order of the frames.
-    first_index : int
-        The number that the table gives to the first frame.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Returns
-    -------
-    ndarray of int64, shape (P, 2) or (P, 3)
-        Query, reference and tolerance if the table has one, counted from 0.
-
-    Raises
-    ------
-    SourceError
-        If the table cannot be read.
-
+    It is a CSV table with a header. The first column is the query and the second the reference,
+    each a frame number, counted from `first_index`, or a file name of those given in the order of
+    the frames; several references stand in several rows, or in one cell with spaces between them.
+    A column called `tolerance` holds for its row. SourceError if it cannot be read.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:
@@ -80,35 +63,14 @@ def read_pairs(
 
 def read_npy(
     path: Path, shape: tuple[int, int], reading: ReadingConfig = ReadingConfig()
-) -> npt.NDArray[np.int64]:
+) -> Pairs:
     """
-    Return the pairs of a NumPy file.
+    Return the pairs in a .npy file, int64 (P, 2); SourceError if it is none.
 
-    Parameters
-    ----------
-    path : Path
-        VPR-Bench's ground_truth_new.npy, an object array of (query, list of references); or a
-        plain array: bool of shape (Q, R), or integers of shape (P, 2).
-    shape : tuple of 2 ints
-        Queries and references that there are.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Returns
-    -------
-    ndarray of int64, shape (P, 2)
-        Query and reference.
-
-    Raises
-    ------
-    SourceError
-        If it is none of these.
-
-    Notes
-    -----
-    Object arrays are pickles, which can run any code when they are loaded the usual way. Here
-    nothing but arrays, numbers, strings and lists is let through.
-
+    It is VPR-Bench's array of rows (query, list of references); or a plain array: bool of shape
+    (Q, R), which is `shape`, or integers of shape (P, 2). Object arrays are pickles, which can run
+    any code when they are loaded the usual way: here only arrays, numbers, strings and lists are
+    let through.
     """
     refuse_irregular(path)
     try:
@@ -151,25 +113,11 @@ def read_positions(
     path: Path, drive: str, count: int, reading: ReadingConfig = ReadingConfig()
 ) -> npt.NDArray[np.float64]:
     """
-    Return where the frames of a drive were taken.
+    Return where the frames of a drive, `query` or `reference`, were taken, (count, 3), metres.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with the columns x, y and perhaps z, in metres, one row for every frame, in order. If
-        it has a column `drive`, only rows with `query` or `reference` in it count.
-    drive : str
-        Which of the two.
-    count : int
-        Frames of the drive.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Raises
-    ------
-    SourceError
-        If the table cannot be read, or its rows are not as many as the frames.
-
+    It is a CSV table with the columns x, y and perhaps z, one row for every frame, in order. If it
+    has a column `drive`, only rows of this drive count. SourceError if it cannot be read, or its
+    rows are not as many as the frames.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `convseq evaluate`."""
 
+import hashlib
 import json
 
 from convseq_ros.cli import main
@@ -58,14 +59,44 @@ def test_json_holds_the_summaries(street, capsys):
     assert summary['configuration']['image_size_px'] == 128
 
 
-def test_a_study_prints_its_table(street, capsys):
-    study = street.parent / 'study.yaml'
-    study.write_text('sets: [street.yaml]\nvary: {fixed_length: [1, 3]}\n')
-    assert evaluate(street, '--study', study) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].split()[:3] == ['set', 'method', 'fixed_length']
-    assert [line.split()[2] for line in lines[1:]] == ['1', '3']
-    assert (street.parent / 'out' / 'study.csv').exists()
+def test_exports_of_several_people_are_put_in_one_table(street, capsys):
+    folder = street.parent / 'mine'
+    assert (
+        evaluate(street, street, '--method', 'cohog', '--method', 'hog', '--export', folder) == 0
+    )
+    files = sorted(folder.iterdir())
+    assert [path.name for path in files] == ['street-cohog.json', 'street-hog.json']
+    one = json.loads(files[0].read_text())
+    assert one['protocol_version'] == 1 and one['accuracy_all'] == 1
+    assert one['images']['query'] == one['images']['reference']
+    listing = ''.join(
+        f'{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n'
+        for path in sorted((street.parent / 'images').iterdir())
+    )
+    assert one['images']['query'] == hashlib.sha256(listing.encode()).hexdigest()
+    table = capsys.readouterr().out
+    assert main(['report', *map(str, files)]) == 0
+    assert capsys.readouterr().out == table
+
+
+@pytest.mark.parametrize(
+    ('change', 'problem'),
+    [
+        ({'protocol_version': 2}, 'b.json: protocol version 2, and this program has 1'),
+        ({'images': {'query': 'other'}}, 'b.json: its images of street are not those'),
+        ({'set': None, 'images': None}, ''),
+        (None, 'b.json: no export of `convseq evaluate`'),
+    ],
+)
+def test_figures_that_cannot_be_compared_are_refused_in_one_line(
+    tmp_path, capsys, change, problem
+):
+    own = {'set': 'street', 'method': 'a', 'protocol_version': 1, 'images': {'query': 'one'}}
+    (tmp_path / 'a.json').write_text(json.dumps(own))
+    (tmp_path / 'b.json').write_text('[]' if change is None else json.dumps(own | change))
+    done = main(['report', str(tmp_path / 'a.json'), str(tmp_path / 'b.json')])
+    told = capsys.readouterr().err
+    assert done == bool(problem) and problem in told and told.count('\n') == bool(problem)
 
 
 @pytest.mark.parametrize(
@@ -76,8 +107,6 @@ def test_a_study_prints_its_table(street, capsys):
         (['corridor', '--data-root', '/nowhere'], 'corridor: /nowhere/corridor/query is missing'),
         (['SET', '--method', 'magic'], "method 'magic' is not one of"),
         (['SET', '--exclude-recent', '-1'], '--exclude-recent: -1 is below 0'),
-        (['SET', '--study', 'k_ablation'], 'a study names its own sets'),
-        (['--study', 'k_oblation'], 'k_oblation: no study; give a YAML file or one of'),
         (['SET', '--min-margin', '2'], 'min_margin: 2.0 is outside'),
     ],
 )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is kept on disk between runs."""
 
-from convseq_ros.evaluation.cache import Cache, content_digest, default_folder
+from convseq_ros.evaluation.cache import Cache, content_digest
 import numpy as np
 
 ARRAYS = {'a': np.arange(3), 'names': np.array(['x', 'yy'])}
@@ -50,8 +50,3 @@ def test_a_folder_is_known_by_names_and_bytes(tmp_path):
     (tmp_path / 'a').write_bytes(b'1')
     (tmp_path / 'a').rename(tmp_path / 'b')
     assert content_digest(tmp_path) != first
-
-
-def test_the_default_folder_follows_the_desktop(monkeypatch, tmp_path):
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    assert default_folder() == tmp_path / 'convseq_ros'

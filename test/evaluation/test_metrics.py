@@ -6,11 +6,12 @@ import math
 
 from convseq_ros.evaluation.metrics import (
     average_precision,
+    block_intervals,
     highest_wrong,
-    performance_per_compute_unit,
     precision_recall,
     recall_at,
     recall_at_full_precision,
+    reliability,
 )
 from hypothesis import given, settings, strategies
 import numpy as np
@@ -53,23 +54,11 @@ def test_without_positives_there_is_no_recall():
     assert recall_at_full_precision(curve) is None
 
 
-def test_all_positives_are_found_with_full_precision():
-    curve = precision_recall(flags(1, 1, 1), numbers(3, 2, 1))
-    assert average_precision(curve) == pytest.approx(1)
-    assert recall_at_full_precision(curve) == 1
-
-
 def test_of_nothing_there_is_nothing():
     curve = precision_recall(flags(), numbers())
     assert len(curve.threshold) == 0
     assert average_precision(curve) is None
     assert recall_at_full_precision(curve) is None
-
-
-def test_one_high_outlier_costs_no_more_than_its_own_step():
-    values = numbers(100.0, *np.linspace(0.5, 0.4, 20), 0.1)
-    correct = flags(1, *[1] * 20, 0)
-    assert recall_at_full_precision(precision_recall(correct, values)) == 1
 
 
 @pytest.mark.parametrize('values', [numbers(math.nan, 1), numbers(1)])
@@ -158,6 +147,36 @@ def test_queries_without_a_right_reference_do_not_count_in_recall_at_n():
     assert recall_at(scores, np.zeros((2, 2), bool), (1,)) == {1: None}
 
 
-def test_the_slowest_method_gets_its_precision_as_performance_per_compute_unit():
-    assert performance_per_compute_unit(0.9, 50.0, 50.0) == pytest.approx(0.9)
-    assert performance_per_compute_unit(0.9, 1.0, 91.0) == pytest.approx(1.8)
+def test_each_range_of_confidences_tells_how_many_and_how_often_right():
+    table = reliability(numbers(0.5, 0.41, 0.99, 1.0), flags(1, 0, 1, 1))
+    assert table == [
+        {'low': 0.4, 'high': 0.6, 'count': 2, 'said': pytest.approx(0.455), 'right': 0.5},
+        {'low': 0.99, 'high': 1.0, 'count': 2, 'said': pytest.approx(0.995), 'right': 1.0},
+    ]
+
+
+def mean_of(values):
+    return lambda chosen: {'mean': float(values[chosen].mean())}
+
+
+def test_an_interval_holds_the_figure_and_is_the_same_at_every_call():
+    values = np.random.default_rng(1).random(200) < 0.8
+    low, high = block_intervals(200, mean_of(values))['mean']
+    assert low < values.mean() < high
+    assert block_intervals(200, mean_of(values)) == {'mean': (low, high)}
+    assert block_intervals(5, lambda _: {'none': None, 'one': 1.0}) == {'one': (1.0, 1.0)}
+    assert block_intervals(0, mean_of(values)) == {}
+
+
+def test_errors_in_a_row_make_the_interval_wider_than_scattered_ones():
+    together = np.repeat([1.0, 0.0, 1.0, 1.0], 50)
+    widths = []
+    for values in (together, np.random.default_rng(0).permutation(together)):
+        low, high = block_intervals(200, mean_of(values))['mean']
+        widths.append(high - low)
+    assert widths[0] > 1.5 * widths[1]
+
+
+def test_blocks_of_one_frame_give_the_textbook_interval():
+    low, high = block_intervals(400, mean_of(np.arange(400) % 2), block=1)['mean']
+    assert abs((high - low) - 2 * 1.96 * 0.5 / 20) < 0.02

@@ -6,7 +6,6 @@ from convseq_ros.config import Config
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.recognition import with_known
-from convseq_ros.evaluation.study import run_study, Study
 import pytest
 
 # The released script resizes by OpenCV's INTER_LINEAR.
@@ -18,10 +17,8 @@ def corridor(shared_data, kept, tmp_path_factory):
     """Return the accuracy over matched queries of every method on corridor."""
     data_set = open_data_set('corridor', shared_data)
     output = tmp_path_factory.mktemp('results')
-    plan = Plan(methods=('cohog', 'seqslam', 'published'))
+    plan = Plan(methods=('cohog', 'seqslam', 'convseq-k10', 'convseq-k15', 'published'))
     rows = evaluate([data_set], PAPER, plan, output, kept)
-    over_k = Study('over_k', (data_set,), ('convseq-k10', 'convseq-k15'), {}, {})
-    rows += run_study(over_k, PAPER, output, kept)
     return {one['method']: one['accuracy_matched'] for one in rows}
 
 

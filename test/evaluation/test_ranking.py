@@ -7,9 +7,8 @@ from dataclasses import replace
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
-from convseq_ros.evaluation.given_scores import match_given
-from convseq_ros.evaluation.ranking import rank_references
-from convseq_ros.evaluation.recognition import answer_again, pair_scores, recognize, with_known
+from convseq_ros.evaluation.given_scores import answers_to, rank_references
+from convseq_ros.evaluation.recognition import recognize, with_known
 import numpy as np
 import pytest
 
@@ -23,11 +22,9 @@ def test_a_matrix_gives_the_candidates_of_the_recogniser(street, quick, fixed_le
     material = street.open()
     query, reference = material.drives(config.encoding)
     said = recognize(material, config)
-    rows, _ = pair_scores(material, config)
-    given = match_given(rows, query, reference.reference_map, config)
+    given, scores = answers_to(said.rows, query, reference.reference_map, config)
     lengths = [match.sequence_length for match in said.matches]
     assert [match.sequence_length for match in given] == lengths
-    scores = rank_references(rows, query, lengths)
     assert sum(length > 0 for length in lengths) > 15
     for match, other, ranked in zip(said.matches, given, scores, strict=True):
         expected = [(item.reference_index, item.score) for item in match.candidates]
@@ -66,7 +63,7 @@ def test_the_recogniser_says_the_same_again_of_images_that_are_described(
     )
     material = street.open()
     first = [without_pixels(one) for one in recognize(material, config).matches]
-    assert answer_again(material, config, 0, 24)[0] == first
+    assert recognize(material, config, (0, 24)).matches == first
 
 
 def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
@@ -78,44 +75,46 @@ def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
     )
     street.write('query,reference\n4,0\n', 'gt.csv')
     part = [without_stamps(one) for one in recognize(street.open(), quick).matches]
-    again = [without_stamps(one) for one in answer_again(material, quick, 4, 20)[0]]
-    assert again == part
+    again = [without_stamps(one) for one in recognize(material, quick, (4, 20)).matches]
+    for one, other in zip(again, part, strict=True):
+        places = [item.reference_index - 4 for item in one.candidates]
+        assert places == [item.reference_index for item in other.candidates]
+        moved = replace(one, candidates=other.candidates)
+        assert moved == other
 
 
 def test_a_forward_window_answers_for_its_first_frame(street, quick):
     query, reference = street.open().drives(quick.encoding)
     config = with_known(quick, {'fixed_length': 3})
     rows = np.eye(24, dtype=np.float32)
-    found = match_given(rows, query, reference.reference_map, config, forward=True)
+    found, scores = answers_to(rows, query, reference.reference_map, config, forward=True)
     lengths = [one.sequence_length for one in found]
     assert lengths == [3] * 22 + [0, 0]
     assert [one.best.reference_index for one in found[:22]] == list(range(22))
     assert found[22].reason is Reason.WARMING_UP
-    scores = rank_references(rows, query, lengths, forward=True)
     assert scores[:22].argmax(axis=1).tolist() == list(range(22))
     assert scores[:22].max(axis=1).tolist() == [one.best.score for one in found[:22]] == [1] * 22
     assert not np.isfinite(scores[22:]).any()
 
 
-def test_forward_scores_are_means_over_the_frames_that_follow(street, quick):
-    query, _ = street.open().drives(quick.encoding)
-    rows = np.random.default_rng(1).random((24, 24), np.float32)
-    for forward, step in ((False, -1), (True, 1)):
-        lengths = [3 if 0 <= frame + 2 * step < 24 else 0 for frame in range(24)]
-        scores = rank_references(rows, query, lengths, forward)
-        for frame, reference in np.ndindex(24, 24):
-            expected = -np.inf
-            if lengths[frame] and 0 <= reference + 2 * step < 24:
-                along = [rows[frame + step * far, reference + step * far] for far in range(3)]
-                expected = np.mean(along)
-            assert scores[frame, reference] == pytest.approx(expected, abs=1e-6)
+@pytest.mark.parametrize('forward', [False, True])
+def test_scores_are_means_over_the_frames_of_the_window(street, quick, forward):
+    query, reference = street.open().drives(quick.encoding)
+    rows, step = np.random.default_rng(1).random((24, 24), np.float32), 1 if forward else -1
+    config = with_known(quick, {'fixed_length': 3})
+    _, scores = answers_to(rows, query, reference.reference_map, config, forward=forward)
+    for frame, place in np.ndindex(24, 24):
+        expected = -np.inf
+        if 0 <= frame + 2 * step < 24 and 0 <= place + 2 * step < 24:
+            expected = np.mean([rows[frame + step * far, place + step * far] for far in range(3)])
+        assert scores[frame, place] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_forward_answer_is_numbered_and_stamped_as_its_own_frame(street, quick):
     query, reference = street.open().drives(quick.encoding)
     reference_map = reference.reference_map
     rows = np.random.default_rng(0).random((24, 24), np.float32)
-    found = match_given(rows, query, reference_map, quick, forward=True)
+    found, _ = answers_to(rows, query, reference_map, quick, forward=True)
     assert [one.query_index for one in found] == list(range(24))
     assert [one.query_stamp_ns for one in found] == query.stamps_ns
     candidates = [item for one in found for item in one.candidates]
@@ -132,7 +131,7 @@ def test_lengths_are_chosen_by_the_frames_of_the_window(street, quick):
     for forward, step in ((False, -1), (True, 1)):
         outward = [query.descriptors[index::step] for index in range(24)]
         expected = [choose_length(frames, similarity, quick.sequence) or 0 for frames in outward]
-        found = match_given(rows, query, reference.reference_map, quick, forward)
+        found, _ = answers_to(rows, query, reference.reference_map, quick, forward=forward)
         lengths[forward] = [one.sequence_length for one in found]
         assert lengths[forward] == expected
     assert lengths[False] != lengths[True]
@@ -146,6 +145,6 @@ def test_rows_without_any_score_are_passed_over(street, quick):
     assert not np.isfinite(scores[5]).any()
     assert scores[6].argmax() == 6
     config = with_known(quick, {'fixed_length': 3})
-    found = match_given(rows, query, reference.reference_map, config)
+    found, _ = answers_to(rows, query, reference.reference_map, config)
     assert found[5].reason is Reason.UNINFORMATIVE and not found[5].candidates
     assert found[6].best.reference_index == 6

@@ -2,10 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a run of five frames, worked out by hand."""
 
+from types import SimpleNamespace
+
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.evaluation.protocols import in_reach
-from convseq_ros.evaluation.scorecard import decisions, figures, first_closures, Verdicts
-from convseq_ros.evaluation.transfer import Measured, transferred
+from convseq_ros.evaluation.scorecard import (
+    add_thresholds,
+    decisions,
+    figures,
+    first_closures,
+    Scorecard,
+    Verdicts,
+)
 import numpy as np
 import pytest
 
@@ -23,6 +31,7 @@ def verdicts(**changes):
         'values': {
             'score': np.array([np.nan, 0.9, 0.6, 0.8, 0.7]),
             'margin': np.array([np.nan, 0.3, 0.2, np.nan, 0.1]),
+            'confidence': np.full(5, np.nan),
         },
     }
     return Verdicts(**(usual | changes))
@@ -71,29 +80,38 @@ def test_without_answers_there_are_no_figures():
     assert set(found.values()) == {None}
 
 
-def test_a_transferred_threshold_lets_through_what_beats_all_wrong_answers_elsewhere():
-    here = Measured('here', 'here', verdicts())
-    there = Measured('there', 'there', verdicts(values={'score': np.full(5, 0.75)}))
-    found = transferred(here, [here, there], 'score')
-    assert found == {
-        'threshold': 0.75,
-        'recall': pytest.approx(1 / 3),
-        'false_closures': 0,
-        'slips': 1,
-        'others': ['there'],
-    }
+def card(name, own):
+    """Return what a method did on a set that has these verdicts."""
+    outcome = SimpleNamespace(protocol='open', halves=[''] * 5)
+    return Scorecard(outcome, own, {'method': 'net', 'set': name})
 
 
-def test_sets_of_the_same_place_give_no_threshold():
-    here = Measured('day', 'street', verdicts())
-    assert transferred(here, [here, Measured('night', 'street', verdicts())], 'score') == {}
+def test_a_threshold_lets_through_what_beats_all_wrong_answers_here_or_everywhere():
+    here = card('here', verdicts())
+    values = {'score': np.array([np.nan, 0.9, 0.6, 0.5, 0.85])}
+    unknown = dict.fromkeys(('margin', 'confidence'), np.full(5, np.nan))
+    there = card('there', verdicts(values=values | unknown))
+    other = card('other', verdicts())
+    other.summary['method'] = 'another'
+    add_thresholds([here, there, other])
+    # By margin both right answers of `here` beat the wrong one, by score only one does.
+    assert here.summary['own_threshold_by'] == 'margin'
+    assert here.summary['own_threshold'] == 0.1
+    assert here.summary['own_threshold_recall'] == 0.5
+    assert here.summary['own_threshold_first'] == {'': 1}
+    assert there.summary['own_threshold'] == 0.85
+    for one in (here, there):
+        assert one.summary['common_threshold'] == 0.85
+        assert one.summary['common_threshold_by'] == 'score'
+        assert one.summary['common_threshold_recall'] == 0.25
+    assert other.summary['common_threshold'] == 0.1
 
 
-def test_where_no_other_answer_is_wrong_everything_is_taken():
-    sound = verdicts(correct=np.array([0, 1, 1, 1, 1], bool))
-    here = Measured('here', 'here', verdicts())
-    found = transferred(here, [here, Measured('there', 'there', sound)], 'score')
-    assert (found['threshold'], found['false_closures'], found['slips']) == (None, 1, 1)
+def test_where_no_answer_is_wrong_everything_is_taken():
+    sound = card('sound', verdicts(correct=np.array([0, 1, 1, 1, 1], bool)))
+    add_thresholds([sound])
+    assert sound.summary['own_threshold'] is None
+    assert sound.summary['own_threshold_recall'] == 1
 
 
 @pytest.mark.parametrize(('forward', 'expected'), [(False, [0, 0, 1, 1]), (True, [0, 1, 0, 0])])

@@ -7,22 +7,12 @@ from dataclasses import replace
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import (
-    Candidate,
-    Localization,
-    LocalizationState,
-    Match,
-    Reason,
-    RelativePose,
-    Status,
-)
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.drive import Images
-from convseq_ros.evaluation.geometry import inliers
 from convseq_ros.evaluation.material import open_material
-from convseq_ros.evaluation.recognition import _answers, _kept, answer_again, recognize
+from convseq_ros.evaluation.recognition import inliers, recognize
 from convseq_ros.evaluation.simulated import read_simulated
 import numpy as np
 import pytest
@@ -120,23 +110,22 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
         assert one['matched'] == 2  # with k = 3, of 24 frames, the latest 20 left out
 
 
-def test_what_is_remembered_of_an_answer_comes_back():
-    known = Localization(LocalizationState.LOCALISED, 0.5, 3)
-    best = Candidate(3, 30, 0.75, (1.0, -2.0), 88)
-    match = Match(
-        1, 10, Status.ACCEPTED, Reason.ACCEPTED, (best,), 4, 9, 0.5, (3.0, 4.0), localization=known
-    )
-    pose = RelativePose((0.0, 0.0, 0.6, 0.8), (0.1, 0.2, 0.3), None, np.eye(6) / 3, 3)
-    dots = np.array([[1, 2, 3, 255]], np.uint8)
-    answers = [(match, dots[:0]), (replace(match, relative_pose=pose), dots)]
-    (one, none), (other, some) = zip(*_answers(_kept(answers)), strict=True)
-    assert one == match and len(none) == 0 and np.array_equal(some, dots)
-    again = other.relative_pose
-    assert (
-        replace(other, relative_pose=None) == match and (again.covariance == np.eye(6) / 3).all()
-    )
-    known = ('orientation', 'position_m', 'direction', 'inliers')
-    assert all(getattr(again, name) == getattr(pose, name) for name in known)
+def test_what_is_remembered_of_an_answer_comes_back(street, kept):
+    config = Config(keyframes=EVERY_FRAME)
+    street.write(POSED, 'posed.yaml')
+    for span in (None, (0, 28)):
+        cold, warm = (
+            recognize(street.open(kept, 'posed.yaml', config), config, span) for _ in range(2)
+        )
+        assert any(one.relative_pose for one in cold.matches)
+        for one, other in zip(cold.matches, warm.matches, strict=True):
+            assert replace(one, relative_pose=None) == replace(other, relative_pose=None)
+            pose, again = one.relative_pose, other.relative_pose
+            assert (pose is None) == (again is None)
+            if pose:
+                assert np.array_equal(pose.covariance, again.covariance)
+                for name in ('orientation', 'position_m', 'direction', 'inliers'):
+                    assert getattr(pose, name) == getattr(again, name)
 
 
 POSED = """
@@ -168,8 +157,8 @@ def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(st
             num_measured += match.relative_pose.position_m is not None
             assert match.relative_pose.position_m == answer.relative_pose.position_m
     assert num_measured > 3
-    matches, fields = answer_again(material, config, 0, 28)
-    for one, match in zip(matches, said.matches, strict=True):
+    again = recognize(material, config, (0, 28))
+    for one, match in zip(again.matches, said.matches, strict=True):
         a, b = one.relative_pose, match.relative_pose
         assert a is b is None or a.position_m == b.position_m
-    assert all(map(np.array_equal, fields, said.fields))
+    assert all(map(np.array_equal, again.fields, said.fields))

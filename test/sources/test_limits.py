@@ -18,7 +18,6 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import read_run
-from convseq_ros.evaluation.study import read_study
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
@@ -78,10 +77,6 @@ def pickled():
 WHOLE_FILES = {
     'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
     'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
-    'study': (
-        text_of(PADDING * 50 + 'sets: [corridor]'),
-        lambda path, reading: read_study(path, path.parent, reading),
-    ),
     'calibration': (
         text_of(PADDING + CALIBRATION),
         lambda path, reading: read_camera_file(path, 480, 640, reading),
@@ -125,7 +120,7 @@ def refused_then_read(name, read, others=ReadingConfig()):
 @pytest.mark.parametrize('kind', WHOLE_FILES)
 def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     write, read = WHOLE_FILES[kind]
-    path = tmp_path / ('file.yaml' if kind in ('data set', 'study') else 'file')
+    path = tmp_path / ('file.yaml' if kind == 'data set' else 'file')
     write(path)
     refused_then_read('max_file_mb', lambda reading: read(path, reading))
     read(path, ReadingConfig())

@@ -113,7 +113,8 @@ class FirstStage:
 
         ModelError if the model's vector is empty, not finite, or of another length than before.
         """
-        if not self._encoding.descriptor_model or descriptor.vector is not None:
+        is_known = descriptor.vector is not None or frame.gray is None
+        if not self._encoding.descriptor_model or is_known:
             return descriptor
         if self._describe is None or frame.gray is None:
             raise ConfigError(_UNSAID)

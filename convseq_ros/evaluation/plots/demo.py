@@ -32,24 +32,11 @@ def demo_picture(
     """
     Draw one PNG, 1600 x 900: matched pairs beside the matrix of scores they were found in.
 
-    Parameters
-    ----------
-    path : Path
-        The picture.
-    pairs : sequence of (query, match, caption, right)
-        Up to four are drawn. Images are uint8, BGR (H, W, 3) or gray (H, W); the caption is
-        'query 57 | reference 60' (a bar, slash or arrow parts the two sides) or one text.
-    scores : ndarray of float32, shape (Q, R)
-        Query by reference; NaN where nothing was scored.
-    truth : ndarray of int, shape (Q,)
-        The right reference of each query, -1 for none.
-    found : ndarray of int, shape (Q,)
-        The accepted reference of each query, -1 for none.
-    title : str
-        Heading.
-    tolerance : int
-        References by which a match may miss the truth and still be drawn as right.
-
+    Up to four pairs are drawn: query and match, uint8 BGR (H, W, 3) or gray (H, W); a caption,
+    such as 'query 57 | reference 60', whose sides a bar, slash or arrow parts; and whether it is
+    right.
+    `scores` (Q, R) is NaN where nothing was scored; `truth` and `found` (Q,) are the right and the
+    accepted reference, -1 for none, `tolerance` references apart at most.
     """
     figure = new_figure(16, 9, EDGE)
     heading = figure.text(0.03, 0.945, title, color=_PALE, weight='bold', size=22, va='center')

@@ -61,17 +61,8 @@ def show_matches(
     """
     Draw a dot for each match, or for every n-th where there are very many.
 
-    Parameters
-    ----------
-    axes : Axes
-        Where the scores are.
-    matches : ndarray of int, shape (N, 2)
-        Query and reference.
-    verdicts : ndarray of str, shape (N,)
-        'right', 'wrong' or 'rejected'.
-    size : float
-        Width of a dot, points.
-
+    `matches` (N, 2) are query and reference, `verdicts` (N,) 'right', 'wrong' or 'rejected',
+    `size` is the width of a dot in points.
     """
     step = max(1, -(-len(matches) // MOST_DOTS))
     for verdict in reversed(VERDICT_COLORS):

@@ -1,78 +1,208 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""All charts of some runs, for the page and as files for papers and slides."""
+"""The charts of a report, by matplotlib: for the page, and as files for papers and slides."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from html import escape
+from io import StringIO
 from pathlib import Path
 import re
+from typing import Any
 
-from convseq_ros.evaluation.report.accuracies import accuracies_chart
-from convseq_ros.evaluation.report.chart import Chart
-from convseq_ros.evaluation.report.curves import curves_chart
-from convseq_ros.evaluation.report.first_closures import first_closures_chart
-from convseq_ros.evaluation.report.lengths import lengths_chart
-from convseq_ros.evaluation.report.matrix import matrix_chart
-from convseq_ros.evaluation.report.poses import poses_chart
-from convseq_ros.evaluation.report.reliability import reliability_chart
-from convseq_ros.evaluation.report.verdict import Seen, seen
-from convseq_ros.evaluation.run_folder import Run
+from convseq_ros.evaluation.plots.figure import new_figure, save, take_texts_literally
+from convseq_ros.evaluation.plots.matrix import show_matches, show_scores, show_truth
+from convseq_ros.evaluation.report.shown import Shown
+import numpy as np
+import numpy.typing as npt
 
 KINDS = ('png', 'svg', 'pdf')
+INK = '#1b2733'  # of files; the page replaces it by the colour of its text
+COLORS = (
+    '#2f81d6', '#e0762a', '#2aa36b', '#c45ab3', '#b39118', '#1f9fb8', '#dc4b6c', '#8a6ee0',
+    '#a07850', '#7d8b99',
+)  # fmt: skip
+MOST_POINTS = 1000  # of a line
+_WIDTH_IN, _HEIGHT_IN, _LEGEND_IN = 5.2, 3.6, 0.17
+_IDS = r' id="[^"]*_\d+"|<!--.*?-->|<metadata>.*?</metadata>'
 
 
-def set_charts(runs: Sequence[Run], colors: Mapping[str, int]) -> dict[str, Chart]:
-    """Return the charts of one set by their names; `colors` numbers the methods."""
-    return _drawn(
-        curves=curves_chart(runs, colors),
-        reliability=reliability_chart(runs, colors),
-        accuracy=accuracies_chart(runs, colors),
-        closures=first_closures_chart(runs, colors),
+def set_charts(runs: Sequence[Shown]) -> Iterator[tuple[str, str, Any]]:
+    """Yield name, caption and figure of each chart of one set."""
+    lines = []
+    for one in runs:
+        if len(one.curve):
+            recall, precision = np.vstack(((0.0, one.curve[0, 1]), one.curve)).T
+            lines.append((one.name, thinned(recall), thinned(precision)))
+    if lines:
+        caption = (
+            'Precision and recall: one point for every distinct score. Recall is over matched '
+            'queries that have an answer.'
+        )
+        yield 'curves', caption, _lines(runs, lines, 'recall', 'precision')
+    tables = [(one.name, (one.run.summary.get('calibration') or {})) for one in runs]
+    said = [
+        (name, *(np.array([row[key] for row in table['as_shipped']]) for key in ('said', 'right')))
+        for name, table in tables
+        if table.get('as_shipped')
+    ]
+    if said:
+        caption = 'Reliability: how often a confidence is right, slips included.'
+        figure = _lines(runs, said, 'confidence', 'share that is right', marker='o')
+        figure.axes[0].plot((0, 1), (0, 1), color=INK, alpha=0.4, linewidth=1)
+        yield 'reliability', caption, figure
+
+
+def run_charts(one: Shown) -> Iterator[tuple[str, str, Any]]:
+    """Yield name, caption and figure of each chart of one run."""
+    if one.scores is not None and one.scores.size:
+        caption = (
+            f'{one.name}: scores of image pairs; brighter is more similar. Between the white '
+            'lines: truth. Dots: best candidates.'
+        )
+        yield 'matrix', caption, _matrix(one, one.scores)
+    lengths = {row.length for row in one.rows if row.length}
+    if len(lengths) > 1 and not any(row.half for row in one.rows):
+        caption = f'{one.name}: frames matched together (k), and the entropy of each image.'
+        yield 'lengths', caption, _lengths(one)
+    if len(one.measured):
+        off_m = np.linalg.norm(one.measured[:, :3] - one.measured[:, 3:6], axis=1)
+        caption = f'{one.name}: {len(one.measured)} measured poses.'
+        if np.isfinite(off_m).any():
+            off_deg = np.degrees(np.nanmedian(one.measured[:, 6]))
+            caption = (
+                f'{caption[:-1]}, {np.nanmedian(off_m):.2f} m and {off_deg:.2f}° off the truth in '
+                'the median. Grey: places of the map; lines lead to the truth.'
+            )
+        yield 'poses', caption, _poses(one)
+
+
+def svg(figure: Any, label: str) -> str:
+    """Return a figure as SVG for the page; its ink is the colour of the page's text."""
+    from matplotlib import rc_context
+
+    take_texts_literally(figure)
+    drawn = StringIO()
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'convseq_ros'}):
+        figure.savefig(drawn, format='svg', metadata={'Date': None}, transparent=True)
+    width, height = (72 * inches for inches in figure.get_size_inches())
+    body = drawn.getvalue()
+    body = re.sub(_IDS, '', body[body.index('<defs>') : body.rindex('</svg>')], flags=re.S)
+    body = re.sub(r'(\.\d\d)\d+', r'\1', re.sub(r'\s+', ' ', body)).replace(INK, 'currentColor')
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(label)}">'
+        f'{body.replace("xlink:href", "href")}</svg>'
     )
 
 
-def run_charts(run: Run, rows: Sequence[Seen]) -> dict[str, Chart]:
-    """Return the charts of one run by their names; `rows` tell what became of its queries."""
-    return _drawn(
-        matrix=matrix_chart(run, rows),
-        lengths=lengths_chart(run, rows),
-        poses=poses_chart(run, rows),
-    )
-
-
-def method_numbers(runs: Sequence[Run]) -> dict[str, int]:
-    """Return a number for each method, which gives its colour on all sets."""
-    methods = dict.fromkeys(run.method for run in runs)
-    return {method: number for number, method in enumerate(methods)}
-
-
-def write_figures(runs: Sequence[Run], folder: Path) -> None:
+def write_figures(runs: Sequence[Shown], folder: Path) -> None:
     """
     Write the charts of every set and method, .png, .svg and .pdf.
 
-    They are called `<set>-curves`, `-accuracy`, `-closures` where frames to the first closure are
-    known, `-reliability` where a method tells its confidence, `<set>-<method>-matrix`,
-    `-lengths`, and `-poses` where they are measured.
-
-    Raises
-    ------
-    ConvseqError
-        If matplotlib is not installed or a run is damaged.
-
+    They are called `<set>-curves`, `<set>-reliability`, and `<set>-<method>-matrix`, `-lengths`
+    and `-poses`, those that there are. ConvseqError if matplotlib is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    colors = method_numbers(runs)
-    for name in dict.fromkeys(run.set for run in runs):
-        own = [run for run in runs if run.set == name]
-        _save(set_charts(own, colors), folder, name)
-        for run in own:
-            _save(run_charts(run, seen(run, run.truth())), folder, name, run.method)
+    for name in dict.fromkeys(one.run.set for one in runs):
+        own = [one for one in runs if one.run.set == name]
+        charts = [(name, what, figure) for what, _, figure in set_charts(own)]
+        for one in own:
+            charts += [(f'{name}-{one.name}', what, figure) for what, _, figure in run_charts(one)]
+        for start, what, figure in charts:
+            stem = re.sub(r'[^\w.-]+', '_', f'{start}-{what}')
+            paths = [folder / f'{stem}.{kind}' for kind in KINDS]
+            save(figure, *paths, dpi=150, bbox_inches='tight')
 
 
-def _drawn(**charts: Chart | None) -> dict[str, Chart]:
-    return {name: chart for name, chart in charts.items() if chart}
+def thinned(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return at most `MOST_POINTS` of the values (N,), with the first and the last."""
+    if len(values) <= MOST_POINTS:
+        return values
+    return values[np.linspace(0, len(values) - 1, MOST_POINTS).round().astype(int)]
 
 
-def _save(charts: Mapping[str, Chart], folder: Path, *names: str) -> None:
-    for what, chart in charts.items():
-        stem = '-'.join(re.sub(r'[^\w.-]+', '_', name) for name in (*names, what))
-        chart.save(*(folder / f'{stem}.{kind}' for kind in KINDS))
+def _axes(figure: Any, *place: int, x_label: str = '', y_label: str = '') -> Any:
+    axes = figure.add_subplot(*(place or (1, 1, 1)), facecolor='none')
+    axes.set_xlabel(x_label, color=INK)
+    axes.set_ylabel(y_label, color=INK)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0, labelsize=8, labelcolor=INK)
+    axes.grid(color=INK, alpha=0.15, linewidth=0.8)
+    axes.set_axisbelow(True)
+    return axes
+
+
+def _legend(figure: Any, axes: Any) -> None:
+    """Write what the labels mean below the axes, where there is room for any number."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = 2 if len(labels) < 16 else 3
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + _LEGEND_IN * -(-len(labels) // columns))
+    labels = [label if len(label) < 36 else f'{label[:35]}…' for label in labels]
+    look = {'ncols': columns, 'fontsize': 8 if columns == 2 else 6, 'labelcolor': INK}
+    figure.legend(handles, labels, loc='outside lower center', frameon=False, **look)
+
+
+def _figure(height_in: float = _HEIGHT_IN) -> Any:
+    figure = new_figure(_WIDTH_IN, height_in)
+    figure.set_layout_engine('constrained')
+    return figure
+
+
+def _lines(
+    runs: Sequence[Shown], lines: Sequence[Any], x_label: str, y_label: str, **look: Any
+) -> Any:
+    figure = _figure()
+    axes = _axes(figure, x_label=x_label, y_label=y_label)
+    axes.set(xlim=(0, 1.01), ylim=(0, 1.01))
+    names = sorted(one.name for one in runs)
+    for name, x, y in lines:
+        place = names.index(name)
+        color, again = COLORS[place % len(COLORS)], place // len(COLORS)
+        style = ('-', '--', ':', '-.')[again % 4]
+        axes.plot(x, y, label=name, color=color, linestyle=style, linewidth=1.6, **look)
+    _legend(figure, axes)
+    return figure
+
+
+def _matrix(one: Shown, scores: npt.NDArray[np.float32]) -> Any:
+    shape = scores.shape[0] / scores.shape[1]
+    figure = _figure(min(max(4.5 * shape, 1.6), 6.0))
+    axes = _axes(figure, x_label='reference', y_label='query')
+    axes.grid(visible=False)
+    show_scores(axes, scores)
+    if one.truth is not None:
+        show_truth(axes, one.truth)
+    matched = [(row.query, row.best, row.verdict) for row in one.rows if row.best is not None]
+    if matched:
+        queries, references, verdicts = zip(*matched, strict=True)
+        points = np.stack((queries, references), 1)
+        show_matches(axes, points, np.array(verdicts), size=3.5)
+    _legend(figure, axes)
+    return figure
+
+
+def _lengths(one: Shown) -> Any:
+    figure = _figure()
+    queries = np.array([row.query for row in one.rows], np.float64)
+    upper = _axes(figure, 2, 1, 1, y_label='k')
+    lengths = np.array([row.length for row in one.rows], np.float64)
+    upper.step(thinned(queries), thinned(lengths), where='post', color=COLORS[0])
+    lower = _axes(figure, 2, 1, 2, x_label='query', y_label='entropy')
+    entropy = [np.nan if row.entropy is None else row.entropy for row in one.rows]
+    lower.plot(thinned(queries), thinned(np.array(entropy)), color=COLORS[1], linewidth=1)
+    threshold = (one.run.summary.get('configuration') or {}).get('entropy_threshold')
+    if threshold is not None:
+        lower.axhline(threshold, color=INK, linestyle='--', linewidth=1)
+    return figure
+
+
+def _poses(one: Shown) -> Any:
+    figure, places = _figure(), one.places
+    axes = _axes(figure, x_label='x, m', y_label='y, m')
+    assert places is not None
+    axes.plot(*places[:, :2].T, '.-', color=COLORS[-1], markersize=3, linewidth=0.8)
+    gap = np.full(len(one.measured), np.nan)
+    x, y = (np.stack((*one.measured[:, [axis, axis + 3]].T, gap), 1).ravel() for axis in (0, 1))
+    axes.plot(x, y, color=INK, linewidth=0.8, alpha=0.6)
+    axes.plot(*one.measured[:, :2].T, 'o', color=COLORS[2], markersize=3)
+    return figure

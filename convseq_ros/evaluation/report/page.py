@@ -2,177 +2,158 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page put together from its parts; it needs no network and no other file."""
 
-from collections.abc import Mapping, Sequence
+import base64
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 import json
+from pathlib import Path
 from string import Template
+from typing import Any
 from urllib.parse import quote
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report.accuracies import accuracy, interval
-from convseq_ros.evaluation.report.chart import NUM_COLORS, STYLE_SHEET
-from convseq_ros.evaluation.report.charts import method_numbers, run_charts, set_charts
-from convseq_ros.evaluation.report.facts import run_facts, set_facts, source
-from convseq_ros.evaluation.report.pairs import browser_data
-from convseq_ros.evaluation.report.poses import off_in_words, placed
-from convseq_ros.evaluation.report.summary_table import summary_table
-from convseq_ros.evaluation.report.verdict import Seen, seen
-from convseq_ros.evaluation.run_folder import Run
+from convseq_ros.evaluation.report.charts import run_charts, set_charts, svg
+from convseq_ros.evaluation.report.shown import Shown
+from convseq_ros.evaluation.run_folder import write_text
+from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
+from convseq_ros.regular_file import read_bytes
 
-MOST_ROWS = 4000
-CAPTIONS = {
-    'curves': 'Precision-recall, exact: one point for every distinct score. Recall is over matched'
-    ' queries that have an answer.',
-    'accuracy': 'Accuracy over matched queries that have an answer, with its 95 % interval'
-    ' (bootstrap over blocks of the sequence); the upright tick is over all that have one, matched'
-    ' or not.',
-    'reliability': 'How often a confidence is right (the right place, slips included); larger dots'
-    ' are more frames. Its two settings come from the sets of other places, where there are any.',
-    'closures': 'Frames from the first that shows a place of the map to the first accepted and'
-    ' right match, of every part of the map that was kept; pale: none at all.',
-    'lengths': '{method}: frames matched together (k) over the entropy of the newest image. Ticks'
-    ' between them: wrong best candidates, accepted (red) or rejected (amber).',
-    'poses': '{method}: {off}. Gray: places of the map; dots: where accepted queries were'
-    ' measured, with a line to where they were. A long, narrow way is stretched.',
+MOST_MEGABYTES = 20.0
+_MOST_ROWS = 4000
+_SOURCE = 'argv', 'date', 'machine', 'versions', 'criterion', 'configuration', 'k_distribution'
+_PROTOCOLS = {
+    'closed': 'every query has an answer in the map',
+    'open': 'a part of the map is left out, so "not in the map" is a right answer',
+    'online': 'one sequence against its own past',
 }
-MATRICES = (
-    '<h3>Similarity matrices</h3><p class="caption">Scores of single image pairs, query down,'
-    ' reference across; brighter is more similar, gray was not scored. Between the white lines:'
-    ' truth. Dots: best candidate, <b class="right">accepted and right</b>,'
-    ' <b class="wrong">accepted and wrong</b>, <b class="rejected">rejected</b>.'
-    ' Click a row to see its pictures.</p>'
-)
 
 
-def report_page(runs: Sequence[Run], most_bytes: int) -> str:
+def write_report(
+    runs: Sequence[Shown], output: Path, most_megabytes: float = MOST_MEGABYTES
+) -> None:
     """
-    Return the page; frames in the browser of pairs are thinned until it is small enough.
+    Write the page of some runs; frames among the pairs are thinned until it is small enough.
 
-    Raises
-    ------
-    ConvseqError
-        If a run is damaged, or the page is too large without a single picture.
-
+    ConvseqError if matplotlib is not installed, or the page is too large without a picture.
     """
-    colors = method_numbers(runs)
-    rows = {(run.set, run.method): seen(run, run.truth()) for run in runs}
-    sections = ''.join(
-        _section([run for run in runs if run.set == name], rows, colors) for name in _sets(runs)
-    )
+    sets = list(dict.fromkeys(one.run.set for one in runs))
+    sections = [_section([one for one in runs if one.run.set == name]) for name in sets]
+    machine = runs[0].run.summary.get('machine') or {}
+    facts = str(runs[0].run.summary.get('date', ''))[:10], str(machine.get('cpu', ''))
     parts = {
-        'title': 'Place recognition: ' + ', '.join(_sets(runs)),
-        'told': escape(run_facts(runs)),
-        'links': ''.join(
-            f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in _sets(runs)
-        ),
-        'table': summary_table(runs),
-        'sections': sections,
-        'sources': ''.join(map(source, runs)),
-        'style': STYLE_SHEET,
-        'script': _resource('script.js'),
+        'title': escape('Place recognition: ' + ', '.join(sets)),
+        'facts': escape(' · '.join(filter(None, facts))),
+        'links': ''.join(f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in sets),
+        'table': _table(runs),
+        'sections': ''.join(sections),
+        'sources': ''.join(map(_source, runs)),
     }
-    most_rows = max(len(kept) for kept in rows.values())
-    step = -(-most_rows // MOST_ROWS)
+    template = Template((files(__package__) / 'template.html').read_text(encoding='utf-8'))
+    most_rows = max(len(one.rows) for one in runs)
+    step = -(-most_rows // _MOST_ROWS)
     while True:
-        data = browser_data(runs, rows, step)
-        note = (
-            ''
-            if step == 1
-            else (
-                f'To keep this page small, one frame in {step} is shown here; '
-                'the numbers and charts above are of all frames.'
-            )
-        )
-        page = Template(_resource('template.html')).substitute(
-            parts, data=_json(data), thinned=note
-        )
-        if len(page.encode()) <= most_bytes:
-            return page
+        data = json.dumps(_pairs(runs, step), separators=(',', ':')).replace('<', '\\u003c')
+        note = f'To keep this page small, one frame in {step} is shown here.' if step > 1 else ''
+        page = template.substitute(parts, data=data, note=note)
+        size = len(page.encode()) / 1e6
+        if size <= most_megabytes:
+            write_text(output, page)
+            return
         if step >= most_rows:
             raise ConvseqError(
-                f'the page would have {len(page) / 1e6:.1f} MB, {most_bytes / 1e6:g} MB are'
-                ' allowed; give fewer results or raise --max-megabytes'
+                f'the page would have {size:.1f} MB, {most_megabytes:g} MB are allowed; give '
+                'fewer results or raise --max-megabytes'
             )
         step *= 2
 
 
-def _section(
-    runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]], colors: Mapping[str, int]
-) -> str:
-    name = runs[0].set
-    facts = set_facts(runs[0])
-    charts = ''.join(
-        _figure(chart.svg(), CAPTIONS[what]) for what, chart in set_charts(runs, colors).items()
+def _table(runs: Sequence[Shown]) -> str:
+    """Return the table of all runs, with the columns of the terminal's."""
+    rows = summary_rows([{**one.run.summary, 'method': one.name} for one in runs])
+    names = [name for name in HEADINGS if any(row[name] not in (None, '') for row in rows)][2:]
+    heads = ''.join(f'<th scope="col">{escape(HEADINGS[name])}</th>' for name in names)
+    body = ''
+    for one, row in zip(runs, rows, strict=True):
+        own = [other for other in rows if other['set'] == row['set']]
+        cells = ''.join(
+            f'<td data-label="{escape(HEADINGS[name])}"'
+            f'{" class=best" * (row[name] is not None and row[name] == best_of(own, name))}>'
+            f'{escape(text_of(row[name]))}</td>'
+            for name in names
+        )
+        link = escape(f'#{quote(one.run.set)}/{quote(one.name)}')
+        body += (
+            f'<tr><th scope="row">{escape(one.run.set)}</th><th scope="row"><a href="{link}">'
+            f'{escape(one.name)}</a></th>{cells}</tr>'
+        )
+    return (
+        '<table><thead><tr><th scope="col">set</th><th scope="col">method</th>'
+        f'{heads}</tr></thead><tbody>{body}</tbody></table>'
     )
-    legend = ''.join(
-        f'<li tabindex="0" data-series="{escape(run.method)}">'
-        f'<i class="{_swatch(colors[run.method])}"></i>'
-        f'{escape(run.method)}</li>'
-        for run in runs
+
+
+def _section(runs: Sequence[Shown]) -> str:
+    name, about = runs[0].run.set, runs[0].about
+    protocol = str(runs[0].run.summary.get('protocol', 'closed'))
+    facts = [f'{protocol}: {_PROTOCOLS.get(protocol, "")}'.rstrip(': ')]
+    facts += [f'{about[key]} {key}' for key in ('queries', 'references') if about.get(key)]
+    facts += [f'tolerance ±{about["tolerance"]} frames'] if about.get('tolerance') else []
+    facts += [f'within {about["radius_m"]} m'] if about.get('radius_m') else []
+    charts = [*set_charts(runs), *(chart for one in runs for chart in run_charts(one))]
+    figures = ''.join(
+        f'<figure>{svg(figure, f"{what} on {name}: {caption}")}'
+        f'<figcaption>{escape(caption)}</figcaption></figure>'
+        for what, caption, figure in charts
     )
     return (
-        f'<section id="set-{escape(name)}" class="set"><h2>{escape(facts.pop("title"))}</h2>'
-        f'<p class="facts">{escape(" · ".join(facts.values()))}</p>'
-        f'<p>{escape(_winner(runs[0]))}</p>'
-        f'<ul class="legend" aria-label="Methods">{legend}</ul>'
-        f'<div class="charts">{charts}</div>'
-        f'{_charts_of_runs(runs, rows)}</section>'
+        f'<section id="set-{escape(name)}"><h2>{escape(str(about.get("title") or name))}</h2>'
+        f'<p class="soft">{escape(" · ".join(facts))}</p><div class="charts">{figures}</div>'
+        '</section>'
     )
 
 
-def _swatch(color: int) -> str:
-    return f'swatch c{color % NUM_COLORS}' + (' dashed' if color >= NUM_COLORS else '')
+def _source(one: Shown) -> str:
+    """Return how a run came about, to be unfolded on the page."""
+    told = json.dumps({key: one.run.summary.get(key) for key in _SOURCE}, indent=1)
+    name = f'{escape(one.run.set)} / {escape(one.name)}'
+    return f'<details><summary>{name}</summary><pre>{escape(told)}</pre></details>'
 
 
-def _winner(run: Run) -> str:
-    ends = interval(run)
-    span = f' (95 % interval {ends[0]:.1%} to {ends[1]:.1%})' if ends else ''
-    return (
-        f'Most accurate: {run.method}, {accuracy(run):.1%} of the'
-        f' {run.summary.get("matched_known", "")} matched queries that have an answer{span}.'
-        if accuracy(run)
-        else ''
-    )
+def _pairs(runs: Sequence[Shown], step: int) -> dict[str, Any]:
+    """Return what the script shows: a row for every `step`-th frame, and each picture once."""
+    pictures: dict[str, int] = {}
+    numbers: dict[Path, int | None] = {}
 
+    def picture(one: Shown, drive: str, index: int | None) -> int | None:
+        path = None if index is None else one.run.thumbnail(drive, index)
+        if path is None:
+            return None
+        if path not in numbers:
+            content = read_bytes(path, 'a thumbnail', one.run.reading.refuse_file)
+            whole = content.startswith(b'\xff\xd8\xff') and content.endswith(b'\xff\xd9')
+            uri = f'data:image/jpeg;base64,{base64.b64encode(content).decode()}'
+            numbers[path] = pictures.setdefault(uri, len(pictures)) if whole else None
+        return numbers[path]
 
-def _charts_of_runs(runs: Sequence[Run], rows: Mapping[tuple[str, str], Sequence[Seen]]) -> str:
-    matrices, lengths, poses = '', '', ''
-    for run in runs:
-        charts = run_charts(run, rows[run.set, run.method])
-        if 'matrix' in charts:
-            matrices += (
-                '<figure class="matrix"><div class="plate"'
-                f' data-run="{quote(run.set)}/{quote(run.method)}"'
-                f' data-queries="{len(rows[run.set, run.method])}">{charts["matrix"].svg()}</div>'
-                f'<figcaption>{escape(run.method)}</figcaption></figure>'
-            )
-        if 'lengths' in charts:
-            caption = CAPTIONS['lengths'].format(method=run.method)
-            lengths += _figure(charts['lengths'].svg(), caption)
-        if 'poses' in charts:
-            off = off_in_words(placed(run, rows[run.set, run.method]))
-            caption = CAPTIONS['poses'].format(method=run.method, off=off)
-            poses += _figure(charts['poses'].svg(), caption)
-    return (
-        (matrices and f'{MATRICES}<div class="matrices">{matrices}</div>')
-        + (lengths and f'<h3>Sequence length beside entropy</h3>{lengths}')
-        + (poses and f'<h3>Measured poses</h3>{poses}')
-    )
-
-
-def _figure(picture: str, caption: str) -> str:
-    return f'<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def _sets(runs: Sequence[Run]) -> list[str]:
-    return list(dict.fromkeys(run.set for run in runs))
-
-
-def _json(data: object) -> str:
-    told = json.dumps(data, separators=(',', ':'), allow_nan=False)
-    return told.replace('<', '\\u003c')
-
-
-def _resource(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding='utf-8')
+    shown = []
+    for one in runs:
+        rows = list(zip(one.rows, one.fields, strict=True))[::step]
+        shown.append(
+            {
+                'set': one.run.set,
+                'method': one.name,
+                'rows': [
+                    [
+                        row.verdict,
+                        *row.told,
+                        picture(one, 'query', row.query),
+                        picture(one, 'reference', row.best),
+                        picture(one, 'reference', row.truth),
+                        base64.b64encode(dots.tobytes()).decode(),
+                    ]
+                    for row, dots in rows
+                ],
+            }
+        )
+    return {'runs': shown, 'pictures': list(pictures)}

@@ -1,0 +1,186 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a report shows of each run: all of it is read, and checked, before anything is drawn."""
+
+from collections.abc import Iterable, Mapping
+import csv
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+from convseq_ros.core.rigid import angle, Matrix, matrix
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.evaluation.recognition import Dots
+from convseq_ros.evaluation.run_folder import read_run, read_table, Run
+from convseq_ros.reading_config import ReadingConfig
+import numpy as np
+import numpy.typing as npt
+
+_MOVE = [f'relative_{one}' for one in ('x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of one query."""
+
+    query: int
+    verdict: str  # right or wrong if it was accepted, rejected, or skipped without a candidate
+    best: int | None  # the best candidate
+    truth: int | None  # the right reference to show, also where this map lacks it
+    length: int  # frames matched together
+    entropy: float | None
+    half: str  # which part of the map was kept
+    told: tuple[str, str, str, str]  # in words: the verdict, the query, the match, the truth
+    move: Matrix | None  # (4, 4), the measured pose in that of the match
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A run, read and checked."""
+
+    run: Run
+    name: str  # of the method, told apart from another run of that name
+    about: Mapping[str, Any]
+    rows: list[Row]
+    curve: npt.NDArray[np.float64]  # (T, 2), recall and precision
+    scores: npt.NDArray[np.float32] | None  # (Q, R)
+    truth: npt.NDArray[np.bool_] | None  # (Q, R)
+    fields: list[Dots]
+    places: npt.NDArray[np.float64] | None  # (R, 7), poses of the references
+    # Measured position, the true one or NaN, and the error of the heading: (N, 7).
+    measured: npt.NDArray[np.float64]
+
+
+def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Shown]:
+    """
+    Return the runs of some result folders, set by set, the most accurate of each set first.
+
+    ConvseqError if a folder holds no run, or a run is damaged.
+    """
+    found: dict[tuple[str, str], Shown] = {}
+    for folder in folders:
+        for run in read_run(folder, reading):
+            is_new = (run.set, run.method) not in found
+            name = run.method if is_new else f'{run.method} ({folder.name})'
+            try:
+                found[run.set, name] = _shown(run, name)
+            except SourceError:
+                raise
+            except (csv.Error, OSError, ValueError, TypeError, LookupError) as error:
+                raise ConvseqError(
+                    f'{run.folder}: damaged results ({" ".join(str(error).split())[:100]}); '
+                    'run `convseq evaluate` again'
+                ) from None
+    sets = list(dict.fromkeys(one.run.set for one in found.values()))
+
+    def order(one: Shown) -> tuple[int, float, str]:
+        best = one.run.summary.get('accuracy_matched')
+        return sets.index(one.run.set), -float(best or 0), one.name
+
+    return sorted(found.values(), key=order)
+
+
+def right_to_show(right: npt.NDArray[np.bool_], best: int | None) -> int | None:
+    """Return the middle of the run of right references (R,) nearest to the best, or longest."""
+    edges = np.flatnonzero(np.diff(right.astype(np.int8), prepend=0, append=0))
+    spans: list[tuple[int, int]] = list(
+        zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
+    )
+    if not spans:
+        return None
+    if best is None:
+        first, last = max(spans, key=lambda span: span[1] - span[0])
+    else:
+        first, last = min(spans, key=lambda span: max(span[0] - best, best - span[1], 0))
+    return (first + last) // 2
+
+
+def _shown(run: Run, name: str) -> Shown:
+    about, truth, scores, fields = run.about_set(), run.truth(), run.scores(), run.fields()
+    rows = []
+    for position, frame in enumerate(run.frames):
+        try:
+            rows.append(_row(frame, truth))
+        except (ValueError, LookupError, TypeError) as error:
+            raise ValueError(f'frames.csv: row {position + 1} is damaged: {error}') from None
+    if not rows or len(fields) != len(rows):
+        raise ValueError('no frames, or fields.npz is of other ones')
+    if any(one.shape[1:] != (4,) or one.dtype != np.uint8 for one in fields):
+        raise ValueError('fields.npz does not hold four bytes an inlier')
+    if any(one is not None and one.ndim != 2 for one in (truth, scores)):
+        raise ValueError('truth or scores are no matrix')
+    queries, places, measured = run.poses('query'), run.poses('reference'), np.zeros((0, 7))
+    if queries is not None and places is not None:
+        if (queries.shape, places.shape) != ((about['queries'], 7), (about['references'], 7)):
+            raise ValueError('poses.npz is of other frames')
+        measured = _measured(rows, queries, places)
+    path = run.folder / 'curve.csv'
+    points = read_table(path, run.reading) if path.exists() else []
+    curve = np.array([(float(one['recall']), float(one['precision'])) for one in points])
+    curve = curve.reshape(-1, 2)
+    return Shown(run, name, about, rows, curve, scores, truth, fields, places, measured)
+
+
+def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
+    query, best = int(row['query_index']), int(row['best_index']) if row['best_index'] else None
+    verdict = 'skipped' if best is None else 'rejected'
+    if row['status'] == 'accepted':
+        verdict = 'right' if row['correct'] == '1' else 'wrong'
+    is_known, half, length = row['known'] == '1', row.get('half') or '', row['sequence_length']
+    right = None if truth is None else right_to_show(truth[query], best)
+    numbers = {name: float(row[name]) for name in _MOVE if row.get(name)}
+    entropy = float(row['entropy']) if row.get('entropy') else None
+    sentence = f'{verdict.capitalize()}: {row["reason"].replace("_", " ")}'
+    sentence += ', a slip' if row.get('slip') == '1' else ''
+    sentence += '' if is_known else ', and this place is not in the map'
+    sentence += f' (only the {half} part of it was kept)' if half else ''
+    figures = [f'{one.removeprefix("best_")} {float(row[one]):.3f}'
+               for one in ('best_score', 'margin', 'confidence') if row.get(one)]  # fmt: skip
+    figures += [f'inliers {row["inliers"]}'] if row.get('inliers') else []
+    lines = ['No match' if best is None else f'Match: reference {best}', ', '.join(figures)]
+    lines += [_pose_in_words(row, numbers)] if 'relative_qw' in numbers else []
+    place = 'not in the map' if right is None else f'reference {right}'
+    place += '' if right is None or is_known else ', left out of this map'
+    told = (
+        f'{sentence}.',
+        f'Query {query}\nk {length}' + ('' if entropy is None else f', entropy {entropy:.3f}'),
+        '\n'.join(lines),
+        f'Truth: {place}'
+        + (', left out of this map' if right is not None and not is_known else ''),
+    )
+    move = _matrix(list(numbers.values())) if len(numbers) == len(_MOVE) else None
+    return Row(query, verdict, best, right, int(length or 0), entropy, half, told, move)
+
+
+def _pose_in_words(row: Mapping[str, str], numbers: Mapping[str, float]) -> str:
+    qx, qy, qz, qw = (numbers[name] for name in _MOVE[3:])
+    yaw_deg = math.degrees(math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))
+    sigma_deg = math.degrees(float(row.get('heading_sigma_rad') or 0))
+    turned = f'turned {yaw_deg:+.1f}° (± {sigma_deg:.1f}°)'
+    if len(numbers) < len(_MOVE):
+        return turned
+    x, y, z = (numbers[name] for name in _MOVE[:3])
+    sigma_m = float(row.get('position_sigma_m') or 0)
+    return f'ahead {x:+.2f}, left {y:+.2f}, up {z:+.2f} m (± {sigma_m:.2f} m), {turned}'
+
+
+def _measured(
+    rows: Iterable[Row], queries: npt.NDArray[np.float64], places: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    found = []
+    for row in rows:
+        if row.move is None or row.best is None or not np.isfinite(places[row.best]).all():
+            continue
+        pose, truth = _matrix(places[row.best].tolist()) @ row.move, queries[row.query]
+        turn = math.nan
+        if np.isfinite(truth).all():
+            turn = angle(pose[:3, :3].T @ _matrix(truth.tolist())[:3, :3])
+        found.append([*pose[:3, 3], *truth[:3], turn])
+    return np.array(found, np.float64).reshape(-1, 7)
+
+
+def _matrix(pose: list[float]) -> Matrix:
+    x, y, z, qx, qy, qz, qw = pose
+    return matrix(Pose((x, y, z), (qx, qy, qz, qw)))
