@@ -3,12 +3,14 @@
 """Any function from an image to a vector is a first stage; maps are of one, with its vectors."""
 
 from dataclasses import replace
+import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.first_stage import BuiltIn, vector_of
 from convseq_ros.core.linking import link_map
 from convseq_ros.core.map.editing import parts_of, write_parts
-from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map
@@ -249,3 +251,24 @@ def test_frames_between_keyframes_cost_no_vector(frames):
     assert [one.reason is Reason.BETWEEN_KEYFRAMES for one in matches] == [False] + [True] * 4
     assert recognizer.first_stage.duration_ms > 0
     assert matches[0].status is not Status.ACCEPTED
+
+
+def test_a_map_says_what_made_it_only_where_it_is_not_built_in(frames, tmp_path):
+    for name, describe in (('plain', None), ('model', small)):
+        build_map(frames(count=3), tmp_path / name, CONFIG, describe=describe)
+    assert 'descriptor_model' not in MapReader(tmp_path / 'plain').about()['encoding']
+    assert '#small' in MapReader(tmp_path / 'model').about()['encoding']
+
+
+@pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7', '"#x", "keeps_cells": "no"'])
+def test_what_a_stranger_wrote_into_a_map_names_no_file(frames, tmp_path, forged):
+    path = tmp_path / 'map.db'
+    build_map(frames(count=3), path, CONFIG)
+    with sqlite3.connect(path) as database:
+        ((value,),) = database.execute("SELECT value FROM about WHERE name = 'encoding'")
+        value = value.replace('}', f', "descriptor_model": {forged}}}')
+        row = 'encoding', value
+        database.execute("DELETE FROM about WHERE name = 'encoding'")
+        database.execute('INSERT INTO about VALUES (?, ?, ?)', (*row, row_crc(row)))
+    with pytest.raises(MapError, match='damaged map'):
+        open_map(path)

@@ -46,7 +46,8 @@ TABLES = {
     # Of places whose regions' depths are known, once one is.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
-    # Of places of a map with a descriptor_model: float16, of unit length.
+    # Of places with cells, of a map with a descriptor_model: float16, of unit length. Without
+    # cells, `pooled` is that.
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
@@ -63,7 +64,8 @@ _ENCODING = (
     'descriptor_model',
     'keeps_cells',
 )
-_UNSAID = {'image_mask': '', 'image_rotation_deg': 0, 'descriptor_model': '', 'keeps_cells': True}
+_LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # of files where it is so
+_UNSAID = {'image_mask': '', 'image_rotation_deg': 0, **_LEFT_OUT}
 _COMPARED = ('image_size_px', 'image_rotation_deg')
 # Of float16, read as a number: what is negative, infinite or no number is no less than this.
 _FIRST_NOT_FINITE = 0x7C00
@@ -148,9 +150,11 @@ class Settings:
     @property
     def rows(self) -> dict[str, str]:
         """Return what is stored of them, by name."""
+        kept = kept_of(self.encoding).items()
+        said = {name: value for name, value in kept if _LEFT_OUT.get(name) != value}
         return {
             'map_id': self.map_id,
-            'encoding': json.dumps(kept_of(self.encoding)),
+            'encoding': json.dumps(said),
             'keyframes': json.dumps(self.keyframes.spacing),
         }
 
@@ -160,6 +164,9 @@ class Settings:
         try:
             made = {**_UNSAID, **json.loads(said['encoding'])}
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
+            model = encoding.descriptor_model
+            if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
+                raise ValueError('settings: a descriptor_model that is none')
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(said['keyframes']))
             return cls(_ident(said['map_id']), encoding, keyframes)

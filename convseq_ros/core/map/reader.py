@@ -125,7 +125,7 @@ class MapReader:
                 of = [places[start - 1].session, *of] if start else of
                 if of != sorted(of):
                     raise ValueError('places of one session lie apart')
-                places.extend(self._with_vectors(rows) if self.encoding.descriptor_model else rows)
+                places.extend(self._with_vectors(rows))
                 are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
             settings = self.encoding, places, self.pictures, self.keyframes
             made = ReferenceMap(*settings, self.settings.map_id, sessions)
@@ -134,7 +134,9 @@ class MapReader:
         return made
 
     def _with_vectors(self, rows: Rows) -> Rows:
-        """Return rows of `places` in order, with the model's vectors."""
+        """Return rows of `places` in order, with the model's vectors, if these are asked for."""
+        if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
+            return rows
         first, last = rows[0][0], rows[-1][0]
         vectors = self._sound('vectors', 'WHERE reference_index BETWEEN ? AND ?', (first, last))
         if [row[0] for row in vectors] != [row[0] for row in rows]:

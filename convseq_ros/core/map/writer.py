@@ -108,9 +108,9 @@ class MapWriter:
             self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
         encoding, vector = self.reader.encoding, descriptor
-        if encoding.descriptor_model:  # what is built in stays, for who has no model
-            known = encoding.keeps_cells
-            descriptor = built_in(unpack_cells(picture.packed)).tobytes() if known else b''
+        has_both = bool(encoding.descriptor_model) and encoding.keeps_cells
+        if has_both:  # what is built in stays, for who has no model
+            descriptor = built_in(unpack_cells(picture.packed)).astype('<f2').tobytes()
         where = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
         with explained(self._path):
@@ -120,7 +120,7 @@ class MapWriter:
             self._insert('images', (index, picture.image))
             if picture.depths is not None:
                 self._insert_further('depths', (index, picture.depths))
-            if encoding.descriptor_model:
+            if has_both:
                 self._insert_further('vectors', (index, vector))
         self._count += 1
 
