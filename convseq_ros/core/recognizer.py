@@ -57,7 +57,8 @@ class PlaceRecognizer:
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
         self._encoding = of_queries(reference_map.encoding, config.encoding)
-        self.first_stage = FirstStage(describe, reference_map.encoding)
+        numbers = reference_map.global_descriptors.shape[1]
+        self.first_stage = FirstStage(describe, reference_map.encoding, numbers)
         self.model_ms = 0.0  # of the newest frame
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)

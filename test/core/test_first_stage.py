@@ -203,13 +203,26 @@ def test_the_built_in_descriptor_is_a_function_from_an_image_as_well(image, desc
     [
         (lambda _: [np.nan] * 4, 'holds NaN, or nothing'),
         (lambda _: [], 'holds NaN, or nothing'),
-        (lambda image: np.ones(4 + int(image.mean()) % 2), 'numbers before, and'),
+        (lambda image: np.ones(4 + int(image.mean()) % 2), 'numbers, expected'),
     ],
 )
 def test_a_vector_that_is_none_is_told_in_one_line(frames, wrong, line):
     with pytest.raises(ModelError, match=line) as caught:
         build_map(frames(), None, CONFIG, describe=wrong)
     assert '\n' not in str(caught.value)
+
+
+def test_vectors_of_another_length_than_the_maps_are_refused(frames):
+    class Changed:
+        identity = small.__qualname__
+
+        def __call__(self, image):
+            return small(image)[:3]
+
+    built = build_map(frames(count=5), None, CONFIG, describe=small)
+    recognizer = PlaceRecognizer(built, CONFIG, describe=Changed())
+    with pytest.raises(ModelError, match='24 numbers, expected 48'):
+        recognizer.process(frames()[0])
 
 
 def test_what_a_function_raises_comes_through(frames):

@@ -91,13 +91,15 @@ class FirstStage:
     """
     Adds a model's vector to what else is known of a frame; nothing if there is no model.
 
-    `duration_ms` is how long the newest vector took, 0 before there is one. ConfigError if the
+    `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the newest vector took, 0 before there is one. ConfigError if the
     encoding names a model, and the one that is there, if any, is another.
     """
 
-    def __init__(self, describe: Describe | None, encoding: EncodingConfig) -> None:
+    def __init__(
+        self, describe: Describe | None, encoding: EncodingConfig, numbers: int = 0
+    ) -> None:
         self._describe, self._encoding, self.duration_ms = describe, encoding, 0.0
-        self._numbers = 0  # of a vector, once one is known
+        self._numbers = numbers  # of a vector, once one is known
         asked, own = encoding.descriptor_model, identity_of(describe) if describe else ''
         if asked and not asked.startswith('#'):
             raise ConfigError(f'descriptor_model: {asked} is a file; open it, and give `describe`')
@@ -131,8 +133,8 @@ class FirstStage:
         self._numbers = self._numbers or len(numbers)
         if len(numbers) != self._numbers:
             raise ModelError(
-                f'descriptor_model: gave {self._numbers} numbers before, and {len(numbers)} now; '
-                'export it with an output of one size'
+                f'descriptor_model: its vector has {len(numbers)} numbers, expected '
+                f'{self._numbers}, as others; make it of one size'
             )
         return unit(numbers).astype(np.float16)
 
