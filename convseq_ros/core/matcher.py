@@ -15,7 +15,7 @@ from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
 _KEPT = 1000  # references whose features are kept beside a shortlist; 30 MB
+_KEPT_ROUGH = 4000  # references of which the rough kernel's features are kept; 48 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
@@ -34,6 +35,7 @@ class Features:
     approximate: Any  # by the chosen kernel
     exact: Any  # by an exact one, which may be the same
     arranged: Arranged | None = None  # by the geometry
+    rough: Any = None  # by the rough kernel
 
 
 class Matcher:
@@ -65,6 +67,9 @@ class Matcher:
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
+        self._rough: FeatureCache | None = None
+        if (rough := rough_kernel(matching)) and verifies:
+            self._rough = FeatureCache(reference_map, rough, own, threads, _KEPT_ROUGH)
         self._to_verify: FeatureCache | None = None
         if verifies and exact.project:
             pair = replace(exact, prepare=self._arranged, prepare_packed=None)
@@ -84,7 +89,8 @@ class Matcher:
         if (fast := self._fast.pair.extract(*asked)) is None:
             return None
         exact = fast if self.exact else pair.extract(*asked)
-        return Features(fast, exact, arranged(shown[0]) if self._to_verify and shown else None)
+        geometry = arranged(shown[0]) if self._to_verify and shown else None
+        return Features(fast, exact, geometry, self._rough and self._rough.pair.extract(*asked))
 
     def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
         pair = self._exact.pair
@@ -102,6 +108,12 @@ class Matcher:
             for (_, indices), row in zip(asked, found, strict=True):
                 row[np.isin(indices, removed)] = np.nan
         return found
+
+    def rough_scores(self, query: Features, indices: Indices) -> Row | None:
+        """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
+        if self._rough is None or query.rough is None:
+            return None
+        return self._rough.scores_of([(query.rough, indices)])[0]
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""
@@ -149,7 +161,7 @@ class Matcher:
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for cache in (self._fast, self._exact, self._to_verify):
+            for cache in (self._fast, self._exact, self._rough, self._to_verify):
                 if cache:
                     cache.clear()
 

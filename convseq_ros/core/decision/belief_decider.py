@@ -4,8 +4,9 @@
 
 from convseq_ros.core.decision.belief import Belief, Posterior
 from convseq_ros.core.decision.decider import Answer, candidate, Query
+from convseq_ros.core.decision.likelihood import strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import Observation, OBSERVED, Observer, strength_of
+from convseq_ros.core.decision.observation import Observation, OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -52,7 +53,7 @@ class BeliefDecider:
         self._coarse.update(query.buffer.newest.descriptor, query.usable)
         if query.missing > BUFFER.longest_gap:
             belief.reset()
-        belief.motion.move(frame.pose, query.missing)
+        belief.motion.move(frame.pose, query.missing, query.buffer.novelty)
         self._prior.move(frame.stamp_ns, frame.pose)
         belief.predict(query.usable)
         predicted = belief.likeliest(OBSERVED.predicted)
@@ -104,15 +105,15 @@ class BeliefDecider:
         """Take in a match."""
         self._prior.fix(best)
         near = self._near.mask(seen.places, best, _WINDOW)
-        is_shown = bool((seen.log_ratios[near] > 0).any())
-        self._observer.confirm(is_shown)
+        is_shown, learned = bool((seen.log_ratios[near] > 0).any()), self._observer.likelihood
+        learned.confirm(is_shown)
         strengths = [
             strength_of(shown)
             for one, shown in seen.verified.items()
             if self._near.is_near(one, best, _WINDOW)
         ]
-        if strengths and is_shown and best < session_start:
-            self._observer.learn(max(strengths))
+        if strengths and is_shown:
+            learned.learn(max(strengths), best >= session_start)
 
     def _candidates(
         self, best: int, posterior: Posterior, seen: Observation, query: Query

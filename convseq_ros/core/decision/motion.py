@@ -46,11 +46,15 @@ class MotionModel:
         self._total_m, self._ways = 0.0, 0  # of the drive, as far as odometry knew
         # Since the keyframe before, negative in reverse gear; None if it is not known.
         self._way_m: float | None = None
-        self._keyframes = 1
+        self._keyframes = 1.0
 
-    def move(self, pose: Pose | None, missing: int) -> None:
-        """Take in where odometry is at the next keyframe, and how many were dropped before it."""
-        self._way_m, self._keyframes = None, 1 + missing
+    def move(self, pose: Pose | None, missing: int, novelty: float = 1.0) -> None:
+        """
+        Take in where odometry is at the next keyframe, and how many were dropped before it.
+
+        `novelty` in [0, 1] says how much of the image is new: a robot that stands does not move.
+        """
+        self._way_m, self._keyframes = None, missing + novelty
         if pose is not None and self._pose is not None:
             before, now = matrix(self._pose), np.array(pose.position)
             ahead_m = float((now - before[:3, 3]) @ before[:3, 0])
@@ -64,7 +68,7 @@ class MotionModel:
 
         Both count places of the map, from its first; what lies beyond a session is on no place.
         """
-        pace: float = self._keyframes
+        pace = self._keyframes
         if self._way_m is not None and self._total_m > 0:
             pace = self._way_m * self._ways / self._total_m
         moved = places + pace * self.velocities[:, None]

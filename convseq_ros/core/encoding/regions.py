@@ -97,3 +97,10 @@ def _waves(side: int) -> npt.NDArray[np.float64]:
     frequency = np.arange(min(REGION.frequencies, side))[:, None]
     phase = np.pi * frequency * (np.arange(side) + 0.5) / side
     return np.asarray(np.where(frequency, np.sqrt(2.0), 1.0) / side * np.cos(phase))
+
+
+def thinned(regions: Regions, step: int) -> Regions:
+    """Return of the rows and columns of a square of regions (N, 32) one of each `step`."""
+    side = isqrt(len(regions))
+    every = regions.reshape(side, side, -1)[::step, ::step]
+    return every.reshape(-1, regions.shape[1])

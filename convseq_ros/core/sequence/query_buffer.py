@@ -101,6 +101,11 @@ class QueryBuffer:
             row[missing] = scores
             self.pairs_scored += len(missing)
 
+    def rough_scores(self, ends: Indices) -> Row | None:
+        """Return rough pair scores (n,) of the newest frame, NaN where nothing is shown."""
+        features = self.newest.features
+        return None if features is None else self._matcher.rough_scores(features, ends)
+
     def best_scores(self, length: int, ends: Indices) -> Values:
         """
         Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored.
@@ -145,6 +150,22 @@ class QueryBuffer:
         features = [one.features for one in self.outward[:2]]
         shown = [one.arranged for one in features if one and one.arranged]
         return verify(shown[0], shown[1], (0.0, 0.0)) if len(shown) == 2 else None
+
+    @property
+    def novelty(self) -> float:
+        """
+        How much the newest frame shows that the one before did not, in [0, 1].
+
+        1 up to a cosine of 0.5 of their regions, which frames of a drive hardly exceed; 0 if the
+        image is the same.
+        """
+        features = [one.features for one in self.outward[:2]]
+        shown = [one.arranged.numbers for one in features if one and one.arranged]
+        if len(shown) < 2 or not (
+            lengths := float(np.linalg.norm(shown[0]) * np.linalg.norm(shown[1]))
+        ):
+            return 1.0
+        return min(1.0, max(0.0, 2 - 2 * float(shown[0] @ shown[1]) / lengths))
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:
         self._frames = deque((*self._frames, frame), most)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions
+from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
 from convseq_ros.core.map.place import Packed
 from convseq_ros.core.similarity.global_similarity import Blocks, Wide, widened
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
@@ -29,6 +29,9 @@ class COHERENT:
 
     sigma_cells: float = 1.5  # of the Gaussian within which votes are counted together
     reach_cells: int = 6  # where the Gaussian ends, four sigmas from its middle
+    # Rough scores are those of every second region of both images, a sixteenth of the work.
+    rough_step: int = 2
+    rough_sigma: float = 1.0  # second regions
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +51,21 @@ class _Query:
 
 
 def extract(
-    query: Descriptor, least_bits: float, regions: Regions | None = None
+    query: Descriptor, least_bits: float, regions: Regions | None = None, step: int = 1
 ) -> CoherentQuery | None:
     """
     Return what is compared of a query; None if no region of it is salient.
 
     A region is, if the mean entropy over its 3 x 3 cells is at least so many bits. `regions` are
-    all regions of the query, (N, 32); its `projected_regions` by default.
+    all regions of the query, (N, 32); its `projected_regions` by default. Of rows and columns of
+    regions, one of each `step` is taken.
     """
     entropy = cv2.boxFilter(query.cell_entropy, -1, (REGION.span, REGION.span))[1:-1, 1:-1]
-    index = np.flatnonzero(entropy >= least_bits)
+    index = np.flatnonzero(entropy[::step, ::step] >= least_bits)
     if not index.size or not query.cells.any():
         return None
     regions = projected_regions(query.cells) if regions is None else regions
-    return CoherentQuery(regions[index], index, len(entropy))
+    return CoherentQuery(thinned(regions, step)[index], index, -(-len(entropy) // step))
 
 
 def coherent_pair(
@@ -78,6 +82,7 @@ def coherent_pair(
         [Any, Wide | None, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]
     ],
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
+    step: int = 1,
 ) -> PairScore:
     """
     Return the pair score of a kernel: `coherent_score`, less where whole images differ.
@@ -85,20 +90,22 @@ def coherent_pair(
     If there is a background, up to half of the score is lost as the global similarity falls.
     `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
     computes `coherent_score` of a query and some references, and their `global_similarity`, as
-    `pack_query` and `pack_reference` lay them out.
+    `pack_query` and `pack_reference` lay them out. By a `step` of more than 1 the score is a rough
+    one, whatever whole images show.
     """
     _, project, subtract = regions
 
     def extracted(query: Descriptor, least_bits: float, shown: Shown | None) -> _Query | None:
         own, blocks = shown or (project(query.cells), None)
-        found = extract(query, least_bits, own)
+        found = extract(query, least_bits, own, step)
         if found is None:
             return None
-        wide = None if blocks is None else widened(blocks, found.side)
+        wide = None if blocks is None or step > 1 else widened(blocks, found.side)
         return _Query(found, pack_query(found), wide)
 
     def prepare(cells: Cells, background: Regions | None) -> Any:
-        return pack_reference(*subtract(project(cells), background))
+        regions, blocks = subtract(project(cells), background)
+        return pack_reference(thinned(regions, step), None if step > 1 else blocks)
 
     def score(query: _Query, references: Sequence[Any]) -> Scores:
         (shares, shifts), alike = compare(query.packed, query.wide, references)

@@ -4,16 +4,11 @@
 
 import math
 
+from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO, RecentMean, strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import (
-    gumbel_scale,
-    OBSERVED,
-    Observer,
-    RATIO,
-    RecentMean,
-    strength_of,
-)
+from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.geometry.verification import Verification
+from convseq_ros.core.graph.links import LINKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -29,10 +24,14 @@ class Frame:
     def __init__(self, scores, strengths, step=None, usual=25.0):
         self.rows, self._strengths, self._usual = [np.array(scores, np.float32)], strengths, usual
         self.verified_step = None if step is None else shown(step)
-        self.asked = set()
+        self.asked, self.scored, self.novelty = set(), (), 1.0
 
-    def score(self, count, _places):
+    def score(self, count, places):
         assert count == 1
+        self.scored = (*self.scored, *places.tolist())
+
+    def rough_scores(self, places):
+        return self.rows[0][places]
 
     def verified(self, indices):
         self.asked |= {*indices}
@@ -78,14 +77,24 @@ def looked(
     coarse = Listed(range(count) if listed is None else listed, count)
     observer = Observer(coarse, Neighbourhood(reference_map), 40)
     for strength in learned or ():
-        observer.learn(strength)
+        observer.likelihood.learn(strength, False)
     believed = np.array(sorted(predicted) if believed is None else believed, np.int64)
     seen = observer.observe(frame, believed, predicted, start)
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
 
 
+@pytest.mark.parametrize(('frames', 'most'), [(1, OBSERVED.first_scored), (20, OBSERVED.scored)])
+def test_the_best_by_rough_scores_and_controls_are_scored_in_full(a_map, frames, most):
+    observer = Observer(Listed(range(100), 100), Neighbourhood(a_map(100)), 40)
+    for _ in range(frames):
+        frame = Frame(scored(), {30: 36.0})
+        observer.observe(frame, NONE, (), NONE)
+    assert len(frame.scored) == most and {30, *RIVALS} <= {*frame.scored}
+    assert sum(abs(one - 30) > LINKS.beside for one in frame.scored) >= OBSERVED.fewest
+
+
 def test_a_lead_counts_by_strength_and_by_score_in_scales(a_map):
-    seen, ratios = looked(a_map(100), Frame(scored(), {30: 36.0}))
+    seen, ratios = looked(a_map(100), Frame(scored(), {30: 36.0}), believed=range(100))
     # Twice the roots of 36 and of the rivals' 25; .104 against .1.
     lead, above = 12 - 10, (0.104 - 0.1) / RATIO.prior_score
     lead /= RATIO.prior_strength**RATIO.power
@@ -163,15 +172,15 @@ def test_all_that_is_believed_is_told_of(a_map):
 
 def test_how_rarely_true_places_are_shown_is_learned(a_map):
     observer = Observer(Listed([], 9), Neighbourhood(a_map(9)), 40)
-    assert observer.unseen == pytest.approx(UNSEEN)
+    assert observer.likelihood.unseen == pytest.approx(UNSEEN)
     for _ in range(30):
-        observer.confirm(True)
-    assert RATIO.least <= observer.unseen < 2 * UNSEEN
+        observer.likelihood.confirm(True)
+    assert RATIO.least <= observer.likelihood.unseen < 2 * UNSEEN
     for _ in range(100):
-        observer.confirm(False)
-    assert UNSEEN < observer.unseen <= 0
+        observer.likelihood.confirm(False)
+    assert UNSEEN < observer.likelihood.unseen <= 0
     observer.reset()
-    assert observer.unseen == pytest.approx(UNSEEN)
+    assert observer.likelihood.unseen == pytest.approx(UNSEEN)
 
 
 def test_a_place_that_is_shown_far_worse_than_matches_are_is_doubted(a_map):
@@ -190,6 +199,24 @@ def test_a_place_of_this_drive_is_compared_with_the_frame_before(a_map):
 
     assert ratio(600.0, 0) < 0 < ratio(150.0, 0)
     assert ratio(600.0, NONE) == ratio(600.0, 31) == ratio(150.0, 0)
+
+
+def test_as_strong_as_matches_are_is_another_hypothesis_and_no_control(a_map):
+    # Two places are shown as matches of this drive are: neither is a reason against the other.
+    strengths = {30: 420.0, 60: 400.0}
+    before = looked(a_map(100), Frame(scored(), strengths))[1]
+    ratios = looked(a_map(100), Frame(scored(), strengths), learned=[400.0])[1]
+    assert before[60] < 0 <= ratios[60] and ratios[30] > before[30] + 1
+    weaker = looked(a_map(100), Frame(scored(), {30: 420.0, 60: 200.0}), learned=[400.0])[1]
+    assert weaker[60] < -1
+
+
+def test_an_image_that_shows_the_same_again_speaks_for_no_place_again(a_map):
+    new, again = Frame(scored(), {30: 100.0}), Frame(scored(), {30: 100.0})
+    again.novelty = 0.0
+    first, second = (looked(a_map(100), frame)[1] for frame in (new, again))
+    assert first[30] > 1 and second[30] == 0
+    assert second[60] == first[60] < 0
 
 
 @settings(max_examples=100)

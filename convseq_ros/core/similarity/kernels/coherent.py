@@ -10,7 +10,7 @@ from convseq_ros.core.compiled import array, kernel, library, SIZE
 from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import Wide
-from convseq_ros.core.similarity.kernels.numpy_coherent import window
+from convseq_ros.core.similarity.kernels.numpy_coherent import ROUGH_WINDOW, WINDOW
 from convseq_ros.core.similarity.kernels.panel import (
     COLUMNS,
     Packed,
@@ -27,7 +27,6 @@ import numpy as np
 import numpy.typing as npt
 
 _SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
-_WINDOW = window()[COHERENT.reach_cells :]
 _MARGIN = 8  # of a grid of votes, as in coherent.c
 
 _WORDS = array('i4')
@@ -70,17 +69,27 @@ def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 
 def _compared(
-    query: _Query, wide: Wide | None, others: Sequence[Reference]
+    query: _Query,
+    wide: Wide | None,
+    others: Sequence[Reference],
+    window: npt.NDArray[np.float64] = WINDOW,
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if query.packed[1] is None else _compare_bytes
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
     own = *query.packed, query.start, query.count, query.side
-    compare(*own, *_grid(query.side), _WINDOW, where, len(others), found)
+    half = window[COHERENT.reach_cells :]
+    compare(*own, *_grid(query.side), half, where, len(others), found)
     scores = found[:, 0].astype(np.float32), found[:, 1:]
     return scores, None if wide is None else alike(wide, others, where)
 
 
-def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]) -> PairScore:
+def _pair(
+    name: str,
+    scale: float,
+    pack_query: Callable[[CoherentQuery], _Query],
+    step: int = 1,
+    window: npt.NDArray[np.float64] = WINDOW,
+) -> PairScore:
     """Return the pair score by bytes, if there is a scale, or by floats."""
     return coherent_pair(
         f'{name} {library().variant}',
@@ -88,8 +97,9 @@ def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]
         (normalized, project, less_background),
         pack_query,
         partial(pack, scale=scale),
-        _compared,
-        partial(pack_all, scale=scale),
+        partial(_compared, window=window),
+        partial(pack_all, scale=scale, step=step),
+        step,
     )
 
 
@@ -101,3 +111,9 @@ def float32() -> PairScore:
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     return _pair('int8', _SCALE, _byte_query)
+
+
+def rough(exact: bool) -> PairScore:
+    """Return the rough pair score, by float32 products or by 8-bit ones."""
+    kind = ('float32', 0.0, _float_query) if exact else ('int8', _SCALE, _byte_query)
+    return _pair(*kind, COHERENT.rough_step, ROUGH_WINDOW)

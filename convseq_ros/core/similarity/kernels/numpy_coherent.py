@@ -3,7 +3,7 @@
 """Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from threading import local
 from typing import Any
 
@@ -23,16 +23,18 @@ import numpy as np
 import numpy.typing as npt
 
 
-def window() -> npt.NDArray[np.float64]:
+def window(sigma_cells: float) -> npt.NDArray[np.float64]:
     """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
     cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
-    return np.exp(-(cells**2) / (2 * COHERENT.sigma_cells**2)).astype(np.float32).astype(float)
+    return np.exp(-(cells**2) / (2 * sigma_cells**2)).astype(np.float32).astype(float)
 
 
-_WINDOW = window()
+WINDOW, ROUGH_WINDOW = window(COHERENT.sigma_cells), window(COHERENT.rough_sigma)
 
 
-def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shift]:
+def coherent_score(
+    query: CoherentQuery, reference: Regions, window: npt.NDArray[np.float64] = WINDOW
+) -> tuple[float, Shift]:
     """
     Return which share of the regions agrees on one shift, and that shift.
 
@@ -56,7 +58,7 @@ def coherent_score(query: CoherentQuery, reference: Regions) -> tuple[float, Shi
     there, back = similarity.argmax(axis=1), cv2.transpose(similarity, turned).argmax(axis=1)
     votes = _votes(query.index, there, query.side)
     votes += _votes(query.index[back], slice(None), query.side) * (len(there) / len(back))
-    peak = cv2.sepFilter2D(votes, -1, _WINDOW, _WINDOW, borderType=cv2.BORDER_CONSTANT)
+    peak = cv2.sepFilter2D(votes, -1, window, window, borderType=cv2.BORDER_CONSTANT)
     place = int(peak.argmax())
     row, column = divmod(place, peak.shape[1])
     score = float(peak.flat[place]) / (2 * len(there))
@@ -111,9 +113,13 @@ def _both(regions: Regions, blocks: Blocks | None) -> Shown:
 
 
 def _compare(
-    query: CoherentQuery, wide: Wide | None, references: Sequence[Shown]
+    query: CoherentQuery,
+    wide: Wide | None,
+    references: Sequence[Shown],
+    window: npt.NDArray[np.float64] = WINDOW,
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
-    scores, shifts = zip(*(coherent_score(query, one) for one, _ in references), strict=True)
+    told = (coherent_score(query, one, window) for one, _ in references)
+    scores, shifts = zip(*told, strict=True)
     found, blocks = (
         (np.array(scores, np.float32), np.array(shifts)),
         [one for _, one in references],
@@ -123,6 +129,14 @@ def _compare(
     return found, global_similarity(wide, np.array(blocks, np.float64))
 
 
-COHERENT_PAIR = coherent_pair(
-    'numpy', True, (normalized, projected_regions, less_background), _same, _both, _compare
+_OF_REGIONS = normalized, projected_regions, less_background
+COHERENT_PAIR = coherent_pair('numpy', True, _OF_REGIONS, _same, _both, _compare)
+ROUGH_PAIR = coherent_pair(
+    'numpy',
+    False,
+    _OF_REGIONS,
+    _same,
+    _both,
+    partial(_compare, window=ROUGH_WINDOW),
+    step=COHERENT.rough_step,
 )

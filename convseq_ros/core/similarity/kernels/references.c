@@ -7,13 +7,14 @@
 // packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
 // normalised (see there) if `typical` is not 0, and less the background if there is one: then a
 // panel ends with the sums of blocks of its regions. Regions are bytes if there is a scale, else
-// floats as they come.
-KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, float unit,
-                float middle, float beside, double typical, const float *axes,
+// floats as they come. Of rows and columns of regions, one of each `step` is taken.
+KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, intptr_t step,
+                float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
                 void *const *panels, int8_t *shown)
 {
-    intptr_t side = size - SPAN + 1, count = side * side, numbers = size * size * BINS;
+    intptr_t side = (size - SPAN + step) / step, count = side * side;
+    intptr_t numbers = size * size * BINS;
     intptr_t blocks = (side + block - 1) / block, bytes = scale > 0 ? 1 : sizeof(float);
     float *cells = malloc((size_t)(2 * numbers + count * NUMBERS) * sizeof *cells);
     float *normal = cells + numbers;
@@ -31,7 +32,8 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
             continue;
         if (typical > 0)
             failed |= CALL(normalize)(cells, size, middle, beside, typical, normal);
-        failed |= CALL(project)(typical > 0 ? normal : cells, size, axes, origin, regions);
+        failed |= CALL(project)(typical > 0 ? normal : cells, size, step, axes, origin,
+                                regions);
         if (background) {
             float *sums = (float *)((char *)panels[one] +
                                     rounded_up(count, COLUMNS) * NUMBERS * bytes);

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.kernels import axes
-from convseq_ros.core.encoding.regions import REGION, Regions
+from convseq_ros.core.encoding.regions import REGION, Regions, thinned
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
@@ -31,8 +31,8 @@ import numpy.typing as npt
 
 _FLOATS, _ADDRESSES = array('f4'), array('u8')
 _prepare = kernel(
-    'prepare', _ADDRESSES, SIZE, SIZE, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS, _FLOATS,
-    SIZE, FLOAT, _ADDRESSES, array('i1'),
+    'prepare', _ADDRESSES, SIZE, SIZE, SIZE, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS,
+    _FLOATS, SIZE, FLOAT, _ADDRESSES, array('i1'),
 )  # fmt: skip
 _lateral_products = kernel(
     'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, array('f8')
@@ -60,21 +60,31 @@ def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
 
 
 def pack_all(
-    packed: Sequence[Packed], normalizes: bool, background: Regions | None, scale: float
+    packed: Sequence[Packed],
+    normalizes: bool,
+    background: Regions | None,
+    scale: float,
+    step: int = 1,
 ) -> list[Reference | None]:
-    """Return what `pack` does of each reference, from its packed cells; None without gradient."""
+    """
+    Return what `pack` does of each reference, from its packed cells; None without gradient.
+
+    Of rows and columns of regions, one of each `step` is taken.
+    """
     size, shown = len(packed[0]), np.empty(len(packed), np.int8)
     side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
+    if background is not None:
+        background = np.ascontiguousarray(thinned(background, step), np.float32)
+    side = rounded_up(side, step) // step
     room = rounded_up(side**2, COLUMNS) * REGION.numbers * (1 if scale else 4)
     behind = 0
     if background is not None:
-        background = np.ascontiguousarray(background, np.float32)
         behind = (-(-side // block)) ** 2 * REGION.numbers * 4
     cells = [np.ascontiguousarray(one) for one in packed]
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
     where = addresses(panels)
     _prepare(
-        addresses(cells), len(packed), size, PACKED_UNIT, own.middle, own.side,
+        addresses(cells), len(packed), size, step, PACKED_UNIT, own.middle, own.side,
         own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
     )  # fmt: skip
     made = [panels[one] for one in np.flatnonzero(shown)]
