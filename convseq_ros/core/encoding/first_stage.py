@@ -91,8 +91,9 @@ class FirstStage:
     """
     Adds a model's vector to what else is known of a frame; nothing if there is no model.
 
-    `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the newest vector took, 0 before there is one. ConfigError if the
-    encoding names a model, and the one that is there, if any, is another.
+    `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the
+    newest vector took, 0 before there is one. ConfigError if the encoding names a model, and the
+    one that is there, if any, is another.
     """
 
     def __init__(
