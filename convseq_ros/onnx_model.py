@@ -72,35 +72,15 @@ class Input:
 
 class OnnxModel:
     """
-    A network that turns an image into a descriptor, a vector.
+    A network that turns an image into a descriptor, a vector of so many `numbers`.
 
-    Parameters
-    ----------
-    path : Path
-        The model; one float input (1, C, H, W) with 1 or 3 channels, and its first output, of any
-        shape, is the vector. How images become the input is said by its metadata or by a YAML
-        file of its name beside it, with `size`, `mean`, `scale` and `color`; by default it is as
-        ImageNet's.
-    reading : ReadingConfig, optional
-        How large it may be.
-    given : mapping of str to object, optional
-        The same as in the YAML file, from elsewhere.
-
-    Attributes
-    ----------
-    identity : str
-        SHA-256 of the file, of those that its weights lie in, and of the YAML file.
-    wants_color : bool
-        Whether it is given images in colour, where there are some.
-    numbers : int
-        Of its vector.
-
-    Raises
-    ------
-    ModelError
-        If onnxruntime is missing, or the model is too large, damaged, has files outside its
-        folder, operators of its own, another input, or fails on an image.
-
+    It has one float input (1, C, H, W) with 1 or 3 channels, and its first output, of any shape, is
+    the vector. How images become the input is said by its metadata, by a YAML file of its name
+    beside it, or is `given`: `size`, `mean`, `scale` and `color`; by default it is as ImageNet's.
+    `identity` is the SHA-256 of the file, of those that its weights lie in, and of the YAML file;
+    `wants_color` tells whether it is given images in colour, where there are some. ModelError if
+    onnxruntime is missing, or the model is too large for `reading`, damaged, has files outside its
+    folder, operators of its own, another input, or fails on an image.
     """
 
     def __init__(

@@ -30,19 +30,7 @@ _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
 def gray_from_bgr(bgr: Pixels) -> Gray:
-    """
-    Return the grey image of a colour image: the only place where colour is given up.
-
-    Parameters
-    ----------
-    bgr : ndarray of uint8, shape (H, W, 3)
-        Blue, green, red.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-
-    """
+    """Return the grey image (H, W) of one in colour (H, W, 3): the only way from it."""
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
@@ -74,26 +62,12 @@ def _only_gray(pixels: Pixels) -> Gray:
 
 def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the image of a sensor_msgs/Image, in colour if it has any.
+    Return the image of a sensor_msgs/Image: (H, W), or in colour (H, W, 3), blue, green, red.
 
-    Parameters
-    ----------
-    message : object
-        With the fields `height`, `width`, `encoding`, `is_bigendian`, `step` and `data`.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W), or (H, W, 3): blue, green, red
-        C-contiguous; in colour, it may be the message's own memory.
-
-    Raises
-    ------
-    ImageError
-        If the encoding is unknown, the size is zero, too large or does not suit the encoding, or
-        `step` or `data` is too small for it.
-
+    The message has `height`, `width`, `encoding`, `is_bigendian`, `step` and `data`; what is
+    returned is C-contiguous, and in colour perhaps the message's own memory. ImageError if the
+    encoding is unknown, the size is zero, too large for `reading` or does not suit the encoding,
+    or `step` or `data` is too small for it.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
@@ -131,26 +105,11 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
 
 def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the image of a sensor_msgs/CompressedImage, in colour.
+    Return the image of a sensor_msgs/CompressedImage: (H, W, 3) blue, green, red.
 
-    Parameters
-    ----------
-    message : object
-        With the fields `format` ('jpeg', 'png', or as image_transport writes it, such as
-        'bgr8; jpeg compressed bgr8') and `data`.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W, 3)
-        Blue, green, red.
-
-    Raises
-    ------
-    ImageError
-        If the format is compressedDepth or the data are damaged, too large or no JPEG or PNG.
-
+    The message has `data` and `format` ('jpeg', 'png', or as image_transport writes it, such as
+    'bgr8; jpeg compressed bgr8'). ImageError if the format is compressedDepth, or as of
+    `picture_pixels`.
     """
     if 'compressedDepth' in message.format:
         raise ImageError(
@@ -164,26 +123,10 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return an encoded picture in colour, as stored (an EXIF rotation is not applied).
+    Return a picture file's content, (H, W, 3) blue, green, red, as stored: EXIF turns nothing.
 
-    Parameters
-    ----------
-    data : bytes, array or ndarray of uint8
-        Content of a picture file.
-    reading : ReadingConfig, optional
-        How many pixels there may be.
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W, 3)
-        Blue, green, red.
-
-    Raises
-    ------
-    ImageError
-        If the data are cut short, damaged, of an unknown kind, or declare too many pixels; they
-        are not decoded then.
-
+    ImageError if the data are cut short, damaged, of an unknown kind, or declare more pixels than
+    `reading` allows; they are not decoded then.
     """
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
@@ -208,15 +151,10 @@ def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixel
 
 def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return a picture file in colour, (H, W, 3).
+    Return a picture file as `picture_pixels` does.
 
-    Raises
-    ------
-    ImageError
-        As for `picture_pixels`; also if the file is larger than the largest picture can be.
-    OSError
-        If it cannot be read.
-
+    ImageError also if the file is larger than the largest picture can be, OSError if it cannot be
+    read.
     """
     size = path.stat().st_size
     reading.refuse_image(size // _PIXEL_BYTES, f'data: {size / _MEGA:.3g} MB')
