@@ -74,9 +74,9 @@ class OnnxModel:
     """
     A network that turns an image into a descriptor, a vector of so many `numbers`.
 
-    It has one float input (1, C, H, W) with 1 or 3 channels, and its first output, of any shape, is
-    the vector. How images become the input is said by its metadata, by a YAML file of its name
-    beside it, or is `given`: `size`, `mean`, `scale` and `color`; by default it is as ImageNet's.
+    Its input is float (1, C, H, W), with 1 or 3 channels; its first output, of any shape, is the
+    vector. How images become the input is said by its metadata, by a YAML file of its name beside
+    it, or is `given`: `size`, `mean`, `scale` and `color`; by default it is as ImageNet's.
     `identity` is the SHA-256 of the file, of those that its weights lie in, and of the YAML file;
     `wants_color` tells whether it is given images in colour, where there are some. ModelError if
     onnxruntime is missing, or the model is too large for `reading`, damaged, has files outside its
