@@ -9,7 +9,7 @@ Usage: thirty_frames.py draw FOLDER, then thirty_frames.py answer FOLDER on each
 from pathlib import Path
 import sys
 
-from convseq_ros.config import make_config
+from convseq_ros.config import Config, with_values
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.sources import open_source
@@ -39,7 +39,7 @@ def draw(folder: Path) -> None:
 
 def answer(folder: Path) -> None:
     """Print the checksum of the map's cells, and every frame's answer."""
-    config = make_config({'keyframe_overlap': 1.0, 'stationary_overlap': 1.0})
+    config = with_values(Config(), {'keyframe_overlap': 1.0, 'stationary_overlap': 1.0})
     made = build_map(open_source(folder / 'first'), None, config)
     print(len(made), np.sum([made.cells(index).astype(np.float64) for index in range(len(made))]))
     recognizer = PlaceRecognizer(made, config)

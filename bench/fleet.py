@@ -25,15 +25,14 @@ from convseq_ros import Config, Frame, PlaceRecognizer
 from convseq_ros.cli import main as convseq
 from convseq_ros.cli.fleet_build import build_one
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
-from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Packed, Picture, Place, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Match, Status
 from convseq_ros.fleet import shard
-from convseq_ros.fleet.cluster import Cluster, connected
-from convseq_ros.fleet.jobs import done
+from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street

@@ -8,43 +8,38 @@ dataclasses below. Names are unique across groups, so that users write them flat
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+import math
 from typing import Any, TypeVar
 
 from convseq_ros.errors import ConfigError
-from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Checked, Parameter, parameter, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.robot_config import RobotConfig
 
 Group = TypeVar('Group')
+_UNKNOWN_MOUNT = '0 0 0 0 0 0'
 
 
-# A table of parameters reads better in few lines.
+# A table of parameters reads better in few lines. Fields without text are constants: nobody can
+# choose them from knowledge of a robot, but studies vary them in Python.
 # fmt: off
 @dataclass(frozen=True, slots=True)
 class EncodingConfig(Checked):
     """How an image becomes cells, salient regions and an entropy (paper III-B, III-C)."""
 
     image_size_px: int = parameter(
-        512, 'Side of the square to which every image is resized; W1 = H1 in the paper.',
+        512, 'Images are resized to a square with sides of this length before they are compared.',
         unit='px', low=64, high=2048,
     )
-    saliency_threshold: float = parameter(
-        0.5, 'A region of an image is salient, and compared, if its mean entropy is at least this '
-        'share of 8 bits; ET in the paper.', low=0.0, high=1.0,
-    )
-    resize: str = parameter(
-        'exact', 'How images are resized: exact is the same on every processor, linear as in maps '
-        'that were made before; a map keeps its own.', choices=('exact', 'linear'),
-    )
+    saliency_threshold: float = 0.5  # of 8 bits: least mean entropy of a salient region; ET there
+    resize: str = 'exact'  # the same on every processor; linear is what was published
     image_mask: str = parameter(
-        '', 'Picture file: white where the camera sees the world, black where it sees the robot '
-        'or nothing; of any size; empty for none, or the one that a map keeps.',
+        '', 'Picture file that is black where images show the robot itself; empty uses the mask '
+        'that the map stores, if any.',
     )
     image_rotation_deg: int = parameter(
-        0, 'Images are turned counter-clockwise by this before all else, for a camera on its '
-        'side or upside down: 0, 90, 180 or 270.', unit='deg', low=0, high=270,
+        0, 'Counter-clockwise rotation of images before all else, for a camera that is mounted '
+        'on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
     )
     descriptor_model: str = parameter(
         '', 'ONNX file of a network that turns an image into the vector by which places are found '
@@ -64,37 +59,30 @@ class MatchingConfig(Checked):
     """How a pair of images is scored, and which pairs are."""
 
     matching: str = parameter(
-        'coherent', 'Pair score of two images: regional is the mean similarity of best matching '
-        'regions (the paper), coherent the share of regions that moved together, descriptor the '
-        'cosine of two descriptors, without geometry.',
+        'coherent', 'How two images are compared: coherent counts regions that moved together, '
+        'regional takes the mean similarity of the best matching regions, as in the paper, '
+        'descriptor the cosine of two descriptors, without geometry.',
         choices=('coherent', 'regional', 'descriptor'),
     )
     search: str = parameter(
-        'shortlist', 'Which map places get a pair score: exhaustive scores all of them (the '
-        'paper), shortlist those that global descriptors make likely.',
+        'shortlist', 'Which places are compared in full: shortlist takes those that a coarse '
+        'comparison finds likely, exhaustive takes all of them, as in the paper.',
         choices=('exhaustive', 'shortlist'),
     )
-    subtract_background: bool = parameter(
-        True, 'Coherent matching compares normalised cells less the average image of the map and '
-        'of the drive, and weighs in the global similarity.',
-    )
-    shortlist_length: int = parameter(
-        40, 'Number of map places that get a pair score per frame because the drive so far makes '
-        'them likely; a quarter more are likely by the newest frame. Shortlist only.',
-        unit='places', low=3, high=1000,
-    )
+    subtract_background: bool = True  # coherent: what map and drive have in common counts nothing
+    shortlist_length: int = 40  # places likely by the drive; a quarter more by the newest frame
     both_directions: bool = parameter(
-        False, 'A drive may also meet the places of the map in reverse order: in reverse gear, or '
-        'with a rear camera on the way back.',
+        False, 'Whether the robot may also pass the places of the map in reverse order: in '
+        'reverse gear, or with a rear camera on the way back.',
     )
     kernel: str = parameter(
-        'auto', 'Implementation of pair scores: int8 and float32 are compiled C, numpy is not; '
-        'auto takes the fastest that this machine has.',
+        'auto', 'Implementation of image comparison: int8 and float32 are compiled C, numpy '
+        'needs no compiler, auto takes the fastest one available.',
         choices=('auto', 'int8', 'float32', 'numpy'),
     )
     threads: int = parameter(
-        0, 'Threads that compute pair scores; 0 takes as many cores as the process may use, at '
-        'most 2.', low=0, high=256,
+        0, 'Number of threads that compare images; 0 uses the available cores, but at most two.',
+        low=0, high=256,
     )
 
 
@@ -103,34 +91,16 @@ class SequenceConfig(Checked):
     """How many frames are matched together (paper III-A, E, F)."""
 
     fixed_length: int = parameter(
-        0, 'Frames in every sequence; 0 chooses the length for each frame, as the paper does.',
-        unit='frames', low=0, high=100, dynamic=True,
+        0, 'Number of frames in every sequence; 0 chooses the length for each frame, as in the '
+        'paper.', unit='frames', low=0, high=100, dynamic=True,
     )
-    overlap_threshold: float = parameter(
-        0.9, 'A sequence grows while its oldest frame is at least this similar to the newest; IT '
-        'in the paper.', low=0.0, high=1.0, dynamic=True,
-    )
-    entropy_threshold: float = parameter(
-        0.5, 'A sequence grows while the mean entropy of its images, as a share of 8 bits, is at '
-        'most this; ET in the paper.', low=0.0, high=1.0, dynamic=True,
-    )
-    min_length: int = parameter(
-        2, 'Shortest sequence that is chosen.', unit='frames', low=1, high=100,
-    )
-    max_overlap_length: int = parameter(
-        15, 'Longest sequence that similarity alone can make.', unit='frames', low=1, high=100,
-    )
-    max_length: int = parameter(
-        25, 'Longest sequence that is chosen.', unit='frames', low=1, high=100,
-    )
-
-    def __post_init__(self) -> None:
-        Checked.__post_init__(self)
-        if not self.min_length <= self.max_overlap_length <= self.max_length:
-            raise ConfigError(
-                f'min_length, max_overlap_length, max_length: {self.min_length}, '
-                f'{self.max_overlap_length}, {self.max_length} are not in ascending order'
-            )
+    # Of the paper: a sequence grows while its oldest frame is as similar to the newest as IT, ...
+    overlap_threshold: float = 0.9
+    entropy_threshold: float = 0.5  # ... or its mean entropy, of 8 bits, is at most ET
+    # Frames.
+    min_length: int = 2
+    max_overlap_length: int = 15  # that similarity alone can make
+    max_length: int = 25
 
     @property
     def window(self) -> int:
@@ -143,45 +113,113 @@ class AcceptanceConfig(Checked):
     """When the best candidate is published as a match."""
 
     acceptance_rule: str = parameter(
-        'auto', 'How a match is accepted: belief accepts a place that is nearly sure after all '
-        'frames so far, margin a sequence that scores more than its best rival (the paper has no '
-        'such rule); auto is belief with coherent matching, margin with regional.',
+        'auto', 'How a match is accepted: belief needs a high probability after all frames so '
+        'far, margin needs a higher score than the best rival, auto is belief with coherent '
+        'matching and margin with regional matching.',
         choices=('auto', 'belief', 'margin'),
     )
     min_confidence: float = parameter(
-        0.9, 'Belief: a match is accepted if the probability that it is right is at least this. '
-        'Lower is bolder, higher is safer.', low=0.0, high=1.0, dynamic=True,
+        0.9, 'With the belief rule, a match is accepted if the probability that it is right is '
+        'at least this.', low=0.0, high=1.0, dynamic=True,
     )
     min_margin: float = parameter(
-        0.003, 'Margin rule: a match is accepted if it scores this much more than its best rival.',
-        low=0.0, high=1.0, dynamic=True,
+        0.003, 'With the margin rule, a match is accepted if its score exceeds that of the best '
+        'rival by at least this.', low=0.0, high=1.0, dynamic=True,
     )
     rival_distance: int = parameter(
-        10, 'Map places further than this from a candidate are other places: its rivals.',
+        10, 'Places of the map that are further than this from a candidate are its rivals.',
         unit='places', low=0, high=10000, dynamic=True,
     )
-    num_candidates: int = parameter(
-        5, 'Candidates in every result, no two nearer than rival_distance.', low=1, high=100,
-    )
+    num_candidates: int = 5  # in every result, no two nearer than rival_distance
     closure_interval_s: float = parameter(
-        0.0, 'Least time between two accepted matches; 0 accepts every sure frame.',
+        0.0, 'Minimum time between two accepted matches; 0 accepts every confident frame.',
         unit='s', low=0.0, high=3600.0, dynamic=True,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class MotionConfig(Checked):
-    """When a robot stands still: such frames say nothing new and are passed over."""
+    """When a robot stands still: such frames add no information and are left out."""
 
-    stationary_overlap: float = parameter(
-        0.985, 'Without odometry, the robot stands still while frames are more similar than this '
-        'to the last that moved; 1 never says so. Not with the margin rule.', low=0.0, high=1.0,
-    )
+    # Without odometry, a robot stands still while frames are more similar than this; 1: never.
+    stationary_overlap: float = 0.985
     stationary_m: float = parameter(
-        0.05, 'With odometry, the robot stands still while it is nearer than this to the last '
-        'frame that moved, and turned by less than 18 degrees; 0 never says so.',
+        0.05, 'With odometry, the robot stands still until it has moved this far or has turned '
+        'by 18 degrees; 0 turns this off.',
         unit='m', low=0.0, high=100.0,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConfig(Checked):
+    """Where the camera is on the robot, and how far odometry is believed."""
+
+    camera_to_base: str = parameter(
+        _UNKNOWN_MOUNT, 'Pose of the upright camera in base_frame (x y z in metres, then roll '
+        'pitch yaw in radians; x along the lens, y left, z up), with a semicolon between several '
+        'cameras; the node prefers TF.',
+    )
+    odometry_way_error: float = parameter(
+        0.1, 'Largest error of odometry as a fraction of the distance travelled; a match that '
+        'contradicts odometry by more is implausible, and 0 believes every match.',
+        low=0.0, high=10.0,
+    )
+    odometry_turn_error: float = 0.05  # of what the robot turns, in addition
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if not all(map(_numbers, self.camera_to_base.split(';'))):
+            raise ConfigError(
+                f'camera_to_base: {self.camera_to_base!r} is not six numbers: x y z in metres, '
+                'roll pitch yaw in radians; between several cameras a semicolon'
+            )
+
+    @property
+    def mount(self) -> tuple[float, ...]:
+        """The numbers of camera_to_base, six, of the first camera."""
+        return _numbers(self.camera_to_base.split(';')[0])
+
+    def of_camera(self, number: int) -> 'RobotConfig':
+        """Return the settings of a camera by its number; zeros for a camera without a pose."""
+        given = self.camera_to_base.split(';')
+        own = given[number] if number < len(given) else _UNKNOWN_MOUNT
+        return replace(self, camera_to_base=own)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Return six numbers; none if they are not."""
+    try:
+        numbers = tuple(float(word) for word in text.split())
+    except ValueError:
+        return ()
+    return numbers if len(numbers) == 6 and all(map(math.isfinite, numbers)) else ()
+
+
+@dataclass(frozen=True, slots=True)
+class OnlineConfig(Checked):
+    """Whether the map grows from the robot's own past, and how much of that is too fresh."""
+
+    mode: str = parameter(
+        'preloaded', 'preloaded recognises the places of an existing map, online also adds new '
+        'places to it.', choices=('preloaded', 'online'),
+    )
+    exclusion_s: float = parameter(
+        30.0, 'Places of the same drive that are more recent than this are not matched.',
+        unit='s', low=0.0, high=86400.0,
+    )
+    exclusion_m: float = parameter(
+        0.0, 'With odometry, places of the same drive are not matched until the robot has '
+        'travelled this distance since.', unit='m', low=0.0, high=100000.0,
+    )
+    max_looks: int = parameter(
+        8, 'Online mode keeps at most this many keyframes of one place and deletes the one most '
+        'similar to another; 0 keeps all.', unit='looks', low=0, high=100,
+    )
+
+    @property
+    def grows(self) -> bool:
+        """Whether the map grows."""
+        return self.mode != 'preloaded'
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,25 +231,21 @@ class KeyframeConfig(Checked):
     """
 
     keyframe_interval_s: float = parameter(
-        0.0, 'Least time between two keyframes; a camera may be a tenth early.',
-        unit='s', low=0.0, high=3600.0,
+        0.0, 'Minimum time between two keyframes.', unit='s', low=0.0, high=3600.0,
     )
     keyframe_distance_m: float = parameter(
-        0.0, 'With odometry, least way between two keyframes, unless the robot turns by 18 '
-        'degrees.', unit='m', low=0.0, high=1000.0,
+        0.0, 'With odometry, minimum distance travelled between two keyframes, unless the robot '
+        'has turned by 18 degrees.', unit='m', low=0.0, high=1000.0,
     )
     keyframe_overlap: float = parameter(
-        0.75, 'A frame is no keyframe if a larger share of its regions than this moved together '
-        'since the last one; 1 takes every frame, as the paper does.', low=0.0, high=1.0,
+        0.75, 'A frame becomes a keyframe when at most this fraction of its regions moved '
+        'together since the last keyframe; 1 takes every frame, as in the paper.',
+        low=0.0, high=1.0,
     )
-    thumbnail_width_px: int = parameter(
-        128, 'Width of the small pictures that a map keeps for people to look at; 0 keeps none.',
-        unit='px', low=0, high=640,
-    )
+    thumbnail_width_px: int = 128  # of the pictures that a map keeps for people; 0 keeps none
     keep_images_px: int = parameter(
-        0, 'Longer side of the images that a map keeps, as JPEGs, so that by day keypoints tell '
-        'more exactly where a camera was; 320 takes 8 to 16 kB a place; 0 keeps none.',
-        unit='px', low=0, high=1280,
+        0, 'Longer side of an image that the map keeps for each place, for more exact relative '
+        'poses by day; 0 keeps none.', unit='px', low=0, high=1280,
     )
 
     @property
@@ -259,10 +293,10 @@ def _groups(kind: type) -> dict[str, type]:
     return {item.name: item.type for item in fields(kind)}  # type: ignore[misc]
 
 
-def core_parameters() -> Iterator[Parameter]:
-    """Yield the parameters of `Config`, all groups, in order."""
+def core_parameters(constants: bool = False) -> Iterator[Parameter]:
+    """Yield the parameters of `Config`, all groups, in order; constants too, if asked."""
     for group in _groups(Config).values():
-        yield from parameters(group)
+        yield from parameters(group, constants)
 
 
 def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
@@ -274,13 +308,20 @@ def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:
 def make_config(values: Mapping[str, Any]) -> Config:
     """Return a configuration from flat names; ConfigError if a name or value is not allowed."""
     refuse_unknown(values, [item.name for item in core_parameters()])
-    return Config(**{name: make_group(kind, values) for name, kind in _groups(Config).items()})
+    return with_values(Config(), values)
+
+
+def with_values(config: Config, values: Mapping[str, Any]) -> Config:
+    """Return a configuration with other values, given under flat names; constants may be too."""
+    changed = {}
+    for name in _groups(Config):
+        group = getattr(config, name)
+        own = {one.name: values[one.name] for one in fields(group) if one.name in values}
+        changed[name] = replace(group, **own)
+    return replace(config, **changed)
 
 
 def flatten(config: Config) -> dict[str, Value]:
-    """Return all values of a configuration under their flat names."""
-    return {
-        item.name: getattr(getattr(config, name), item.name)
-        for name, kind in _groups(Config).items()
-        for item in parameters(kind)
-    }
+    """Return all values of a configuration, constants too, under their flat names."""
+    groups = (getattr(config, name) for name in _groups(Config))
+    return {one.name: getattr(group, one.name) for group in groups for one in fields(group)}

@@ -1,6 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions that this package raises on purpose: one clear line each."""
+"""The exceptions that this package raises on purpose: one clear line each, with the remedy."""
+
+from pathlib import Path
+import sys
+import sysconfig
 
 
 class ConvseqError(Exception):
@@ -29,3 +33,22 @@ class ModelError(ConvseqError):
 
 class FleetError(ConvseqError):
     """A cluster cannot be reached, must not be, or none of its maps can be opened."""
+
+
+def pip_install(*packages: str) -> str:
+    """
+    Return a command that installs packages of PyPI into the Python that runs.
+
+    Ubuntu's own Python is managed by apt; pip adds to it only when told.
+    """
+    names = ' '.join(f"'{name}'" if '[' in name else name for name in packages)
+    managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').is_file()
+    if managed and sys.prefix == sys.base_prefix:
+        return f'pip install --break-system-packages {names}, or without that word in a venv'
+    return f'pip install {names}'
+
+
+NEEDS_ROS = (
+    'ROS 2 is not installed or not sourced: source /opt/ros/jazzy/setup.bash, or '
+    + pip_install('ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces')
+)

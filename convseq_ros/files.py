@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 import zipfile
 
-from convseq_ros.errors import ConfigError, SourceError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConfigError, pip_install, SourceError
 from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
 from convseq_ros.regular_file import read_bytes, refuse_irregular
 import numpy as np

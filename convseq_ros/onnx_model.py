@@ -10,9 +10,8 @@ import re
 from typing import Any
 
 from convseq_ros.config import Config
-from convseq_ros.errors import ConvseqError, ModelError, SourceError
+from convseq_ros.errors import ConvseqError, ModelError, pip_install, SourceError
 from convseq_ros.files import read_yaml
-from convseq_ros.installing import pip_install
 from convseq_ros.onnx_file import external_files
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes

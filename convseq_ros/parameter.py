@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a parameter is: a field of a dataclass with bounds, a unit and one sentence."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 import difflib
 import math
@@ -14,16 +14,36 @@ Value = bool | int | float | str
 
 # Parameters that are gone, or have another name now: what to do instead.
 RETIRED = {
-    'remove_layout': "it is now called 'subtract_background'; use that name",
+    'remove_layout': 'the background is always subtracted; leave it out',
+    'subtract_background': 'the background is always subtracted; leave it out',
     'speed_search': 'other velocities are always found; leave it out',
     'velocity_search': 'other velocities are always found; leave it out',
     'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
     'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
     'index_above': 'large maps need no index; leave it out',
     'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
+    'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
     'max_places_per_m': 'set max_looks instead, how many looks of a place a map keeps',
     'max_map_mb': 'set max_looks instead, how many looks of a place a map keeps',
-    'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
+    'saliency_threshold': 'it is always 0.5; leave it out',
+    'resize': 'images are always resized exactly; leave it out',
+    'shortlist_length': 'it is always 40; leave it out, or set search: exhaustive',
+    'overlap_threshold': 'set fixed_length instead, or leave it out for 0.9',
+    'entropy_threshold': 'set fixed_length instead, or leave it out for 0.5',
+    'min_length': 'set fixed_length instead, or leave it out for 2',
+    'max_overlap_length': 'set fixed_length instead, or leave it out for 15',
+    'max_length': 'set fixed_length instead, or leave it out for 25',
+    'num_candidates': 'every result has up to 5 candidates; leave it out',
+    'stationary_overlap': 'it is always 0.985; leave it out, or set stationary_m with odometry',
+    'odometry_turn_error': 'set odometry_way_error instead; 0.05 of a turn is always added',
+    'thumbnail_width_px': 'it is always 128; leave it out',
+    'max_chunk_mb': 'set max_file_mb instead, which also limits chunks',
+    'image_transport': 'name the topic instead: compressed images end in /compressed',
+    'image_reliability': 'the node always follows what the camera offers; leave it out',
+    'queue_mb': 'waiting frames take at most 256 MB; set queue_size to keep fewer',
+    'fleet_tls': 'set fleet to tls://HOST:PORT, and the certificates in the configuration of Dask',
+    'fleet_timeout_s': 'it is always 1 s; leave it out',
+    'heading_sigma_rad': 'it is always 0.1; leave it out',
 }
 # Choices that are gone, by parameter and choice.
 RETIRED_CHOICES = {
@@ -52,6 +72,9 @@ def parameter(
         'dynamic': dynamic,
     }
     return field(default=default, metadata=metadata)
+
+
+_CONSTANT: Mapping[str, Any] = parameter(0, '').metadata
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +144,12 @@ class Parameter:
         return self.check(value)
 
 
-def parameters(group: type | Any) -> Iterator[Parameter]:
-    """Yield the parameters of a group (class or instance), in order; plain fields are none."""
+def parameters(group: type | Any, constants: bool = False) -> Iterator[Parameter]:
+    """Yield the parameters of a group (class or instance), in order; its constants if asked."""
     for item in fields(group):
-        if not item.metadata:  # what a program sets, and no person
-            continue
-        yield Parameter(item.name, item.type, item.default, **item.metadata)  # type: ignore[arg-type]
+        about = item.metadata or (_CONSTANT if constants else {})
+        if about:
+            yield Parameter(item.name, item.type, item.default, **about)  # type: ignore[arg-type]
 
 
 class Checked:
@@ -151,8 +174,8 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
     """
     known = list(known)
     for name in names:
-        refuse_retired(name)
         if name not in known:
+            refuse_retired(name)
             near = difflib.get_close_matches(str(name), known, n=1)  # in YAML, 5 is a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
             raise ConfigError(f'unknown parameter {name!r}; {advice}')

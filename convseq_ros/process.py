@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What SIGINT and SIGTERM do to a process of ours, from its first moment to its last.
+What SIGINT and SIGTERM do to a process of ours, and what it tells Fast DDS.
 
 Importing NumPy, OpenCV and rclpy takes a second, in which nothing is at stake yet: a signal then
 ends the process at once. Later it is handed over to whoever has something to finish.
@@ -10,11 +10,18 @@ ends the process at once. Later it is handed over to whoever has something to fi
 from collections.abc import Callable
 from importlib import import_module
 import os
+from pathlib import Path
 import signal
 import sys
 from typing import Any, NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+# Settings of Fast DDS that come with this package; other middlewares do not read them.
+VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+LARGE_IMAGES = 'fastdds_large_images.xml'
+QUICK_START = 'fastdds_quick_start.xml'
+_CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
 
 _later: Callable[[], None] | None = None
 
@@ -90,3 +97,24 @@ def ignore() -> None:
     """Let no signal disturb the end: Python gives them back their deadly default before it."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+def fast_dds(profile: str) -> dict[str, str]:
+    """
+    Return the variable with which a process uses one of our profiles.
+
+    Empty if the user has chosen settings, or ours are not installed.
+
+    Parameters
+    ----------
+    profile : str
+        `LARGE_IMAGES`, to lose no large images, nor what is sent beside them, or `QUICK_START`, to
+        find others at once. The first does what the second does, too.
+
+    """
+    beside = Path(__file__).resolve().parents[1]
+    prefix = beside.parent.parent.parent
+    for folder in (beside / 'config', prefix / 'share' / 'convseq_ros' / 'config'):
+        if (folder / profile).is_file() and not any(name in os.environ for name in _CHOSEN_BY):
+            return {VARIABLE: str(folder / profile)}
+    return {}

@@ -22,18 +22,13 @@ class ReadingConfig(Checked):
     """What is too large to be decoded, whoever sent it."""
 
     max_image_mpx: float = parameter(
-        64.0, 'An image that declares more pixels than this is unreadable: it is not decoded, '
-        'and takes no memory. Decoding takes 4 to 10 bytes a pixel.',
+        64.0, 'Images that declare more pixels than this are refused before they are decoded.',
         unit='Mpx', low=0.01, high=1000.0,
     )
-    max_chunk_mb: float = parameter(
-        256.0, 'A chunk of a recording that declares more is not inflated, nor, of chunks of the '
-        'same time, twice as much. Live images have none.', unit='MB', low=1.0, high=100_000.0,
-    )
     max_file_mb: float = parameter(
-        256.0, 'Of a file that is read as a whole, an array or a mask may have no more, text an '
-        'eighth of it, a pickled truth a 64th and YAML a 1024th: they cost more. ROS reads the '
-        'parameter file of a node without it.',
+        256.0, 'Files, and compressed chunks of recordings, that declare more data than this are '
+        'refused before they are read; text counts 8 times, a pickle 64 times and YAML 1024 '
+        'times, because reading them takes more memory.',
         unit='MB', low=0.001, high=1_000_000.0,
     )
     keeps_color: bool = False  # in frames, beside grey; for a model that wants it

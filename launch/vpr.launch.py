@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 TOPICS = {
-    'image': 'camera topic; empty: the only one that there is',
+    'image': 'camera topic, which may end in /compressed; empty: the only one that there is',
     'camera_info': 'its calibration; empty: beside the camera topic',
     'odom': 'odometry topic; empty: the only one that there is',
 }
@@ -48,8 +48,6 @@ def _node(context: Any) -> list[Node]:
     """Return the node, once it is known which arguments were given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     topics = {name: given[name] for name in TOPICS if given[name]}
-    if 'image' in topics:
-        topics['image/compressed'] = topics['image'] + '/compressed'
     parameters: dict[str, Any] = {
         name: ParameterValue(given[name], value_type=str) for name in PARAMETERS if given[name]
     }

@@ -39,7 +39,8 @@ def isolate_ros() -> None:
 
 prefer_installed()
 isolate_ros()
-sys.path.append(str(Path(__file__).parent))  # of what several tests share
+# What several tests share, and the bench; the package, before it, where it is installed.
+sys.path += [str(Path(__file__).parent), str(REPOSITORY)]
 # How long an example takes says more of the machine than of us.
 hypothesis.settings.register_profile('patient', deadline=None)
 # What is asked a hundred times with one set of versions is asked again with another.

@@ -26,8 +26,7 @@ OPTIONAL = (
     'zstandard',
 )  # fmt: skip
 STANDARD_ONLY = (
-    'config.py', 'errors.py', 'node_config.py', 'online_config.py', 'parameter.py', 'process.py',
-    'reading_config.py', 'robot_config.py',
+    'config.py', 'errors.py', 'node_config.py', 'parameter.py', 'process.py', 'reading_config.py',
 )  # fmt: skip
 
 # Refuses the first argument's packages, then imports every module of ours outside node/.

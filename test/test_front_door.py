@@ -12,7 +12,7 @@ import sys
 import sysconfig
 import types
 
-from convseq_ros import installing
+from convseq_ros import errors
 from convseq_ros.cli import COMMANDS
 from convseq_ros.config import core_parameters
 from convseq_ros.core.types import Reason
@@ -177,7 +177,6 @@ def test_the_launch_lines_of_the_readme_set_what_they_say(launched):
     assert file == '/share/config/vpr_node.yaml'
     assert chosen == {'map_path': 'map.db', 'use_sim_time': False}
     assert ('image', '/camera/image_raw') in node['remappings']
-    assert ('image/compressed', '/camera/image_raw/compressed') in node['remappings']
     assert ('odom', '/odom') in node['remappings']
     node = launched(online)
     assert node['namespace'] == 'robot1' and node['remappings'] == []
@@ -210,7 +209,7 @@ def test_every_hint_about_pip_is_made_in_one_place():
         for path in package.rglob('*.py')
         if 'pip install' in path.read_text(encoding='utf-8')
     }
-    assert named == {'installing.py'}
+    assert named == {'errors.py'}
 
 
 def test_no_page_or_hint_names_what_no_index_has():
@@ -221,11 +220,11 @@ def test_no_page_or_hint_names_what_no_index_has():
 
 
 def test_hints_suit_an_environment_that_apt_manages(monkeypatch, tmp_path):
-    assert installing.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
+    assert errors.pip_install('mcap', 'a[b]') == "pip install mcap 'a[b]'"
     (tmp_path / 'EXTERNALLY-MANAGED').touch()
     monkeypatch.setattr(sysconfig, 'get_path', lambda _: str(tmp_path))
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    assert installing.pip_install('mcap').startswith('pip install --break-system-packages mcap')
+    assert errors.pip_install('mcap').startswith('pip install --break-system-packages mcap')
 
 
 # The node without ROS.

@@ -14,7 +14,7 @@ from bench.torture.robot import greet, image, Robot, robot, unaccounted
 ABOUT = '30 images at once of 640 x 480 to 7,680 x 4,320 px, gray or in colour'
 ORACLE = (
     'every image is answered, or counted as dropped or lost; below 1.5 GB; 10 s later the node '
-    'holds at most `queue_mb` more than before the first burst, which the middleware keeps, and '
+    'holds at most 256 MB more than before the first burst, which the middleware keeps, and '
     'one image'
 )
 COUNT, PORTION, SHORT, SEED = 20, 5, 0, 16

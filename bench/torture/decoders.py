@@ -271,9 +271,9 @@ def _table() -> bytes:
 _PARAMETERS = b"""/**:
   ros__parameters:
     matching: coherent
-    max_length: 25
+    fixed_length: 25
     closure_interval_s: 0.5
-    subtract_background: true
+    both_directions: true
 """
 _DATA_SET = b"""name: street
 query: {path: query, count: 3}

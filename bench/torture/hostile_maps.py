@@ -3,7 +3,7 @@
 """Maps from a stranger, with sound checksums: what they declare, and what they would have done."""
 
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from io import StringIO
 import json
 import os
@@ -23,7 +23,8 @@ from bench.torture.forked import problem_of
 from bench.torture.scenarios import APART, drawn, ENCODING
 
 ABOUT = (
-    'A map with triggers, endless views, further tables, indices out of reach, values of '
+    'A map with triggers, endless views, further tables, indices out of reach, links to places '
+    'that are not there, to later ones or in a circle, values of '
     'gigabytes, numbers that are none, JSON nested 100,000 deep, a file that is mostly holes, '
     'pages that lead to each other, a journal that names another file, a log of another map, or '
     'pipes; `info`, `replay` preloaded and online, and `build-map --append`'
@@ -32,8 +33,8 @@ ORACLE = 'exit 0 or 1, no traceback, within 5 s, below 1 GB, and no other file i
 COUNT, PORTION, SHORT, SEED = 1_000, 100, 12, 16
 _PLACES, _SIZE = 20, ('--image-size-px', '64')
 _ENDLESS = 'WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT'
-_TABLES = 'about', 'sessions', 'places', 'pictures', 'images'
-_OF_A_PLACE = _TABLES[2:]
+_TABLES = 'about', 'sessions', 'places', 'pictures', 'images', 'links'
+_OF_A_PLACE = _TABLES[2:5]
 _NUMBERS = 0, -1, 2**31, 10**8, 2**53, 2**62, 2**63 - 1, -(2**63)
 _MASKS = '#0000', '#ffff', '#0', '#' + 'f' * 10**6, '/dev/zero', '', 7
 _OF_SETTINGS = ('[' * 100_000, '{"image_size_px": 1e999}', '{}', '[]', '0', 'null', '')
@@ -155,6 +156,23 @@ def _huge(database: sqlite3.Connection, draw: random.Random) -> None:
     database.execute(f'UPDATE {table} SET {column} = zeroblob(300000000) WHERE rowid = 3')
 
 
+def _link(database: sqlite3.Connection, draw: random.Random) -> None:
+    """Lead from or to places that are not there, to itself, to a later one, or in a circle."""
+    column = draw.choice(('place', 'other', 'anchor', 'confidence', 'inliers', 'relative'))
+    numbers = (*_NUMBERS, *range(_PLACES), None, 'text', 1.5)
+    value = _blob if column == 'relative' else lambda draw: draw.choice(numbers)
+    with suppress(sqlite3.Error):  # of a place that has one, or a text as one's number
+        _set('links', column, value)(database, draw)
+
+
+def _many_links(database: sqlite3.Connection, draw: random.Random) -> None:
+    count = draw.choice((1_000, 100_000))
+    database.execute(
+        f'WITH RECURSIVE c(x) AS (SELECT {_PLACES} UNION ALL SELECT x + 1 FROM c LIMIT {count}) '
+        'INSERT INTO links SELECT x, x - 1, 0, NULL, NULL, NULL, 0 FROM c'
+    )
+
+
 def _holes(path: Path, draw: random.Random) -> None:
     """Declare terabytes, most of which are a hole."""
     size = draw.choice((10**10, 10**12))
@@ -270,6 +288,8 @@ _WAYS: dict[str, Callable[[Path, random.Random], None]] = {
     'cells': _changed(_set('pictures', 'cells', _blob)),
     'thumbnail': _changed(_set('pictures', 'thumbnail', _blob)),
     'image': _changed(_set('images', 'jpeg', _blob)),
+    'link': _changed(_link),
+    'links without places': _changed(_many_links),
     'holes': _holes,
     'pages': _pages,
     'journal': _journal,

@@ -7,20 +7,23 @@ from pathlib import Path
 import random
 import time
 
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.errors import MapError
 
 from bench.torture.attack import Try
-from bench.torture.scenarios import APART, drawn, ENCODING
+from bench.torture.scenarios import APART, drawn, ENCODING, links_hold
 
 ABOUT = (
-    'In a map of 60 places one bit flips (of ten tries six), 512 bytes are zeros or those of '
-    'elsewhere (three), or the end is cut off (one); it is read, and added to'
+    'In a map of 60 places and 40 links one bit flips (of ten tries six), 512 bytes are zeros or '
+    'those of elsewhere (three), or the end is cut off (one); it is read, and added to'
 )
-ORACLE = 'it is refused with one line within 5 s, or all that it answers is what it was'
+ORACLE = (
+    'it is refused with one line within 5 s, or all that it answers is what it was, but for links '
+    'that it says in one line are damaged'
+)
 COUNT, PORTION, SHORT, SEED = 5_000, 500, 100, 16
-_PLACES, _SECTOR = 60, 512
+_PLACES, _LINKS, _SECTOR = 60, 40, 512
 _MOST_S = 5.0
 
 
@@ -70,6 +73,9 @@ def _problem(path: Path, answers: object) -> str:
     try:
         if _answers(path) != answers:
             return 'answers otherwise'
+        opened = open_map(path)
+        if not links_hold(opened) or (len(opened.links) < _LINKS and not opened.problem):
+            return f'has {len(opened.links)} links, and says {opened.problem!r}'
         with MapWriter(path, ENCODING, APART, append=True) as writer:
             writer.copy(drawn(_PLACES + 1), _PLACES + 1)
         if len(MapReader(path)) != _PLACES + 1:

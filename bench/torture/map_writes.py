@@ -9,9 +9,10 @@ from bench.torture.attack import Try
 from bench.torture.disk import tries_of
 
 ABOUT = (
-    'A map is made, grows, grows after a crash, is saved over another, over one that a crash '
-    'left, or is converted, a result table is written: the process ends before or within the n-th '
-    'call that changes the disk, or that call fails, or the disk is full from then on'
+    'A map with links is made, grows, grows after a crash, is saved over another or over what a '
+    'crash left, loses its links, or a place; a result table is written: the process ends before '
+    'or within the n-th call that changes the disk, or that call fails, or the disk is full from '
+    'then on'
 )
 ORACLE = (
     'what was acknowledged is there, all that is there is right, nothing is half there; the '

@@ -21,11 +21,12 @@ import traceback
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import autosave
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.edit import slices_of, unlink, without, write_slices
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.types import Match, Pose, Reason, Status
+from convseq_ros.core.types import Match, Pose, Reason, RelativePose, Status
 from convseq_ros.errors import MapError
 from convseq_ros.results import read_results, ResultWriter
 import numpy as np
@@ -34,6 +35,7 @@ from bench.torture.disk import arm, calls, How
 
 ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 _MOST_PLACES = 40  # in a commit: some pages of every table
+_RELATIVE = RelativePose((0.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (1.0, 0.0, 0.0), np.eye(6), 30)
 _DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
 NEVER_S = 1e6
 
@@ -79,10 +81,20 @@ def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
     for index in range(len(reference_map), len(reference_map) + count):
         pose = Pose((index, 0, 0), (0, 0, 0, 1)) if index % 2 else None
         place = Place(index, f'drive {drive}', pose)
-        reference_map.add(place, _cells(index, drive), b'%d' % index)
+        reference_map.add(place, cells(index, drive), b'%d' % index)
+        if (other := linked_to(index)) is None:
+            reference_map.links.add_first(index)
+        else:
+            reference_map.links.add(index, other, 0.75, index, _RELATIVE if index % 2 else None)
 
 
-def _cells(index: int, drive: int) -> np.ndarray:
+def linked_to(index: int) -> int | None:
+    """Return what a place is linked to, if it is."""
+    return index // 2 if index % 3 else None
+
+
+def cells(index: int, drive: int = 0) -> np.ndarray:
+    """Return the packed cells of a place that `grow` adds."""
     return pack_cells(np.random.default_rng([index, drive]).random((4, 4, 8), np.float32) * 1e5)
 
 
@@ -91,9 +103,22 @@ def holds(path: Path, drive: int = 0) -> int:
     opened = open_map(path, ENCODING)
     for index, place in enumerate(opened.places):
         assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
-        assert (opened.packed(index) == _cells(index, drive)).all(), index
+        assert (opened.packed(index) == cells(index, drive)).all(), index
         assert opened.thumbnail(index) == b'%d' % index, index
+    # Who is killed may have noted a place, and not yet its link.
+    assert not opened.problem and opened.links.known >= len(opened) - 1, opened.links.known
+    assert links_hold(opened)
     return len(opened)
+
+
+def links_hold(reference_map: ReferenceMap) -> bool:
+    """Return whether all links are what `grow` made."""
+    return all(
+        (one.other, one.confidence, one.inliers) == (linked_to(one.place), 0.75, one.place)
+        and (one.relative is None or one.relative.position_m == _RELATIVE.position_m)
+        and one.anchor <= one.other
+        for one in reference_map.links.each()
+    )
 
 
 def drawn(count: int, drive: int = 0) -> ReferenceMap:
@@ -109,6 +134,10 @@ def _nothing(_path: Path, _commits: list[int]) -> None:
 
 def _some(path: Path, commits: list[int]) -> None:
     save_map(drawn(commits[0]), path)
+
+
+def _some_more(path: Path, commits: list[int]) -> None:
+    save_map(drawn(commits[0] + 1), path)
 
 
 def _crashed(path: Path, commits: list[int]) -> None:
@@ -179,6 +208,34 @@ def _old_or_new(path: Path, commits: list[int], acknowledged: int) -> None:
     _nothing_beside(path)
 
 
+def _unlink(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    unlink(path, range(commits[0]))
+    acknowledged.value = 1
+
+
+def _linked_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
+    """See that all links are there, or none, and if it says so none."""
+    assert holds(path) == commits[0]
+    if len(open_map(path).links):
+        assert acknowledged < 0 and len(open_map(path).links) == len(drawn(commits[0]).links)
+    unlink(path)
+    assert not open_map(path).links.known
+    _nothing_beside(path)
+
+
+def _thin(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
+    write_slices(without(slices_of(path), {commits[0]}), path, replaces=True)
+    acknowledged.value = 1
+
+
+def _thinned_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
+    """See that the last place is gone, if it says so, and all others are there."""
+    count = holds(path)
+    assert count == commits[0] or (acknowledged < 0 and count == commits[0] + 1)
+    unlink(path)
+    _nothing_beside(path)
+
+
 def _rows(path: Path, commits: list[int]) -> None:
     """Leave the table of a run that crashed."""
     table = ResultWriter(path)
@@ -235,6 +292,8 @@ SCENARIOS = {
     'grow after a crash': Scenario(_crashed, _own, _goes_on),
     'save': Scenario(_some, _save, _old_or_new),
     'save over a crash': Scenario(_crashed, _save, _old_or_new),
+    'unlink': Scenario(_some, _unlink, _linked_or_not),
+    'remove': Scenario(_some_more, _thin, _thinned_or_not),
     'result table': Scenario(_rows, _tabulate, _tabulated),
     'complete result table': Scenario(_older, _complete, _whole),
 }

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Histograms of oriented gradients of the whole image as one descriptor (Dalal, Triggs 2005)."""
 
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 import cv2
 import numpy as np
 import numpy.typing as npt

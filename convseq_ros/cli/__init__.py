@@ -9,7 +9,6 @@ import os
 import sys
 
 from convseq_ros import __version__
-from convseq_ros.cli import map as map_verbs
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
 from convseq_ros.process import hand_over, interrupt
@@ -33,10 +32,16 @@ COMMANDS = {
     'config': 'print every parameter with its default, ready to edit',
 }
 
+# Those that are ROS nodes, and read their arguments themselves.
+NODES = {'play': 'convseq_ros.node.player', 'watch': 'convseq_ros.node.watch'}
+
 # Commands of earlier versions, and what does their work now.
 RETIRED = {
-    **{verb: f'is now: convseq map {verb}' for verb in map_verbs.COMMANDS},
-    'thin': 'is gone: take a session out by convseq map remove',
+    **{
+        verb: f'is now: convseq map {verb}'
+        for verb in ('link', 'merge', 'split', 'remove', 'rename')
+    },
+    'thin': 'is gone: use convseq map remove --session NAME or --max-looks N',
     'convert': 'is gone: build the map again from its recording',
 }
 
@@ -56,7 +61,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if chosen.command in RETIRED:
         print(f'convseq {chosen.command}: {RETIRED[chosen.command]}', file=sys.stderr)
         return 1
-    command = importlib.import_module(f'convseq_ros.cli.{chosen.command.replace("-", "_")}')
+    name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
+    command = importlib.import_module(f'convseq_ros.cli.{name}')
     hand_over(interrupt)
     own = argparse.ArgumentParser(
         prog=f'convseq {chosen.command}', description=COMMANDS[chosen.command].capitalize() + '.'
@@ -64,10 +70,10 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         for option in (one for one in chosen.arguments if one.startswith('--')):
             refuse_retired(option.partition('=')[0].removeprefix('--').replace('-', '_'))
-        if hasattr(command, 'describe'):
-            command.describe(own)
-            return int(command.run(own.parse_args(chosen.arguments)))
-        return int(command.main(chosen.arguments))
+        if chosen.command in NODES:
+            command.become_node(NODES[chosen.command], chosen.arguments)
+        command.describe(own)
+        return int(command.run(own.parse_args(chosen.arguments)))
     except ConvseqError as error:
         print(f'convseq {chosen.command}: {error}', file=sys.stderr)
     except OSError as error:

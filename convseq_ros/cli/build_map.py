@@ -10,9 +10,15 @@ from pathlib import Path
 import sys
 import time
 
-from convseq_ros.cli.options import add_annotations, add_parameters, chosen_reading, given
-from convseq_ros.cli.progress import progress
+from convseq_ros.cli.options import (
+    add_annotations,
+    add_max_looks,
+    add_parameters,
+    chosen_reading,
+    given,
+)
 from convseq_ros.cli.recording_info import describe_recording, quoted
+from convseq_ros.cli.terminal import progress
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -20,17 +26,17 @@ from convseq_ros.config import (
     make_config,
     MatchingConfig,
     MotionConfig,
+    OnlineConfig,
+    RobotConfig,
 )
 from convseq_ros.core.cameras import of_camera
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
-from convseq_ros.online_config import OnlineConfig
 from convseq_ros.onnx_model import open_model
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.robot_config import RobotConfig
 from convseq_ros.sources import open_each_camera
 
 
@@ -66,12 +72,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--pose-frame', metavar='NAME', help='frame of its poses, if other sessions share it'
     )
     add_no_links(parser)
-    parser.add_argument(
-        '--max-looks',
-        default='0',
-        metavar='N',
-        help='keep so many looks of a place; by default every keyframe is kept',
-    )
+    add_max_looks(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_settings(parser)
 
@@ -102,6 +103,8 @@ def chosen_settings(chosen: argparse.Namespace) -> Config:
 
 def run(chosen: argparse.Namespace) -> int:
     """Build, and say what was built."""
+    if chosen.max_looks and chosen.no_links:
+        raise ConfigError('max_looks: looks are known by links; leave out --no-links')
     built = build(
         chosen.recording,
         chosen.map,
@@ -115,7 +118,7 @@ def run(chosen: argparse.Namespace) -> int:
         pose_frame=chosen.pose_frame,
         config=chosen_settings(chosen),
         links=not chosen.no_links,
-        max_looks=_max_looks(chosen),
+        max_looks=chosen.max_looks,
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -212,19 +215,6 @@ def build(
         path.stat().st_size,
         interrupted,
     )
-
-
-def parsed_looks(said: str) -> int:
-    """Return a limit of looks; ConfigError if it is out of range."""
-    return int(
-        next(one for one in parameters(OnlineConfig) if one.name == 'max_looks').parse(said)
-    )
-
-
-def _max_looks(chosen: argparse.Namespace) -> int:
-    if (count := parsed_looks(chosen.max_looks)) and chosen.no_links:
-        raise ConfigError('max_looks: looks are known by links; leave out --no-links')
-    return count
 
 
 def _warn(problem: str) -> None:

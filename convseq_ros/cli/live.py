@@ -13,7 +13,7 @@ from convseq_ros.cli.processes import (
     running,
     wait_for_rows,
 )
-from convseq_ros.config import Config, flatten
+from convseq_ros.config import Config, core_parameters, flatten
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import parameters as parameters_of
 from convseq_ros.reading_config import ReadingConfig
@@ -44,7 +44,8 @@ def recognise_live(
     """
     need_ros()
     table = folder / 'live.csv'
-    parameters = flatten(config) | {
+    values = flatten(config)
+    parameters = {item.name: values[item.name] for item in core_parameters()} | {
         'map_path': str(map_path.absolute()),
         'result_file': str(table.absolute()),
         'queue_size': 1000,

@@ -1,28 +1,192 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of map files: `convseq map merge` and so on."""
+"""What becomes of map files: `convseq map VERB`."""
 
 import argparse
-from importlib import import_module
+from collections.abc import Callable
+from dataclasses import replace
+import json
+from pathlib import Path
+import re
+from typing import Any
 
-COMMANDS = {
-    'link': 'link the places of a map that show the same, and solve its poses',
-    'unlink': 'take links out of a map',
-    'merge': 'put the sessions of several maps into one',
-    'split': 'make a map of each session of a map',
-    'remove': 'take sessions, or more looks of a place than a number, out of a map',
-    'rename': 'call a session of a map by another name',
-}
+from convseq_ros.cli import map_link
+from convseq_ros.cli.options import add_max_looks
+from convseq_ros.cli.terminal import of_map, printable, progress
+from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map.edit import (
+    bound,
+    chosen_slice,
+    joined,
+    rename_session,
+    SessionSlice,
+    slices_of,
+    unlink,
+    write_new,
+    write_slices,
+)
+from convseq_ros.errors import MapError
+
+_SESSION = 'name, number or id of a session, as `convseq info` shows it'
+_UNUSUAL = re.compile(r'[^\w.-]+')  # in the name of a file
+_MOST_CHARACTERS = 200  # of a session's name
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of each command."""
-    commands = parser.add_subparsers(dest='verb', required=True, metavar='|'.join(COMMANDS))
-    for name, text in COMMANDS.items():
-        own = commands.add_parser(name, help=text, description=text.capitalize() + '.')
-        import_module(f'convseq_ros.cli.{name}').describe(own)
+    """Declare the verbs, and their arguments."""
+    verbs = parser.add_subparsers(dest='verb', required=True, metavar='VERB')
+    add = _add(verbs, 'link', map_link.run, 'link places that show the same, and solve the poses')
+    map_link.describe(add)
+
+    add = _add(verbs, 'unlink', _unlink, 'take links out of a map')
+    add.add_argument('map', type=Path, help='changed in one step, or not at all')
+    add.add_argument(
+        '--place', type=int, action='append', default=[], metavar='N', help='whose link is wrong'
+    )
+    add.add_argument('--session', action='append', default=[], help=_SESSION)
+
+    add = _add(verbs, 'merge', _merge, 'put the sessions of several maps into one')
+    add.add_argument('maps', type=Path, nargs='+', metavar='MAP', help='not changed')
+    add.add_argument('-o', '--output', type=Path, required=True, help='map file to make')
+    add.add_argument(
+        '--no-links', action='store_true', help='do not recognise the maps in each other: quicker'
+    )
+    add_max_looks(add)
+    _add_json(add)
+
+    add = _add(verbs, 'split', _split, 'make a map of each session of a map')
+    add.add_argument('map', type=Path, help='not changed')
+    add.add_argument(
+        '-o', '--output', type=Path, help='folder of the maps to make; by default that of the map'
+    )
+    _add_json(add)
+
+    add = _add(verbs, 'remove', _remove, 'take sessions or surplus looks out of a map')
+    add.add_argument('map', type=Path, help='replaced in one step, or not at all')
+    what = add.add_mutually_exclusive_group(required=True)
+    what.add_argument('--session', action='append', help=_SESSION)
+    add_max_looks(what)
+    _add_json(add)
+
+    add = _add(verbs, 'rename', _rename, 'call a session of a map by another name')
+    add.add_argument('map', type=Path)
+    add.add_argument('--session', required=True, help=_SESSION)
+    add.add_argument('name', help='new name')
+    _add_json(add)
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Run the one that was chosen."""
-    return int(import_module(f'convseq_ros.cli.{chosen.verb}').run(chosen))
+    """Do what the verb says."""
+    chosen.act(chosen)
+    return 0
+
+
+def _add(
+    verbs: Any, name: str, act: Callable[[argparse.Namespace], None], text: str
+) -> argparse.ArgumentParser:
+    made: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=text.capitalize() + '.'
+    )
+    made.set_defaults(act=act)
+    return made
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--json', action='store_true', help='print the report as JSON')
+
+
+def _unlink(chosen: argparse.Namespace) -> None:
+    slices = slices_of(chosen.map)
+    linked = {place for one in slices[:1] for place, _ in one.reference_map.links}
+    if unknown := {*chosen.place} - linked:
+        raise MapError(f'{chosen.map}: place {min(unknown)} has no link')
+    places = {*chosen.place}
+    for wanted in chosen.session:
+        places |= {*chosen_slice(slices, wanted).places}
+    count = unlink(chosen.map, places or None)
+    rest = 'their places are not looked up again'
+    if not places:
+        rest = 'convseq map link looks them up anew'
+    print(f'{chosen.map}: {count} of {len(linked)} links taken out; {rest}')
+
+
+def _merge(chosen: argparse.Namespace) -> None:
+    if chosen.output.exists():
+        raise MapError(f'{chosen.output}: exists already; name another file')
+    slices = [one for path in chosen.maps for one in slices_of(path)]
+    if not slices:
+        raise MapError(f'{chosen.maps[0]}: has no place')
+    whole = joined(slices)
+    if not chosen.no_links:
+        count = sum(map(len, not_linked(whole)))
+        for _ in progress(link_map(whole), count, 'links', 'places'):
+            pass
+    write_new(whole, chosen.output, of_map(chosen.output))
+    bound(chosen.output, chosen.max_looks)
+    _report(chosen, {chosen.output: slices})
+
+
+def _split(chosen: argparse.Namespace) -> None:
+    folder = chosen.output or chosen.map.parent
+    files: dict[Path, list[SessionSlice]] = {}
+    for one in slices_of(chosen.map):
+        name = _UNUSUAL.sub('_', one.name).strip('._') or str(one.number)
+        path = folder / f'{name}.db'
+        if path in files or path.exists():
+            path = folder / f'{name}-{one.number}.db'
+        files[path] = [one]
+    for path in files:
+        if path.exists():
+            raise MapError(f'{path}: exists already; name another folder with -o')
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, slices in files.items():
+        write_slices(slices, path, of_map(path))
+    _report(chosen, files)
+
+
+def _remove(chosen: argparse.Namespace) -> None:
+    slices = slices_of(chosen.map)
+    if chosen.session:
+        removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
+        left = [one for one in slices if one not in removed]
+        if not left:
+            raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
+        write_slices(left, chosen.map, of_map(chosen.map), replaces=True)
+    else:
+        bound(chosen.map, chosen.max_looks, of_map(chosen.map))
+    _report(chosen, {chosen.map: slices})
+
+
+def _rename(chosen: argparse.Namespace) -> None:
+    slices = slices_of(chosen.map)
+    one, name = chosen_slice(slices, chosen.session), chosen.name
+    if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
+        raise MapError(f'name: {name!a} is no line of 1 to {_MOST_CHARACTERS} characters')
+    if any(other.name == name for other in slices if other is not one):
+        raise MapError(f'{chosen.map}: another session is called {name!r}; take another name')
+    rename_session(replace(one, session=replace(one.session, name=name)))
+    _report(chosen, {chosen.map: slices})
+
+
+def _report(chosen: argparse.Namespace, made: dict[Path, list[SessionSlice]]) -> None:
+    """Print which sessions maps hold now, and from which of some slices these come."""
+    facts = []
+    for path, slices in made.items():
+        of = {one.session.id: str(one.path) for one in slices}
+        sessions: list[dict[str, Any]] = [
+            {
+                'name': one.name,
+                'id': one.session.id,
+                'references': len(one.places),
+                'of': of[one.session.id],
+            }
+            for one in slices_of(path)
+        ]
+        count, size = sum(one['references'] for one in sessions), path.stat().st_size
+        facts.append({'map': str(path), 'references': count, 'bytes': size, 'sessions': sessions})
+        if not chosen.json:
+            print(f'{path}: {count} references, {size / 1e6:.1f} MB, {len(sessions)} sessions')
+            for number, one in enumerate(sessions):
+                print(f'  {number} {printable(one["name"])}: {one["references"]} of {one["of"]}')
+    if chosen.json:
+        print(json.dumps(facts))

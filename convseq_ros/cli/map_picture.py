@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map as a picture: its drives as lines, sessions in colours, and its links as arcs."""
 
-from collections.abc import Iterable, Mapping
-from itertools import pairwise
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.cli.printable import printable
+from convseq_ros.cli.terminal import printable
 from convseq_ros.core.constants import constants
-from convseq_ros.core.graph.links import Link
+from convseq_ros.core.graph.pose_graph import Poses
+from convseq_ros.core.map.edit import slices_in
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.evaluation.plots.figure import new_figure, save
 import numpy as np
@@ -28,33 +28,39 @@ class PICTURE:
     named: int = 12  # sessions that the legend names
 
 
-def draw_map(path: Path, reference_map: ReferenceMap) -> str:
+def draw_map(path: Path, whole: ReferenceMap) -> str:
     """Draw a map along its poses if it has some, else as its links lay it out; return which."""
-    figure = new_figure(8, 6)
-    axes = figure.add_subplot()
-    links = [*reference_map.links.each()]
-    poses = {at: one.pose for at, one in enumerate(reference_map.places) if one.pose}
-    if poses:
-        points: Points = {at: np.array(pose.position[:2]) for at, pose in poses.items()}
-        axes.set_xlabel('x, m')
-        axes.set_ylabel('y, m')
+    axes = (figure := new_figure(8, 6)).add_subplot()
+    points = {
+        at: np.array(one.pose.position[:2]) for at, one in enumerate(whole.places) if one.pose
+    }
+    if points:
+        _draw_drives(axes, whole, points)
     else:
-        points = laid_out(reference_map, links)
+        _draw_drives(axes, whole, laid_out(whole))
         axes.set_axis_off()
-    draw_drives(axes, reference_map, points, links)
     save(figure, path)
-    return 'along its poses' if poses else 'laid out by its links'
+    return 'along its poses' if points else 'laid out by its links'
 
 
-def draw_drives(
-    axes: Any, reference_map: ReferenceMap, points: Points, links: Iterable[Link]
-) -> None:
+def draw_solved(path: Path, whole: ReferenceMap, before: Poses, after: Poses) -> None:
+    """Draw a map along its poses before and after they were solved, side by side."""
+    figure = new_figure(12, 5)
+    both = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, title, poses in zip(both, ('before', 'after'), (before, after), strict=True):
+        _draw_drives(axes, whole, {at: pose[:2, 3] for at, pose in poses.items()})
+        axes.set_title(title)
+    figure.tight_layout()
+    save(figure, path)
+
+
+def _draw_drives(axes: Any, whole: ReferenceMap, points: Points) -> None:
     """Draw the drives of a map whose places lie at some points, and its links."""
     from matplotlib.collections import PathCollection
     from matplotlib.path import Path as Curve
 
     curves = []
-    for link in links:
+    for link in whole.links.each():
         if link.place in points and link.other in points:
             start, end = points[link.other], points[link.place]
             x, y = end - start
@@ -62,19 +68,19 @@ def draw_drives(
             curves.append(Curve([start, aside, end], [Curve.MOVETO, Curve.CURVE3, Curve.CURVE3]))
     arcs = PathCollection(curves, facecolor='none', edgecolor='0.6', linewidth=0.5)
     axes.add_collection(arcs)
-    starts = [*reference_map.bounds.starts.tolist(), len(reference_map)]
-    for first, stop in pairwise(starts):
-        way = [points[at] for at in range(first, stop) if at in points]
+    for one in (slices := slices_in(Path('session'), whole)):
+        way = [points[at] for at in one.places if at in points]
         if way:
-            number = reference_map.places[first].session
-            name = printable(reference_map.sessions[number].name or f'session {number}')
+            name = printable(one.name)
             axes.plot(*np.transpose(way), linewidth=1.2, marker='.', markersize=2, label=name)
     axes.set_aspect('equal')
-    if 2 < len(starts) <= PICTURE.named + 1:
+    axes.set_xlabel('x, m')
+    axes.set_ylabel('y, m')
+    if 1 < len(slices) <= PICTURE.named:
         axes.legend(fontsize='small')
 
 
-def laid_out(reference_map: ReferenceMap, links: Iterable[Link]) -> Points:
+def laid_out(whole: ReferenceMap) -> Points:
     """
     Return points whose distances are about those along drives and links, in steps of a drive.
 
@@ -84,10 +90,12 @@ def laid_out(reference_map: ReferenceMap, links: Iterable[Link]) -> Points:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components, dijkstra
 
-    count = len(reference_map)
-    session = np.array([place.session for place in reference_map.places])
+    count = len(whole)
+    session = np.array([place.session for place in whole.places])
     along = np.flatnonzero(session[:-1] == session[1:])
-    across = np.array([(link.other, link.place) for link in links], np.int64).reshape(-1, 2)
+    across = np.array([(link.other, link.place) for link in whole.links.each()], np.int64).reshape(
+        -1, 2
+    )
     rows, cols = np.r_[along, across[:, 0]], np.r_[along + 1, across[:, 1]]
     steps = np.r_[np.ones(len(along)), np.full(len(across), PICTURE.linked)]
     graph = coo_array((steps, (rows, cols)), (count, count)).tocsr()

@@ -13,6 +13,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
+from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import ReadingConfig
 
@@ -33,6 +34,18 @@ def add_parameters(
             default=argparse.SUPPRESS,
             help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
         )
+
+
+def add_max_looks(parser: Any) -> None:
+    """Add an option for how many looks of a place a map keeps; by default it keeps all."""
+    (known,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
+    parser.add_argument(
+        '--max-looks',
+        type=known.parse,
+        default=0,
+        metavar='N',
+        help='looks of a place that stay; of more, the one most like another goes; 0 keeps all',
+    )
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

@@ -15,10 +15,8 @@ import sys
 import time
 from typing import NoReturn
 
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import NEEDS_ROS
-from convseq_ros.middleware import fast_dds, LARGE_IMAGES
-from convseq_ros.process import SIGNALS
+from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
+from convseq_ros.process import fast_dds, LARGE_IMAGES, SIGNALS
 from convseq_ros.results import read_results
 
 _HIGHEST_DOMAIN = 101
@@ -70,22 +68,24 @@ def need_ros(what: str = '') -> None:
         raise ConvseqError(f'{what}: {NEEDS_ROS}' if what else NEEDS_ROS)
 
 
-def become(module: str, arguments: Sequence[str], **variables: str) -> NoReturn:
+def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
     """
-    Replace this process by a node's, with these variables in its environment.
+    Replace this process by a node's, which loses no large images.
 
     Raises
     ------
     ConvseqError
-        If ROS is not installed or not sourced.
+        If ROS, or what else it needs, is not installed.
 
     """
+    if module.endswith('watch') and find_spec('rich') is None:
+        raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
     need_ros()
     sys.stdout.flush()
     # Until the node stands by, signals wait: a new Python dies of them, and says so at length.
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     command = [sys.executable, '-m', module, *arguments]
-    os.execve(sys.executable, command, {**os.environ, **variables})
+    os.execve(sys.executable, command, {**os.environ, **fast_dds(LARGE_IMAGES)})
 
 
 def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) -> list[str]:

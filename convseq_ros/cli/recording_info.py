@@ -6,7 +6,7 @@ from pathlib import Path
 import shlex
 from typing import Any
 
-from convseq_ros.cli.printable import printable
+from convseq_ros.cli.terminal import printable
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import holds_recording, open_source
 from convseq_ros.sources.storage import is_storage_file, open_storage

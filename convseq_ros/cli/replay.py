@@ -17,7 +17,7 @@ from typing import Any
 
 from convseq_ros.cli.options import add_annotations, add_config, chosen_config
 from convseq_ros.cli.processes import need_ros
-from convseq_ros.cli.progress import progress
+from convseq_ros.cli.terminal import progress
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer

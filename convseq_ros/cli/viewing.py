@@ -9,8 +9,7 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.place import shown
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 import numpy as np
 
 _GREEN, _GREY, _YELLOW = (63, 185, 80), (140, 140, 140), (230, 200, 40)

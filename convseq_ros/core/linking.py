@@ -9,59 +9,14 @@ from itertools import pairwise
 from convseq_ros.config import Config, EVERY_FRAME, MotionConfig
 from convseq_ros.core.encoding.descriptor import whole_descriptor
 from convseq_ros.core.frame_gate import AnyOrder
-from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.online import link, OnlineMap
-from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.place import Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Match
 
 # Places are keyframes, one and all.
 _STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
-
-
-def selected(whole: ReferenceMap, indices: Sequence[int]) -> ReferenceMap:
-    """
-    Return some places of a map, in their order, with all its sessions, and their links.
-
-    Its queries are places of the same map: upright already, and a keyframe each.
-    """
-    places = Places(whole.global_descriptors.shape[1], len(indices))
-    for index in indices:
-        places.append(whole.places[index], whole.global_descriptors[index])
-
-    def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
-        return whole.pictures([indices[one] for one in wanted], with_images)
-
-    encoding = replace(whole.encoding, image_rotation_deg=0)
-    made = ReferenceMap(encoding, places, read, EVERY_FRAME, whole.map_id, whole.sessions)
-    carry_links([(whole, index) for index in indices], made.links)
-    return made
-
-
-def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
-    """Return a place as what a drive sees."""
-    place = whole.places[index]
-    camera = whole.sessions[place.session].camera
-    frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
-    descriptor = whole_descriptor(whole.cells(index))
-    if whole.encoding.descriptor_model:
-        descriptor = replace(descriptor, vector=whole.global_descriptors[index])
-    return frame, descriptor
-
-
-class _DrivenMap(OnlineMap):
-    """Has the places of a map passed again, in their order; they are there, and none is added."""
-
-    def begin(self, start: int) -> None:
-        """Begin a session of the map, at its first place."""
-        self.reset()
-        self.session_start = self._usable = start
-
-    def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
-        """Pass the next place, and link it as it was recognised."""
-        link(self._map.links, self.session_start + len(self._passed_m), _match)
-        self._passed_m.append(self._travelled_m)
 
 
 def not_linked(whole: ReferenceMap) -> list[range]:
@@ -84,8 +39,7 @@ def link_map(
     sessions = not_linked(whole) if sessions is None else sessions
     if not sessions:
         return
-    seen = selected(whole, range(len(whole)))
-    seen.links = whole.links
+    seen = _as_driven(whole)
     online = replace(config.online, mode='online')
     config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
     recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
@@ -96,3 +50,41 @@ def link_map(
         for index in session:
             recognizer.process(*_asked(whole, index))
             yield index
+
+
+class _DrivenMap(OnlineMap):
+    """Has the places of a map passed again, in their order; they are there, and none is added."""
+
+    def begin(self, start: int) -> None:
+        """Begin a session of the map, at its first place."""
+        self.reset()
+        self.session_start = self._usable = start
+
+    def add(self, _frame: Frame, _descriptor: Descriptor, _match: Match | None = None) -> None:
+        """Pass the next place, and link it as it was recognised."""
+        link(self._map.links, self.session_start + len(self._passed_m), _match)
+        self._passed_m.append(self._travelled_m)
+
+
+def _as_driven(whole: ReferenceMap) -> ReferenceMap:
+    """Return a map as it is now, with its links, whose places are upright and keyframes each."""
+    places, end = Places(whole.global_descriptors.shape[1], len(whole)), len(whole)
+    places.descriptors.extend(whole.global_descriptors[:end])
+    places.take({name: rows[:end] for name, rows in whole.places.columns.items()}, 0)
+    encoding = replace(whole.encoding, image_rotation_deg=0)
+    seen = ReferenceMap(
+        encoding, places, whole.pictures, EVERY_FRAME, whole.map_id, whole.sessions
+    )
+    seen.links = whole.links
+    return seen
+
+
+def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
+    """Return a place as what a drive sees."""
+    place = whole.places[index]
+    camera = whole.sessions[place.session].camera
+    frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
+    descriptor = whole_descriptor(whole.cells(index))
+    if whole.encoding.descriptor_model:
+        descriptor = replace(descriptor, vector=whole.global_descriptors[index])
+    return frame, descriptor

@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.first_stage import Describe, FirstStage, with_fir
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import AnyOrder, FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.bounded import bound
+from convseq_ros.core.map.edit import bound
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer

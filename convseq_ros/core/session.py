@@ -13,7 +13,8 @@ from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.bounded import bound, surplus
+from convseq_ros.core.map.edit import bound
+from convseq_ros.core.map.looks import surplus
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer

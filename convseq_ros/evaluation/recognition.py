@@ -8,9 +8,9 @@ import json
 import time
 from typing import Any
 
-from convseq_ros.config import Config, flatten, make_config
+from convseq_ros.config import Config, flatten, with_values
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.map.link_rows import carry_links
+from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -55,7 +55,7 @@ class Recognition:
 def with_known(config: Config, values: Mapping[str, Value]) -> Config:
     """Return a configuration with other values; names that this version lacks are ignored."""
     flat = flatten(config)
-    return make_config(flat | {name: value for name, value in values.items() if name in flat})
+    return with_values(config, {name: value for name, value in values.items() if name in flat})
 
 
 def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:

@@ -7,18 +7,16 @@ Dask unpickles what its peers send, so whoever reaches a scheduler or worker run
 processes listen on 127.0.0.1 only; a cluster elsewhere is talked to by TLS alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
 import ipaddress
 import logging
-from pathlib import Path
 import tempfile
 from typing import Any
 
 from convseq_ros import __version__
-from convseq_ros.errors import FleetError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, FleetError, pip_install
 
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
 # Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
@@ -48,11 +46,10 @@ _LOCAL = {
 class Cluster:
     """Which workers to use; `workers` of this machine, if no scheduler is named."""
 
-    scheduler: str = ''  # tcp://host:port or tls://host:port
+    scheduler: str = (
+        ''  # tcp://host:port, or tls://host:port with the certificates that Dask knows
+    )
     workers: int = 1
-    tls_ca: Path | None = None  # three files, PEM
-    tls_cert: Path | None = None
-    tls_key: Path | None = None
     are_threads: bool = False  # workers of this machine: of this process
 
 
@@ -65,7 +62,8 @@ def connected(cluster: Cluster) -> Iterator[Any]:
     ------
     FleetError
         If Dask is not installed, the scheduler's address is none or not allowed without TLS, it
-        does not answer, or its workers have another version of this package, or none.
+        has no certificates, it does not answer, or its workers have another version of this
+        package, or none.
 
     """
     try:
@@ -75,12 +73,13 @@ def connected(cluster: Cluster) -> Iterator[Any]:
         raise FleetError(f'a fleet needs dask.distributed; {pip_install("distributed")}') from None
     address, security = checked_address(cluster), None
     if address.startswith('tls:'):
-        security = distributed.Security(
-            tls_ca_file=str(cluster.tls_ca),
-            tls_client_cert=str(cluster.tls_cert),
-            tls_client_key=str(cluster.tls_key),
-            require_encryption=True,
-        )
+        security = distributed.Security(require_encryption=True)  # as Dask is configured
+        needed = 'tls_ca_file', 'tls_client_cert', 'tls_client_key'
+        if not all(getattr(security, name) for name in needed):
+            raise FleetError(
+                f'{address}: TLS needs certificates; set ca-file, client.cert and client.key of '
+                'distributed.comm.tls in the configuration of Dask (docs/tutorials/fleet.md)'
+            )
     with ExitStack() as opened:
         opened.enter_context(dask.config.set(_LOCAL))
         if not address:
@@ -132,33 +131,23 @@ def _started(cluster: Cluster, folder: str) -> Any:
 
 def checked_address(cluster: Cluster) -> str:
     """
-    Return the address of a scheduler as Dask wants it, or an empty one if none is named.
+    Return the address of a scheduler, empty if none is named.
 
-    FleetError if it is no address, or not of this machine and there are no files for TLS.
+    FleetError if it is no address, or not of this machine and not of TLS.
     """
-    said = cluster.scheduler
-    files = cluster.tls_ca, cluster.tls_cert, cluster.tls_key
-    if not said:
-        if any(files):
-            raise FleetError('--tls-ca, --tls-cert and --tls-key are for a --scheduler; name it')
+    address = cluster.scheduler
+    if not address:
         return ''
-    protocol, _, where = said.partition('://')
+    protocol, _, where = address.partition('://')
     host, _, port = where.rpartition(':')
     if protocol not in ('tcp', 'tls') or not host or not port.isdecimal():
-        raise FleetError(f'{said}: no address of a scheduler; give tcp://host:port')
-    if all(files):
-        for file in files:
-            if not (file and file.is_file()):
-                raise FleetError(f'{file}: no such file; --tls-ca, --tls-cert, --tls-key are PEM')
-        return f'tls://{where}'
-    if any(files) or protocol == 'tls':
-        raise FleetError(f'{said}: TLS needs all of --tls-ca, --tls-cert and --tls-key')
-    if not _is_of_this_machine(host):
+        raise FleetError(f'{address}: no address of a scheduler; give tcp://host:port')
+    if protocol == 'tcp' and not _is_of_this_machine(host):
         raise FleetError(
-            f'{said}: is not this machine, and Dask runs what its peers send: give --tls-ca, '
-            '--tls-cert and --tls-key'
+            f'{address}: is not this machine, and Dask runs what its peers send: use TLS, '
+            f'tls://{where}'
         )
-    return said
+    return address
 
 
 def _is_of_this_machine(host: str) -> bool:
@@ -192,3 +181,33 @@ def _refuse_foreign(client: Any, scheduler: str) -> None:
                 f'{scheduler}: worker {worker} has convseq_ros {own}, this is {__version__}; '
                 'install the same'
             )
+
+
+def done(
+    client: Any, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any]]:
+    """
+    Yield the name of each job, as it is done, with what the work returned or the ConvseqError.
+
+    Jobs are the arguments of the work. Those of a worker that dies go to another; FleetError for
+    one whose workers die again and again.
+    """
+    from distributed import as_completed, KilledWorker
+
+    futures = {client.submit(_tried, work, job, pure=False): name for name, job in jobs.items()}
+    for future in as_completed(futures):
+        try:
+            yield futures[future], future.result()
+        except KilledWorker as error:
+            died = FleetError(f'its worker died {error.allowed_failures + 1} times')
+            yield futures[future], died
+
+
+def _tried(work: Callable[..., Any], job: tuple[Any, ...]) -> Any:
+    """Return what a work returns, or its error, of which Dask would print the whole trace."""
+    try:
+        return work(*job)
+    except ConvseqError as error:
+        return error
+    except OSError as error:
+        return FleetError(f'{error.filename or ""}: {error.strerror}')

@@ -12,9 +12,9 @@ import time
 from typing import Any
 
 from convseq_ros.core.encoding.first_stage import vector_length
-from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.sequence.centred import usual_of
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.scores import FleetScores

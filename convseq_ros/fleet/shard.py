@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.sequence.centred import Centred, sums_of, Usual
 from convseq_ros.core.sequence.coarse_scores import top, Track
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats

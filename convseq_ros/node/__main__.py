@@ -28,7 +28,7 @@ def main() -> NoReturn:
     from importlib.util import find_spec
 
     if find_spec('rclpy') is None:
-        from convseq_ros.installing import NEEDS_ROS
+        from convseq_ros.errors import NEEDS_ROS
 
         sys.exit(f'vpr_node: {NEEDS_ROS}')
     run_node('convseq_ros.node.vpr_node')

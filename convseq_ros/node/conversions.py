@@ -3,14 +3,18 @@
 """Between the records of the core and ROS messages; pure functions."""
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import cache
 import math
 import sys
 
 from builtin_interfaces.msg import Time
+from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from convseq_ros.results import row
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMessage
 import numpy as np
@@ -57,25 +61,54 @@ def stamp_from_ns(stamp_ns: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def candidates_message(
-    match: Match, poses: Mapping[int, Pose | None], frame_id: str
-) -> PointCloud2:
+def answer_message(
+    match: Match,
+    duration_ms: float,
+    reference_map: ReferenceMap,
+    frame_id: str,
+    model_ms: float = 0.0,
+) -> DiagnosticArray:
     """
-    Return the candidates of a match, best first, one point each.
+    Return the row of the result table, as names and values, with the ids of map and session.
 
-    `poses` has that of each reference that is a candidate, in a frame; None gives NaN, and a cloud
-    that is not dense.
+    `reference_map` is that of the candidates, `frame_id` the frame of its poses. If it has a
+    `descriptor_model`, that took `model_ms` of the time.
+    """
+    values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
+    if reference_map.encoding.descriptor_model:
+        values['model_ms'] = round(model_ms, 3)
+    if match.best:
+        values['session_id'] = reference_map.sessions[match.best.session].id
+    return row_message(match_header(match, frame_id), match.reason.value, values)
+
+
+def row_message(header: Header, text: str, values: Mapping[str, object]) -> DiagnosticArray:
+    """Return names and values in one message; None is an empty text."""
+    pairs = [
+        KeyValue(key=name, value='' if value is None else str(value))
+        for name, value in values.items()
+    ]
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.OK, name='convseq_ros', message=text, values=pairs
+    )
+    return DiagnosticArray(header=header, status=[status])
+
+
+def candidates_message(match: Match, places: Sequence[Place], frame_id: str) -> PointCloud2:
+    """
+    Return the candidates of a match, best first, one point each, with the poses of their places.
+
+    A place without a pose gives NaN, and a cloud that is not dense.
     """
     rows = np.zeros(len(match.candidates), CANDIDATE)
-    for number, candidate in enumerate(match.candidates):
-        pose = poses[candidate.reference_index]
+    poses = [places[candidate.reference_index].pose for candidate in match.candidates]
+    for number, (candidate, pose) in enumerate(zip(match.candidates, poses, strict=True)):
         stamp = stamp_from_ns(candidate.reference_stamp_ns)
         x, y, z = pose.position if pose else _NOWHERE
         index, score = candidate.reference_index, candidate.score
         length, session = match.sequence_length, candidate.session
         rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec, session)
-    is_dense = all(poses[one.reference_index] for one in match.candidates)
-    return cloud_message(rows, match_header(match, frame_id), is_dense)
+    return cloud_message(rows, match_header(match, frame_id), all(poses))
 
 
 def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
@@ -172,6 +205,7 @@ def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) ->
     )
 
 
+@cache
 def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
     """Return how the points of a message describe themselves."""
     fields = []

@@ -1,15 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the node is, on /diagnostics."""
+"""What the node counts about itself, and how it is, on /diagnostics."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import time
 
 from convseq_ros.core.session import Session
+from convseq_ros.core.types import Match
 from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import status_message
-from convseq_ros.node.statistics import Statistics
+from convseq_ros.node.topics import advertise
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -17,6 +19,38 @@ from rclpy.node import Node
 
 _SILENCE_S = 3.0
 _LOG_PERIOD_S = 10.0
+
+
+@dataclass(slots=True)
+class Statistics:
+    """Counts since the start; each is changed by one thread alone."""
+
+    received: int = 0  # messages on the image topic
+    processed: int = 0  # frames that got an answer
+    unreadable: int = 0  # frames that could not be decoded
+    failed: int = 0  # frames that got no answer because of an error
+    unkept: int = 0  # times that what a map gained could not be written to its file
+    # Monotonic time of the last message, or of the start.
+    last_arrival_ns: int = field(default_factory=time.monotonic_ns)
+    last_match: Match | None = None
+    latency_ms: float = 0.0  # of the last frame, from its arrival to its answer
+    duration_ms: float = 0.0  # of the last frame, the work alone
+    busy_ms: float = 0.0  # the work on all frames together
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def arrived(self, arrival_ns: int) -> None:
+        """Count a message."""
+        self.received += 1
+        self.last_arrival_ns = arrival_ns
+
+    def answered(self, match: Match, arrival_ns: int, duration_ms: float) -> None:
+        """Count an answer."""
+        self.processed += 1
+        self.reasons[match.reason.value] += 1
+        self.last_match = match
+        self.duration_ms = duration_ms
+        self.busy_ms += duration_ms
+        self.latency_ms = (time.monotonic_ns() - arrival_ns) / 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +94,7 @@ class Diagnostics:
         self._advice = advice
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._publisher = advertise(node, DiagnosticArray, '/diagnostics')
         self._timer = node.create_timer(
             period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )

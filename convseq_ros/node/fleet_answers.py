@@ -3,19 +3,19 @@
 """What a fleet says of each frame, beside the node's own map."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from convseq_ros.config import Config
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Match
 from convseq_ros.fleet.cluster import Cluster
 from convseq_ros.fleet.link import FleetLink
-from convseq_ros.node.answer import answer_message
+from convseq_ros.node.conversions import answer_message
+from convseq_ros.node.topics import advertise
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-_DEPTH = 10
+TIMEOUT_S = 1.0  # after which a fleet is given up, and looked for again
 
 
 def open_fleet(
@@ -28,7 +28,7 @@ def open_fleet(
     """
     if not settings.fleet:
         return None
-    publisher = node.create_publisher(DiagnosticArray, '~/fleet_answer', _DEPTH)
+    publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
 
     def publish(match: Match, duration_ms: float, recognizer: PlaceRecognizer) -> None:
         if node.context.ok():
@@ -36,8 +36,4 @@ def open_fleet(
                 answer_message(match, duration_ms, recognizer.reference_map, settings.map_frame)
             )
 
-    folder = Path(settings.fleet_tls)
-    files = [folder / f'{name}.pem' for name in ('ca', 'cert', 'key')]
-    tls = files if settings.fleet_tls else [None] * 3
-    cluster = Cluster(settings.fleet, 1, *tls)
-    return FleetLink(cluster, config, publish, settings.fleet_timeout_s, sources)
+    return FleetLink(Cluster(settings.fleet), config, publish, TIMEOUT_S, sources)

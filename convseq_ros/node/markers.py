@@ -12,12 +12,12 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Match, Pose
 from convseq_ros.node.conversions import match_header, point_message, pose_only_message
+from convseq_ros.node.topics import advertise
 from geometry_msgs.msg import Vector3
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-_DEPTH = 10
 _MOST_CLOSURES = 500
 _MOST_PLACES = 5000
 _GROWN_BY = 10
@@ -36,7 +36,7 @@ class MatchMarkers:
     """
 
     def __init__(self, node: Node) -> None:
-        self._publisher = node.create_publisher(MarkerArray, '~/markers', _DEPTH)
+        self._publisher = advertise(node, MarkerArray, '~/markers')
         self._closures: deque[tuple[Position | None, Position]] = deque(maxlen=_MOST_CLOSURES)
         self._map: ReferenceMap | None = None
         self._drawn_places = self._watchers = 0

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 import time
 
-from convseq_ros.node.statistics import Statistics
+from convseq_ros.node.diagnostics import Statistics
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -15,7 +15,7 @@ _LOOK_S = 1.0
 _PERIOD_S, _WARNING_PERIOD_S = 10.0, 5.0
 _REMEDIES = {
     'queue_size': 'found the queue full (queue_size)',
-    'queue_mb': 'found the queue full (queue_mb)',
+    'memory': 'found no memory left for the queue (256 MB)',
     'max_wait_s': 'had waited longer than max_wait_s',
     'middleware': 'were lost by the middleware (config/fastdds_large_images.xml)',
 }

@@ -13,9 +13,9 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Frame, Match, Pose
 from convseq_ros.errors import ConvseqError, ImageError, ModelError
+from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.result_log import ResultLog
-from convseq_ros.node.statistics import Statistics
 from convseq_ros.sources.depth import Depth
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image

@@ -50,7 +50,7 @@ class ResultRecording:
         self._stamp_ns = match.query_stamp_ns
         self._publishers.publish(frame, match, recognizer, duration_ms)
 
-    def create_publisher(self, kind: type, topic: str, _qos: Any) -> '_Channel':
+    def create_publisher(self, kind: type, topic: str, _qos: Any, **_events: Any) -> '_Channel':
         """Return what writes instead of publishing."""
         name = type_name(kind)
         described, _ = typestore().generate_msgdef(name, ros_version=2)

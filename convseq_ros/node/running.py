@@ -10,8 +10,7 @@ import sys
 import threading
 
 from convseq_ros.errors import ConvseqError
-from convseq_ros.middleware import fast_dds, QUICK_START
-from convseq_ros.process import hand_over, ignore, stand
+from convseq_ros.process import fast_dds, hand_over, ignore, QUICK_START, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger

@@ -42,9 +42,7 @@ class TopicFinder:
             )
 
     def _look(self) -> None:
-        if self._node.count_publishers(self._default) or self._node.count_publishers(
-            self._default + COMPRESSED
-        ):
+        if self._node.count_publishers(self._default):
             self._looks = 0
             return
         found = cameras(self._node)

@@ -18,23 +18,21 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
-from convseq_ros.node.camera_subscriptions import CameraSubscriptions
+from convseq_ros.node.cameras import CameraSubscriptions, ImageMessage, QUEUE_BYTES
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Diagnostics, Situation
+from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.fleet_answers import open_fleet
-from convseq_ros.node.image_subscription import ImageMessage
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node.qos import SERVICE_QOS
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.statistics import Statistics
 from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.topic_finder import TopicFinder
+from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
@@ -109,7 +107,7 @@ class VprNode(ManagedNode):
             self.context.ok,
         )
         self._worker = Worker(
-            self._recognition.handle, config.queue_size, config.max_wait_s, config.queue_mb * 1e6
+            self._recognition.handle, config.queue_size, config.max_wait_s, QUEUE_BYTES
         )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path
@@ -185,11 +183,13 @@ class VprNode(ManagedNode):
         self.get_logger().info(f'kernel {session.kernel}, ready after {took_s:.1f} s')
         self._recognition.link()
         try:
-            self._answers.follow(session.recognizer.reference_map)
+            self._answers.map_topics.follow(
+                session.recognizer.reference_map, self._node_config.map_frame
+            )
             self._warm.trigger()
         except Exception:
-            # Whatever is under way fails when a signal shuts ROS down.
-            if self.context.ok():
+            # Whatever is under way fails when the node ends, or a signal shuts ROS down.
+            if self._is_open and self.context.ok():
                 raise
 
     def _follow(self, topics: dict[str, str]) -> None:

@@ -21,8 +21,8 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.running import turns
-from convseq_ros.node.subscription import FollowingSubscription
 from convseq_ros.node.topic_finder import COMPRESSED
+from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.images import decode_compressed, decode_image

@@ -10,8 +10,8 @@ from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
-from convseq_ros.node.qos import LATCHED, SERVICE_QOS
 from convseq_ros.node.services import Turn
+from convseq_ros.node.topics import advertise, LATCHED, SERVICE_QOS
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -55,9 +55,9 @@ class Whereabouts:
         self._given_up = False
         self._owes = False  # an initial pose, from when it is localised until a match is accepted
         self._waiting = 0  # calls
-        self._state = node.create_publisher(DiagnosticStatus, '~/localization', LATCHED)
+        self._state = advertise(node, DiagnosticStatus, '~/localization', LATCHED)
         self._initial_pose = (
-            node.create_publisher(PoseWithCovarianceStamped, 'initialpose', LATCHED)
+            advertise(node, PoseWithCovarianceStamped, 'initialpose', LATCHED)
             if config.publish_initial_pose
             else None
         )

@@ -21,7 +21,7 @@ class Worker(Generic[Item]):
     `handle` is called with each item, in the thread; it must not raise. At most `queue_size` items
     wait, of `queue_bytes` together (one alone may have more), and each, if another waits behind
     it, for `max_wait_s` seconds; 0 for as long as it takes. `drops` counts those that were pushed
-    out or waited for too long, by the setting that says so: queue_size, queue_mb, max_wait_s.
+    out or waited for too long, by cause: queue_size, memory, max_wait_s.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Worker(Generic[Item]):
         """Return which limit another item of a size would break; empty if none."""
         if len(self._items) == self._size:
             return 'queue_size'
-        return 'queue_mb' if self._bytes + size > self._most_bytes else ''
+        return 'memory' if self._bytes + size > self._most_bytes else ''
 
     def _is_late(self) -> bool:
         waited_ns = time.monotonic_ns() - self._items[0][0]

@@ -9,8 +9,7 @@ import tempfile
 from typing import Any
 
 from convseq_ros.core.types import Camera, Pose
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 from convseq_ros.simulation.drive import Shot
 import cv2
 import numpy as np

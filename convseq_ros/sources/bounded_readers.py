@@ -71,7 +71,7 @@ def check_chunks(path: Path, reader: Any, limits: RecordingLimits) -> None:
         limits.refuse_bomb(path, sum(chunk.uncompressed_size for chunk in chunks), size)
         half_mb = _most_at_once(chunks) / 2 / 1e6
         what = f'{path}: half of {2 * half_mb:.0f} MB, whose chunks are of the same time,'
-        limits.reading.refuse_above('max_chunk_mb', half_mb, what)
+        limits.reading.refuse_above('max_file_mb', half_mb, what)
 
 
 def _most_at_once(chunks: Iterable[Any]) -> int:
@@ -91,7 +91,7 @@ def _bound_chunks(limits: RecordingLimits) -> None:
 
     def bounded(compression: str, data: bytes, size: int) -> bytes:
         size_mb = size / 1e6
-        limits.reading.refuse_above('max_chunk_mb', size_mb, f'a chunk of {size_mb:.4g} MB')
+        limits.reading.refuse_above('max_file_mb', size_mb, f'a chunk of {size_mb:.4g} MB')
         content = inflate(data, compression, size)
         if end_of_records(content, len(data)) != len(content):
             raise SourceError('a chunk holds something else than records')

@@ -28,7 +28,7 @@ class RecordingLimits:
     @property
     def chunk_bytes(self) -> int:
         """Return what one chunk may hold; those that overlap in time may twice as much."""
-        return round(self.reading.max_chunk_mb * _MEGA)
+        return round(self.reading.max_file_mb * _MEGA)
 
     @property
     def harmless_bytes(self) -> int:
@@ -40,7 +40,7 @@ class RecordingLimits:
         if inflated > self.ratio * size:
             what = f'its {size} bytes inflate to {inflated / 1e9:.3g} GB, which no recording does'
             fourth_mb = inflated / 4 / _MEGA
-            self.reading.refuse_above('max_chunk_mb', fourth_mb, f'{where}: {what}; a fourth')
+            self.reading.refuse_above('max_file_mb', fourth_mb, f'{where}: {what}; a fourth')
 
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
@@ -56,7 +56,7 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
     if len(content) > most_bytes:
         raise SourceError(
             f'{len(data)} bytes hold more than the {most_bytes} that they declare, or that '
-            'max_chunk_mb allows; raise it if there is memory'
+            'max_file_mb allows; raise it if there is memory'
         )
     return content
 

@@ -6,8 +6,7 @@ import functools
 import struct
 from typing import Any, NamedTuple
 
-from convseq_ros.errors import ConvseqError, ImageError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, ImageError, pip_install
 
 MAX_STAMP_NS = 2**63 - 1
 STAMP_END = 12  # bytes: CDR header, seconds, nanoseconds

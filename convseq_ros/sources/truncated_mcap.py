@@ -8,8 +8,7 @@ import mmap
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.errors import SourceError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import pip_install, SourceError
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.inflate import end_of_records, inflate, RecordingLimits
 from convseq_ros.sources.raw_message import RawMessage
@@ -49,7 +48,7 @@ class TruncatedMcap:
         size = path.stat().st_size
         largest_mb = self._largest / 1e6
         what = f'; a chunk of {largest_mb:.4g} MB'
-        too_large = limits.reading.above('max_chunk_mb', largest_mb, what)
+        too_large = limits.reading.above('max_file_mb', largest_mb, what)
         if not self.topics:
             remedy = too_large or '; record again'
             raise SourceError(f'{path}: no whole message in its {size} bytes of mcap{remedy}')

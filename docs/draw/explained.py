@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 
-from convseq_ros.config import Config, make_config
+from convseq_ros.config import Config, with_values
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map_builder import build_map
@@ -31,7 +31,7 @@ SETTINGS = {'keyframe_overlap': 1.0, 'stationary_overlap': 1.0, 'search': 'exhau
 
 def main(folder: Path) -> None:
     """Drive twice, and draw."""
-    config = make_config(SETTINGS)
+    config = with_values(Config(), SETTINGS)
     street = Street(length_m=FRAMES + 60, seed=7)
     day = Drive(num_frames=FRAMES, width_px=320, height_px=240)
     evening, night = (

@@ -9,7 +9,7 @@ Usage: loop_gif.py FOLDER FILE, with the 84 sample images of RTAB-Map (BSD-3) in
 from pathlib import Path
 import sys
 
-from convseq_ros.config import make_config
+from convseq_ros.config import Config, with_values
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Match
@@ -31,13 +31,14 @@ _INK, _DIM, _GREEN, _PAPER = (230, 237, 243), (110, 118, 129), (63, 185, 80), (1
 def draw(folder: Path, path: Path) -> None:
     """Recognise the images one after another, in a map that grows, and draw the second round."""
     # Frames of a folder are 0.1 s apart; half a frame less, so that rounding decides nothing.
-    config = make_config(
+    config = with_values(
+        Config(),
         {
             'mode': 'online',
             'exclusion_s': (_RECENT - 0.5) / 10,
             'keyframe_overlap': 1.0,
             'stationary_overlap': 1.0,
-        }
+        },
     )
     recognizer = PlaceRecognizer(ReferenceMap(config.encoding, keyframes=config.keyframes), config)
     pictures = pictures_in(folder)

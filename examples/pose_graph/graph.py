@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry and loop closures in, a corrected path out: GTSAM with graduated non-convexity."""
+"""Odometry and loop closures in, a corrected path out; solved as `convseq map link` does."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
+from convseq_ros.core.graph.pose_graph import agreeing
 import gtsam
 import numpy as np
 import numpy.typing as npt
@@ -185,8 +186,7 @@ def optimise(
     Return the path that agrees best with the odometry and with the closures.
 
     A closure says how far two places are apart as it was measured; else that they are the same:
-    position zero apart, heading as measured or alike. Graduated non-convexity (Yang, Antonante,
-    Tzoumas and Carlone, RA-L 2020), with truncated least squares, decides which closures to
+    position zero apart, heading as measured or alike. `agreeing` decides which closures to
     believe; the odometry is always believed.
 
     Parameters
@@ -223,7 +223,7 @@ def optimise(
             graph.add(factor)
     result, inliers = initial, [True] * len(used)
     if used and robust:
-        result, inliers = _graduated(graph, initial, believed, noise.inlier_probability)
+        result, inliers = agreeing(graph, initial, believed, noise.inlier_probability)
     elif used:
         result = gtsam.LevenbergMarquardtOptimizer(graph, initial).optimize()
     kept = [False] * len(closures)
@@ -236,19 +236,6 @@ def optimise(
         np.array([(pose.x(), pose.y(), pose.theta()) for pose in after]),
         tuple(kept),
     )
-
-
-def _graduated(
-    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, believed: int, probability: float
-) -> tuple[gtsam.Values, list[bool]]:
-    """Return the estimate, and which of the factors after the believed ones it agrees with."""
-    settings = gtsam.GncLMParams()
-    settings.setLossType(gtsam.GncLossType.TLS)
-    settings.setKnownInliers(list(range(believed)))
-    optimizer = gtsam.GncLMOptimizer(graph, initial, settings)
-    optimizer.setInlierCostThresholdsAtProbability(probability)
-    result = optimizer.optimize()
-    return result, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
 
 
 def odometry_factor(

@@ -205,8 +205,8 @@ def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
 @pytest.mark.parametrize(
     ('options', 'told'),
     [
-        (['--max-length', '0'], 'max_length: 0 is outside 1 .. 100'),
-        (['--max-length', 'many'], "max_length: expected int, got 'many'"),
+        (['--fixed-length', '101'], 'fixed_length: 101 is outside 0 .. 100'),
+        (['--fixed-length', 'many'], "fixed_length: expected int, got 'many'"),
         (['--image-size-px', '256'], 'image_size_px 512, asked for 256'),
         (['--map', 'missing.db'], 'missing.db: no such map'),
         (['--config', 'missing.yaml'], 'missing.yaml: no such file'),
@@ -224,8 +224,8 @@ def test_a_bad_option_of_replay_is_one_line(
 @pytest.mark.parametrize(
     ('text', 'told'),
     [
-        ('/**:\n  ros__parameters: {max_lenght: 3}', 'did you mean max_length?'),
-        ('max_length: 3', 'not a ROS parameter file'),
+        ('/**:\n  ros__parameters: {fixed_lenght: 3}', 'did you mean fixed_length?'),
+        ('fixed_length: 3', 'not a ROS parameter file'),
         ('{', 'not YAML'),
         ('/**: &own\n  ros__parameters: *own', 'has an alias'),
         ('[' * 5_000, 'nested too deeply'),

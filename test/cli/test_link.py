@@ -7,13 +7,13 @@ import json
 import math
 
 from convseq_ros.cli import main
-from convseq_ros.cli.pose_graph import brought_together, edges_of, solved
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.map.format import MapSession
+from convseq_ros.core.graph.pose_graph import brought_together, edges_of, solved
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
@@ -94,12 +94,19 @@ def made(count, wrong=0):
     ]  # fmt: skip
 
 
+def posed(whole):
+    """Return the poses of a map's places, and the session of each."""
+    poses = {at: matrix(place.pose) for at, place in enumerate(whole.places)}
+    return poses, [place.session for place in whole.places]
+
+
 @pytest.mark.parametrize('wrong', [0, 6])
 def test_a_session_lies_where_most_links_say(wrong):
     pytest.importorskip('gtsam')
     whole, links = made(20, wrong)
-    edges = list(edges_of(whole, links))
-    start = brought_together(whole, edges)
+    poses, session = posed(whole)
+    edges = [*edges_of(poses, session, links)]
+    start = brought_together(poses, session, edges)
     found = solved(edges, start)
     for at in range(20):
         assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
@@ -166,7 +173,8 @@ def test_one_drive_that_meets_its_own_way_is_linked_once_and_its_poses_get_bette
 
 def test_without_poses_or_a_link_nothing_is_made_and_one_line_says_why(tmp_path, capsys):
     whole, _ = made(3)
-    assert brought_together(whole, list(edges_of(whole, []))) == {}
+    poses, session = posed(whole)
+    assert brought_together(poses, session, edges_of(poses, session, [])) == {}
     path, better = tmp_path / 'map.db', tmp_path / 'better.db'
     with MapBuilder(path, Config(keyframes=EVERY_FRAME)) as builder:
         for shot in draw(Street(60.0, seed=5), Drive(num_frames=4, width_px=160, height_px=120)):

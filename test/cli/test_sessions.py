@@ -10,7 +10,7 @@ import signal
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.editing import parts_of, rename_session, write_parts
+from convseq_ros.core.map.edit import rename_session, slices_of, write_slices
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -206,19 +206,19 @@ def test_a_map_that_has_an_owner_is_left_alone(command, two, run):
 
 
 def test_what_was_added_after_a_map_was_read_is_not_lost(two):
-    parts = parts_of(two)
+    parts = slices_of(two)
     with MapBuilder(two, CONFIG, True, 'late') as builder:
         for frame in frames(2):
             builder.process(frame)
     before = two.read_bytes()
     with pytest.raises(MapError, match='was changed meanwhile; run it again'):
-        write_parts(parts[:1], two, lambda steps: steps, replaces=True)
+        write_slices(parts[:1], two, lambda steps: steps, replaces=True)
     assert two.read_bytes() == before
-    parts = parts_of(two)
+    parts = slices_of(two)
     rename_session(replace(parts[0], session=replace(parts[0].session, name='again')))
     with pytest.raises(MapError, match='was changed meanwhile'):
-        write_parts(parts[1:], two, lambda steps: steps, replaces=True)
-    write_parts(parts_of(two)[1:], two, lambda steps: steps, replaces=True)
+        write_slices(parts[1:], two, lambda steps: steps, replaces=True)
+    write_slices(slices_of(two)[1:], two, lambda steps: steps, replaces=True)
     with pytest.raises(MapError, match='was changed meanwhile'):
         rename_session(parts[0])
 

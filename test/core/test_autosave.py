@@ -3,49 +3,19 @@
 """A growing map is persisted in its file, by one owner at a time."""
 
 import os
-import signal
-import subprocess
-import sys
 import time
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import autosave as module
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.place import pack_cells, Place
-from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
-import numpy as np
 import pytest
+
+from bench.torture.scenarios import APART, cells, drawn, ENCODING, grow, holds
 
 pytestmark = pytest.mark.once
 
-ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 PATIENCE_S = 60.0
-
-
-def cells(seed):
-    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
-
-
-def grow(reference_map, count):
-    for index in range(len(reference_map), len(reference_map) + count):
-        reference_map.add(Place(index), cells(index), b'%d' % index)
-
-
-def grown(count):
-    reference_map = ReferenceMap(ENCODING)
-    grow(reference_map, count)
-    return reference_map
-
-
-def holds(path, count):
-    opened = open_map(path, ENCODING)
-    return len(opened) == count and all(
-        (opened.packed(index) == cells(index)).all() and opened.thumbnail(index) == b'%d' % index
-        for index in range(count)
-    )
 
 
 def own(path, **kwargs):
@@ -86,19 +56,19 @@ def hurried(monkeypatch):
 
 def test_a_map_that_starts_empty_is_persisted_in_a_new_file(path):
     autosave = own(path)
-    assert holds(path, 0)
+    assert holds(path) == 0
     grow(autosave.reference_map, 3)
     autosave.close()
-    assert holds(path, 3)
+    assert holds(path) == 3
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_the_file_that_was_opened_goes_on_growing(path):
-    save_map(grown(3), path)
+    save_map(drawn(3), path)
     autosave = own(path)
     grow(autosave.reference_map, 2)
     autosave.close()
-    assert holds(path, 5)
+    assert holds(path) == 5
 
 
 def test_a_place_is_written_though_nothing_comes_after_it(path):
@@ -107,7 +77,7 @@ def test_a_place_is_written_though_nothing_comes_after_it(path):
         grow(autosave.reference_map, count - len(autosave.reference_map))
         autosave.save()
         wait_for(lambda count=count: autosave.committed == count)
-        assert holds(path, count)
+        assert holds(path) == count
     autosave.close()
 
 
@@ -122,7 +92,7 @@ def test_what_is_asked_for_at_once_is_written_at_once(path, monkeypatch):
     for count in (1, 2):
         grow(autosave.reference_map, 1)
         autosave.flush()
-        assert holds(path, count)
+        assert holds(path) == count
     autosave.close()
 
 
@@ -153,12 +123,12 @@ def test_an_empty_file_is_made_into_a_map_unless_there_must_be_one(path):
     with pytest.raises(MapError, match='is empty, no map yet'):
         own(path, append=True)
     own(path).close()
-    assert holds(path, 0)
+    assert holds(path) == 0
 
 
 @pytest.mark.parametrize('what', ['folder', 'file'])
 def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypatch):
-    save_map(grown(2), path)
+    save_map(drawn(2), path)
     blocked = path if what == 'file' else path.parent
     monkeypatch.setattr(os, 'access', lambda one, _mode: os.fspath(one) != os.fspath(blocked))
     with pytest.raises(MapError, match=r'map.db: cannot be written; make it and its folder'):
@@ -188,10 +158,10 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
     with pytest.raises(MapError, match='make room'):
         autosave.flush()
     autosave.save()
-    assert holds(path, 1) and (reference_map.packed(40) == cells(40)).all()
+    assert holds(path) == 1 and (reference_map.packed(40) == cells(40)).all()
     resize_disk(1_000_000)
     wait_for(lambda: autosave.committed == 401)
-    assert holds(path, 401)
+    assert holds(path) == 401
     resize_disk(6)
     grow(reference_map, 400)
     with pytest.raises(MapError, match='make room'):
@@ -199,18 +169,18 @@ def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room
 
 
 def test_who_comes_second_is_told_at_the_start_and_the_first_loses_nothing(path):
-    save_map(grown(3), path)
+    save_map(drawn(3), path)
     first = own(path)
-    for another in (lambda: own(path), lambda: save_map(grown(1), path)):
+    for another in (lambda: own(path), lambda: save_map(drawn(1), path)):
         with pytest.raises(MapError, match=r'map.db: another program adds to this map; end it'):
             another()
-    assert holds(path, 3)
+    assert holds(path) == 3
     grow(first.reference_map, 1)
     first.close()
     second = own(path)
     grow(second.reference_map, 2)
     second.close()
-    assert holds(path, 6)
+    assert holds(path) == 6
 
 
 def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
@@ -224,7 +194,7 @@ def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
         first.flush()
     with pytest.raises(MapError):
         first.close()
-    assert holds(path, 2)
+    assert holds(path) == 2
 
 
 def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
@@ -232,7 +202,7 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     grow(autosave.reference_map, 1)
     autosave.flush()
     path.rename(tmp_path / 'away.db')
-    save_map(grown(5), other)
+    save_map(drawn(5), other)
     other.rename(path)
     before = path.read_bytes()
     grow(autosave.reference_map, 1)
@@ -243,56 +213,4 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     (tmp_path / 'away.db').rename(path)
     wait_for(lambda: autosave.committed == 2)
     autosave.close()
-    assert holds(path, 2)
-
-
-OWN_UNTIL_KILLED = """
-import sys, time
-from pathlib import Path
-sys.path.insert(0, {folder!r})
-from test_autosave import grow, own
-autosave = own(Path({path!r}))
-while True:
-    grow(autosave.reference_map, 5)
-    autosave.flush()
-    print(autosave.committed, flush=True)
-    if autosave.committed == {pause}:
-        time.sleep(1000)
-"""
-
-
-def start(path, pause):
-    program = OWN_UNTIL_KILLED.format(
-        folder=os.path.dirname(__file__), path=str(path), pause=pause
-    )
-    return subprocess.Popen(
-        [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
-
-
-def test_what_was_committed_outlives_being_killed_at_any_moment(path):
-    with start(path, pause=0) as process:
-        for _ in range(40):
-            committed = int(process.stdout.readline())
-        process.send_signal(signal.SIGKILL)
-        for line in process.stdout:
-            committed = int(line)
-    left = path.read_bytes()
-    count = len(open_map(path))
-    assert committed <= count <= committed + 5 and holds(path, count)
-    assert path.read_bytes() == left
-    autosave = own(path)
-    grow(autosave.reference_map, 3)
-    autosave.close()
-    assert holds(path, count + 3)
-
-
-def test_a_killed_owner_holds_nobody_up(path):
-    with start(path, pause=10) as process:
-        while int(process.stdout.readline()) < 10:
-            pass
-        with pytest.raises(MapError, match='another program adds to this map'):
-            own(path)
-        process.kill()
-    own(path).close()
-    assert holds(path, 10) and list(path.parent.iterdir()) == [path]
+    assert holds(path) == 2

@@ -12,6 +12,7 @@ from convseq_ros.config import (
     EVERY_FRAME,
     MatchingConfig,
     OnlineConfig,
+    RobotConfig,
     SequenceConfig,
 )
 from convseq_ros.core.cameras import Cameras
@@ -21,7 +22,6 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import base_between, matrix, of_roll_pitch_yaw
 from convseq_ros.core.types import Camera, Frame, LocalizationState, Reason
 from convseq_ros.errors import ConfigError
-from convseq_ros.robot_config import RobotConfig
 import numpy as np
 import pytest
 

@@ -4,21 +4,15 @@
 
 from contextlib import closing
 from dataclasses import replace
-import os
-import signal
 import sqlite3
-import subprocess
-import sys
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
 from convseq_ros.core.graph.links import beyond, Link, LINKS, Links
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.bounded import without
-from convseq_ros.core.map.editing import joined, parts_of, write_parts
+from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_slices
 from convseq_ros.core.map.format import row_crc
-from convseq_ros.core.map.link_rows import carry_links
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -261,40 +255,6 @@ def test_links_are_written_with_their_places_or_later_and_never_before(path):
     assert [*open_map(path).links] == [(12, 3), (15, 2), (22, 4), (24, 2)]
 
 
-GROW_UNTIL_KILLED = """
-import sys
-from pathlib import Path
-sys.path.insert(0, {folder!r})
-from test_links import grow, own
-autosave = own(Path({path!r}))
-whole = autosave.reference_map
-while True:
-    grow(whole, 5)
-    for place in range(len(whole) - 5, len(whole)):
-        other = place % 5 if place > 5 else 0
-        whole.links.add(place, other) if other else whole.links.add_first(place)
-    autosave.save()
-    print(autosave.committed, flush=True)
-"""
-
-
-@pytest.mark.once
-def test_links_of_what_was_committed_outlive_being_killed(path):
-    program = GROW_UNTIL_KILLED.format(folder=os.path.dirname(__file__), path=str(path))
-    run = [sys.executable, '-c', program]
-    with subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-        while int(process.stdout.readline()) < 200:
-            pass
-        process.send_signal(signal.SIGKILL)
-    opened = open_map(path)
-    assert len(opened) >= 200 and not opened.problem
-    assert all(place < len(opened) for place, _ in opened.links)
-    # The links of the last places may lack; what is there, is so in order.
-    expected = [(at, at % 5) for at in range(6, len(opened)) if at % 5]
-    assert [*opened.links] == expected[: len(opened.links)]
-    assert len(opened.links) >= len(expected) - 500
-
-
 UNTURNED = np.array([0, 0, 0, 2, *[1] * 29], '<f8').tobytes()
 NONE = None, None, None
 
@@ -343,6 +303,18 @@ def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_g
     assert len(opened) == 23 and (opened.packed(22) == cells(22)).all()
 
 
+def test_a_page_whose_rows_are_in_a_circle_is_left_out_and_read_once(path):
+    save_map(made(20, (12, 2), (18, 3)), path)
+    with closing(sqlite3.connect(path)) as database, database:
+        (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'links'")
+        (size,) = database.execute('PRAGMA page_size')
+    content, page = bytearray(path.read_bytes()), (root[0] - 1) * size[0]
+    content[page + 10 : page + 12] = content[page + 8 : page + 10]  # the last row is the first
+    path.write_bytes(content)
+    opened = open_map(path)
+    assert not len(opened.links) and 'from 0 on are damaged' in opened.problem
+
+
 def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     whole = ReferenceMap(ENCODING)
     for session in range(3):
@@ -354,11 +326,11 @@ def test_editing_keeps_links_among_the_places_that_stay(path, tmp_path):
     for index in range(60):
         whole.links.add_first(index)
     save_map(whole, path)
-    parts, other = parts_of(path), tmp_path / 'other.db'
-    write_parts(parts[1:], other, iter)  # the first session, with anchors, goes
+    parts, other = slices_of(path), tmp_path / 'other.db'
+    write_slices(parts[1:], other, iter)  # the first session, with anchors, goes
     left = open_map(other)
     assert [*left.links] == [(25, 5), (30, 10)] and left.is_linked
-    left = joined(without(parts, [25]))[0].reference_map
+    left = joined(without(parts, [25]))
     assert [*left.links] == [(25, 6), (44, 5), (49, 29)] and left.is_linked
 
 
@@ -369,7 +341,7 @@ def test_what_comes_from_another_map_is_still_to_be_looked_up(tmp_path):
         for index in range(20):
             whole.links.add_first(index)
         save_map(whole, one)
-    merged = joined([part for one in paths for part in parts_of(one)])[0].reference_map
+    merged = joined([part for one in paths for part in slices_of(one)])
     assert [*merged.links] == [(15, 3), (35, 23)]
     assert not merged.is_linked and not_linked(merged) == [range(20, 40)]
 
@@ -424,6 +396,20 @@ def test_a_session_that_is_appended_is_looked_up_in_those_before(tmp_path, image
     with MapBuilder(path, config(), append=True, links=False) as builder:
         builder.process(laps(image)[0])
     assert not open_map(path).is_linked
+
+
+def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
+    path, frames = tmp_path / 'map.db', laps(image)
+    for start in range(0, len(frames), LAP):
+        with MapBuilder(path, config(), append=start > 0) as builder:
+            for frame in frames[start : start + LAP]:
+                builder.process(frame)
+    one, three = build_map(frames, None, config()), open_map(path)
+    assert len(three.sessions) == LAPS
+    for made in (one, three):
+        assert all(is_right(*pair) for pair in made.links)
+        assert len(made.links) > 0.8 * (LAPS - 1) * LAP
+    assert len(dict(one.links).keys() ^ dict(three.links).keys()) < 0.1 * LAPS * LAP
 
 
 def test_a_map_without_links_is_linked_afterwards(image):

@@ -4,8 +4,8 @@
 
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
-from convseq_ros.core.map.bounded import bound, surplus
-from convseq_ros.core.map.looks import LOOK
+from convseq_ros.core.map.edit import bound
+from convseq_ros.core.map.looks import LOOK, surplus
 from convseq_ros.core.map.online import known_as
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -127,7 +127,7 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
     def fail(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('convseq_ros.core.map.replacing.os.replace', fail)
+    monkeypatch.setattr('convseq_ros.core.map.atomic_replace.os.replace', fail)
     session = Session(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
     assert path.read_bytes()[:64] and len(session.recognizer.reference_map) == 4 * ROUND
     assert [one for one in session.ignored if one.startswith('max_looks is ignored: ')]

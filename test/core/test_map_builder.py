@@ -25,7 +25,6 @@ SETTINGS = {
     'every frame': {'keyframe_overlap': 1.0},
     'every frame, as in the paper': {'keyframe_overlap': 1.0, 'matching': 'regional'},
     'by time and way': {'keyframe_interval_s': 2.0, 'keyframe_distance_m': 1.5},
-    'no thumbnails': {'thumbnail_width_px': 0},
 }
 
 

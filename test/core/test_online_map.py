@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map that grows from the robot's own past."""
 
-from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.config import Config, EncodingConfig, OnlineConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
-from convseq_ros.online_config import OnlineConfig
 import numpy as np
 import pytest
 

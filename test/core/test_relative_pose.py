@@ -5,7 +5,7 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME
+from convseq_ros.config import AcceptanceConfig, Config, EVERY_FRAME, RobotConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reader import open_map
@@ -18,7 +18,6 @@ from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import inverse, matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import Candidate, Pose, Reason
-from convseq_ros.robot_config import RobotConfig
 import cv2
 import numpy as np
 import pytest

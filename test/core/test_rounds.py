@@ -5,11 +5,10 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.config import Config, EncodingConfig, OnlineConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Pose, Reason
-from convseq_ros.online_config import OnlineConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.route import Route
 import numpy as np

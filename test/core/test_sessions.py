@@ -8,11 +8,10 @@ import sys
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.linking import link_map
-from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer

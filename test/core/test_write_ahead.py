@@ -6,31 +6,20 @@ import os
 import shutil
 import weakref
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import writer as module
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
-import numpy as np
 import pytest
+
+from bench.torture.scenarios import APART, cells, drawn, ENCODING, grow
 
 pytestmark = pytest.mark.once
 
-ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 MODES = slice(18, 20)  # of the file: how it is written and read
 JOURNAL, AHEAD = b'\1\1', b'\2\2'
-
-
-def cells(seed):
-    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
-
-
-def grow(reference_map, count):
-    for index in range(len(reference_map), len(reference_map) + count):
-        reference_map.add(Place(index), cells(index))
 
 
 def own(path, count=0):
@@ -129,9 +118,7 @@ def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed):
 
 
 def test_a_log_that_a_crash_left_is_not_taken_for_what_replaces_the_map(killed):
-    new = ReferenceMap(ENCODING)
-    grow(new, 2)
-    save_map(new, killed)
+    save_map(drawn(2), killed)
     assert beside(killed) == [''] and is_right(open_map(killed), 2)
 
 

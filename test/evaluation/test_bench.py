@@ -129,7 +129,7 @@ def test_other_images_or_settings_are_computed_anew(street, quick, tmp_path):
     picture.write_bytes((street.folder / 'query' / '006.png').read_bytes())
     run(street, quick, tmp_path / 'out', 'cohog', cache=cache)
     assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 1
-    run(street, quick, tmp_path / 'out', 'cohog+saliency_threshold=0.3', cache=cache)
+    run(street, quick, tmp_path / 'out', 'cohog+image_size_px=192', cache=cache)
     assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 3
 
 
@@ -216,7 +216,7 @@ def test_the_score_matrices_of_a_set_are_shown_single_frame_and_in_sequence(
         (('hog:file.npy',), 'expected hog'),
         (('scores',), 'expected scores:FILE.npy'),
         (('convseq+max_lenth=3',), "unknown option 'max_lenth'"),
-        (('convseq+max_length=many',), 'max_length: expected int'),
+        (('convseq+fixed_length=many',), 'fixed_length: expected int'),
         (('scores:absent.npy',), r'absent.npy: No such file'),
         (('!',), "method '!'"),
     ],

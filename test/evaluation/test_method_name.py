@@ -32,8 +32,8 @@ def test_options_follow_a_plus(tmp_path):
 
 
 def test_parameters_of_the_core_are_options_of_every_method():
-    method = make_method(parse_method('own=convseq+max_length=20+matching=regional'), Config())
-    assert method.config.sequence.max_length == 20
+    method = make_method(parse_method('own=convseq+rival_distance=20+matching=regional'), Config())
+    assert method.config.acceptance.rival_distance == 20
     assert method.name.label == 'own'
 
 
@@ -70,6 +70,6 @@ def test_so_many_frames_are_decided_by_their_margin(text):
     assert asked.believes
 
 
-@pytest.mark.parametrize('text', ['convseq', 'convseq@dynamic', 'convseq+max_length=20'])
+@pytest.mark.parametrize('text', ['convseq', 'convseq@dynamic', 'convseq+rival_distance=20'])
 def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
     assert make_method(parse_method(text), Config()).config.believes

@@ -52,12 +52,11 @@ def test_the_recogniser_says_the_same_again_of_images_that_are_described(
     street, quick, fixed_length, matching, search
 ):
     config = with_known(
-        quick,
+        replace(quick, matching=replace(quick.matching, shortlist_length=6)),
         {
             'fixed_length': fixed_length,
             'matching': matching,
             'search': search,
-            'shortlist_length': 6,
             'image_size_px': 192,
         },
     )

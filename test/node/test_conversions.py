@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node.conversions import (
@@ -51,12 +52,12 @@ def test_a_stamp_comes_back(stamp_ns):
 def test_a_stamp_that_ros_cannot_say_is_the_nearest_one(stamp_ns, nearest_ns):
     assert stamp_to_ns(stamp_from_ns(stamp_ns)) == nearest_ns
     candidate = replace(CANDIDATES[0], reference_stamp_ns=stamp_ns)
-    message = candidates_message(replace(MATCH, candidates=(candidate,)), {7: None}, 'm')
+    message = candidates_message(replace(MATCH, candidates=(candidate,)), {7: Place(0)}, 'm')
     assert len(candidates_from_message(message)) == 1
 
 
 def test_candidates_come_back_through_the_wire():
-    message = candidates_message(MATCH, {7: POSE, 2: None}, 'map')
+    message = candidates_message(MATCH, {7: Place(0, pose=POSE), 2: Place(0)}, 'map')
     message = deserialize_message(serialize_message(message), PointCloud2)
     rows = candidates_from_message(message)
     assert rows['index'].tolist() == [7, 2]
@@ -79,7 +80,7 @@ def test_no_candidates_make_a_cloud_of_no_points():
 
 
 def test_a_cloud_with_other_fields_is_refused():
-    message = candidates_message(MATCH, {7: POSE, 2: None}, 'map')
+    message = candidates_message(MATCH, {7: Place(0, pose=POSE), 2: Place(0)}, 'map')
     message.fields = message.fields[:3]
     with pytest.raises(ValueError, match='got x, y, z'):
         candidates_from_message(message)

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.node import depth_images as module
+from convseq_ros.node import odometry as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.reading_config import ReadingConfig
 from sensor_msgs.msg import Image
@@ -50,7 +50,7 @@ def test_a_frame_waits_for_its_depth_but_not_for_ever(heard):
     hear(depth(SECOND))
     for _ in range(4):
         assert images.at(2 * SECOND) is None
-    images._wait_s = 3600.0
+    images.waiting.wait_s = 3600.0
     assert images.at(2 * SECOND) is None  # three waited in vain: none waits
     hear(depth(SECOND + 100 * MS))
     found = []

@@ -98,29 +98,21 @@ def test_a_publisher_that_sends_nothing_is_counted(client, vpr, map_path, impati
 
 
 @pytest.mark.parametrize(
-    ('transport', 'kind', 'topic', 'remedy'),
+    ('named', 'kind', 'topic', 'remedy'),
     [
-        ('raw', CompressedImage, '/image', 'carries sensor_msgs/msg/CompressedImage; publish it'),
-        ('raw', CompressedImage, '/image/compressed', 'set image_transport to compressed'),
-        ('compressed', Image, '/image', 'but /image has: set image_transport to raw'),
-        ('compressed', Image, '/image/compressed', 'set image_transport to raw'),
-        ('raw', DiagnosticArray, '/image', 'remap `image` to a topic of sensor_msgs/msg/Image'),
+        ('/cam', CompressedImage, '/cam', 'that ends in /compressed'),
+        ('/cam', CompressedImage, '/cam/compressed', '-r image:=/cam/compressed'),
+        ('/cam/compressed', Image, '/cam', 'but /cam has: -r image:=/cam'),
+        ('/cam/compressed', Image, '/cam/compressed', 'a topic of sensor_msgs/msg/Image, or'),
+        ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
     ],
 )
 def test_images_of_another_type_are_named_with_the_remedy(
-    client, vpr, map_path, impatient, transport, kind, topic, remedy
+    client, vpr, map_path, impatient, named, kind, topic, remedy
 ):
     client.node.create_publisher(kind, topic, 1)
-    vpr(map_path=map_path, image_transport=transport, **PERIOD)
+    vpr('-r', f'image:={named}', map_path=map_path, **PERIOD)
     assert status_with(client, remedy).level == DiagnosticStatus.WARN
-
-
-def test_a_compressed_topic_given_by_name_needs_the_transport_only(
-    client, vpr, map_path, impatient
-):
-    client.node.create_publisher(CompressedImage, '/cam/compressed', 1)
-    vpr('-r', 'image:=/cam/compressed', map_path=map_path, **PERIOD)
-    status_with(client, 'CompressedImage; set image_transport to compressed')
 
 
 def test_dropped_frames_are_a_warning(client, vpr, map_path, street, image, held):

@@ -9,6 +9,7 @@ pytest.importorskip('rclpy')
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.link import serve
+from convseq_ros.node import fleet_answers
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.srv import LoadMap
 from sensor_msgs.msg import Image
@@ -21,12 +22,13 @@ def values_of(message):
     return {pair.key: pair.value for pair in message.status[0].values}
 
 
-def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_path):
+def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_path, monkeypatch):
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
+    monkeypatch.setattr(fleet_answers, 'TIMEOUT_S', 20.0)
     with connected(Cluster(workers=1)) as dask:
         serve(dask, [map_path])
         more = {'matching': 'coherent', 'search': 'shortlist', 'fleet': dask.scheduler.address}
-        node = vpr(map_path=map_path, fleet_timeout_s=20.0, **more)
+        node = vpr(map_path=map_path, **more)
         own = client.listen(DiagnosticArray, '/vpr_node/answer')
         others = client.listen(DiagnosticArray, '/vpr_node/fleet_answer')
         camera = client.camera(Image)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The camera topic's reliability follows the parameter, and the camera if it may."""
+"""The camera topic's reliability follows the camera."""
 
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -10,8 +10,9 @@ import pytest
 pytest.importorskip('rclpy')
 
 from convseq_ros.errors import ConfigError
-from convseq_ros.node.camera_subscriptions import CameraSubscriptions
-from convseq_ros.node.subscription import FollowingSubscription
+from convseq_ros.node import cameras
+from convseq_ros.node.cameras import CameraSubscriptions
+from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
 import numpy as np
 from rclpy.duration import Duration
@@ -31,26 +32,13 @@ def wait_for_reliability(client, wanted):
     client.wait_for(shown, wanted)
 
 
-@pytest.mark.parametrize(
-    ('chosen', 'asked'),
-    [
-        ('auto', ReliabilityPolicy.RELIABLE),
-        ('reliable', ReliabilityPolicy.RELIABLE),
-        ('best_effort', ReliabilityPolicy.BEST_EFFORT),
-    ],
-)
-def test_the_parameter_chooses_what_is_asked_for(client, vpr, chosen, asked):
-    vpr(image_reliability=chosen)
-    wait_for_reliability(client, asked)
-
-
 def test_a_camera_that_is_named_twice_is_refused():
     node = Mock(resolve_topic_name=lambda name: f'/{name.lstrip("/")}')
     with pytest.raises(ConfigError, match='image_topics: /front is there twice; name each once'):
         CameraSubscriptions(node, NodeConfig(image_topics='/front /rear front'), Mock())
 
 
-def test_auto_gives_way_to_a_best_effort_camera(client, vpr, capfd):
+def test_the_node_gives_way_to_a_best_effort_camera(client, vpr, capfd):
     vpr()
     client.node.create_publisher(Image, '/image', BEST_EFFORT)
     wait_for_reliability(client, ReliabilityPolicy.BEST_EFFORT)
@@ -97,13 +85,6 @@ def test_a_reliable_camera_is_kept_reliable(client, vpr, street, image):
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
 
 
-def test_reliable_refuses_a_best_effort_camera_and_says_so(client, vpr, capfd):
-    vpr(image_reliability='reliable')
-    client.node.create_publisher(Image, '/image', BEST_EFFORT)
-    client.wait_for(lambda: 'set image_reliability to auto' in ''.join(capfd.readouterr()))
-    wait_for_reliability(client, ReliabilityPolicy.RELIABLE)
-
-
 def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image, held_up):
     node = vpr(queue_size=3)
     camera = client.camera(Image)
@@ -117,8 +98,9 @@ def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image,
     assert node._images.lost > 0
 
 
-def test_large_images_leave_less_room_in_the_history(client, vpr, image):
-    node = vpr(queue_size=20, queue_mb=1.0)
+def test_large_images_leave_less_room_in_the_history(client, vpr, image, monkeypatch):
+    monkeypatch.setattr(cameras, 'QUEUE_BYTES', 1_000_000)
+    node = vpr(queue_size=20)
     camera = client.camera(Image)
     camera.publish(image(np.zeros((200, 500), np.uint8), 1))
     client.wait_for(lambda: node._images._all[0]._subscription._depth == 10)

@@ -15,10 +15,10 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
-from convseq_ros.node import map_news
+from convseq_ros.node import map_topics
 from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.map_topics import MapTopics, path_message
 from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
-from convseq_ros.node.reference_path import path_message, ReferencePath
 import numpy as np
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
@@ -159,10 +159,12 @@ def test_a_path_has_the_poses_and_stamps_of_the_places():
 
 def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
     now_s = 100.0
-    monkeypatch.setattr(map_news.time, 'monotonic', lambda: now_s)
+    monkeypatch.setattr(map_topics.time, 'monotonic', lambda: now_s)
     node = Mock()
-    publish = node.create_publisher.return_value.publish
-    path, reference_map = ReferencePath(node), map_of(pose(0))
+    topics = {'~/map_info': Mock(), '~/reference_path': Mock()}
+    node.create_publisher = lambda _kind, topic, *_, **__: topics[topic]
+    publish = topics['~/reference_path'].publish
+    path, reference_map = MapTopics(node), map_of(pose(0))
     path.follow(reference_map, 'map')
     path.follow(reference_map, 'map')
     reference_map.add(Place(1, pose=pose(1)), BLANK)
@@ -178,5 +180,5 @@ def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
 
 def test_a_map_without_poses_has_no_path():
     node = Mock()
-    ReferencePath(node).follow(map_of(None, None), 'map')
-    assert not node.create_publisher.return_value.publish.called
+    MapTopics(node).follow(map_of(None, None), 'map')
+    assert node.create_publisher.return_value.publish.call_count == 1  # what the map is

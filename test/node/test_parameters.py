@@ -93,8 +93,8 @@ def test_a_whole_number_will_do_for_a_float(declared, text):
     node = declared('-p', f'min_margin:={text}')
     assert node.config.acceptance.min_margin == 1.0
     assert node.get_parameter('min_margin').type_ is Parameter.Type.DOUBLE
-    assert set_one(node, 'overlap_threshold', 1).successful
-    assert node.get_parameter('overlap_threshold').value == 1.0
+    assert set_one(node, 'min_confidence', 1).successful
+    assert node.get_parameter('min_confidence').value == 1.0
 
 
 @pytest.mark.parametrize(
@@ -108,9 +108,9 @@ def test_a_whole_number_will_do_for_a_float(declared, text):
         ('queue_size:=0', 'queue_size: 0 is outside 1 .. 10000'),
         ('queue_size:=many', "queue_size: expected int, got 'many'"),
         ('queue_size:=2.5', 'queue_size: expected int, got 2.5'),
-        ('image_transport:=theora', "image_transport: 'theora' is not one of raw, compressed"),
+        ('mode:=lifelong', "mode: 'lifelong' is gone: set online instead"),
+        ('kernel:=cuda', "kernel: 'cuda' is not one of auto, int8"),
         ('image_size_px:=500', 'image_size_px: 500 is not a multiple'),
-        ('min_length:=20', 'not in ascending order'),
     ],
 )
 def test_a_wrong_start_is_refused_in_one_line(declared, argument, reason):

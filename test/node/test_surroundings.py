@@ -146,9 +146,9 @@ def test_odometry_that_stopped_or_never_came_holds_up_nothing(monkeypatch):
     assert silent.odometry.pose_at(SECOND) is None
     assert silent.odometry.missing == 0
     announced = Tracked(monkeypatch, wait_s=0.0)
-    for _ in range(module._UNHEARD_FRAMES):
+    for _ in range(3):
         announced.odometry.pose_at(SECOND)
-    announced.odometry.wait_s = 3600.0
+    announced.odometry.waiting.wait_s = 3600.0
     assert announced.odometry.pose_at(SECOND) is None
 
 
@@ -157,7 +157,7 @@ def test_after_three_waits_in_vain_no_image_waits_until_odometry_comes_again(mon
     tracked.hear(odometry(0, SECOND))
     for _ in range(3):
         assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
-    tracked.odometry.wait_s = 3600.0
+    tracked.odometry.waiting.wait_s = 3600.0
     assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
     tracked.hear(odometry(1, SECOND + 100 * MS))
     found = []

@@ -89,7 +89,7 @@ def test_corrupt_frames_are_counted_and_good_ones_answered(
 
 @pytest.mark.parametrize('data', [b'', b'\xff\xd8\xff', b'\x89PNG\r\n\x1a\nno'])
 def test_a_corrupt_picture_is_counted(client, vpr, map_path, data):
-    node = vpr(map_path=map_path, image_transport='compressed')
+    node = vpr('-r', 'image:=/image/compressed', map_path=map_path)
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(CompressedImage, '/image/compressed')
     camera.publish(CompressedImage(format='jpeg', data=data))

@@ -14,7 +14,7 @@ pytest.importorskip('rich')
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.types import Candidate, Match, Reason, Status
-from convseq_ros.node.answer import answer_message
+from convseq_ros.node.conversions import answer_message
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 

@@ -89,9 +89,9 @@ def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(
 def test_how_large_a_chunk_may_be_is_a_parameter(recorder, layout):
     large = [np.full((1100, 1000), index, np.uint8) for index in range(2)]
     path = recorder.write(layout, recorder.drive(large))
-    assert len([*open_source(path, reading=ReadingConfig(max_chunk_mb=1.2))]) == 2
-    with pytest.raises(SourceError, match='max_chunk_mb'):
-        [*open_source(path, reading=ReadingConfig(max_chunk_mb=1.0))]
+    assert len([*open_source(path, reading=ReadingConfig(max_file_mb=1.2))]) == 2
+    with pytest.raises(SourceError, match='max_file_mb'):
+        [*open_source(path, reading=ReadingConfig(max_file_mb=1.0))]
     assert len([*open_source(path)]) == 2
 
 

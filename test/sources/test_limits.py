@@ -111,8 +111,8 @@ def line_of(read, reading):
     return found[1], float(found[2])
 
 
-def refused_then_read(name, read, others=ReadingConfig()):
-    told, value = line_of(read, replace(others, **{name: LEAST[name]}))
+def refused_then_read(name, read, others=ReadingConfig(), least=None):
+    told, value = line_of(read, replace(others, **{name: least or LEAST[name]}))
     assert told == name
     read(replace(others, **{name: value}))
 
@@ -135,7 +135,7 @@ def test_the_metadata_of_a_recording(recorder, pictures):
             # Its files are read one by one.
             raise ConvseqError(re.sub(r'\);.*', '', warnings[0]))
 
-    refused_then_read('max_file_mb', read)
+    refused_then_read('max_file_mb', read, least=0.1)
 
 
 @pytest.mark.parametrize('cut', [0, 100])
@@ -143,7 +143,7 @@ def test_a_chunk(recorder, cut):
     path = recorder.write('mcap zstd', recorder.drive([np.zeros((1100, 1000), np.uint8)] * 2))
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) - cut])
-    refused_then_read('max_chunk_mb', lambda reading: [*open_source(path, '', reading)])
+    refused_then_read('max_file_mb', lambda reading: [*open_source(path, '', reading)], least=1.0)
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 import math
 
+from convseq_ros.config import RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
 from convseq_ros.core.types import Indices, Pose
-from convseq_ros.robot_config import RobotConfig
 import numpy as np
 import numpy.typing as npt
 

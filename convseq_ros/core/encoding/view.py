@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig
+from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
@@ -16,7 +16,6 @@ from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
-from convseq_ros.robot_config import RobotConfig
 import cv2
 import numpy as np
 import numpy.typing as npt

@@ -9,7 +9,6 @@ import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.lock import MapLock
-from convseq_ros.core.map.replacing import delete_parts
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 
@@ -59,7 +58,6 @@ class Autosave(NoAutosave):
         self._path, self._keeps_empty = path, keeps_empty
         with ExitStack() as opened:
             opened.enter_context(MapLock(path))
-            delete_parts(path)
             self._writer = MapWriter(path, encoding, keyframes, append)
             opened.callback(self._writer.close)
             self.reference_map = self._writer.reader.reference_map()
@@ -69,7 +67,7 @@ class Autosave(NoAutosave):
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()
-        self._error: MapError | None = None  # to be told
+        self._error: MapError | None = None  # to be reported
         self._news, self._end = Event(), Event()
         self._thread = Thread(target=self._run, name='autosave', daemon=True)
         self._thread.start()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map's SQLite file, of which nothing is believed before it was checked."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 import sqlite3
@@ -134,24 +134,20 @@ class Database:
             raise
         return True
 
-    def check(
-        self, path: Path, version: int = FORMAT_VERSION, schema: Mapping[str, str | None] = SCHEMA
-    ) -> None:
-        """Raise MapError if this is no map of a format; ValueError if it holds more, or less."""
+    def check(self, path: Path) -> None:
+        """Raise MapError if this is no map of this format; ValueError if it holds other tables."""
         if self.number('PRAGMA application_id') != APPLICATION_ID:
             raise MapError(f'{path}: not a convseq map but another SQLite file')
         own = self.number('PRAGMA user_version')
-        if own != version:
-            remedy = 'update convseq_ros' if own > version else 'build the map again'
-            raise MapError(f'{path}: map format {own}, this program reads {version}; {remedy}')
+        if own != FORMAT_VERSION:
+            remedy = 'update convseq_ros' if own > FORMAT_VERSION else 'build the map again'
+            raise MapError(
+                f'{path}: map format {own}, this program reads {FORMAT_VERSION}; {remedy}'
+            )
         found = self.rows('SELECT name, sql FROM sqlite_master')
-        if version == FORMAT_VERSION:
-            schema = {
-                **schema,
-                **{name: sql for name, sql in FURTHER.items() if (name, sql) in found},
-            }
-        if len(found) != len(schema) or dict(found) != schema:
-            others = sorted({str(name) for name, _ in found} - schema.keys())
+        further = [one for one in FURTHER.items() if one in found]
+        if sorted(found) != sorted([*SCHEMA.items(), *further]):
+            others = sorted({str(name) for name, _ in found} - SCHEMA.keys())
             raise ValueError(f'{others or "tables"} that no map has')
 
 
@@ -169,5 +165,5 @@ def explained(path: Path) -> Iterator[None]:
         code = getattr(error, 'sqlite_errorcode', 0)
         words = _WENT_WRONG.get(code) or _WENT_WRONG.get(code & 0xFF, DAMAGED)
         # A stranger's words may be long, and more than text to a terminal.
-        said = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
-        raise MapError(f'{path}: {words.format(said)}') from error
+        text = ascii(' '.join(str(error).split())[:_MOST_SAID])[1:-1]
+        raise MapError(f'{path}: {words.format(text)}') from error

@@ -11,7 +11,7 @@ bit refuses an answer and never changes one.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 import json
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
-from convseq_ros.core.types import Camera, Pose
+from convseq_ros.core.map.sessions import checked_id, Row
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
@@ -55,17 +55,9 @@ _CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.it
 # Tables that only some maps have.
 FURTHER = {name: _CREATE.pop(name) for name in ('links', 'depths', 'vectors')}
 SCHEMA = _CREATE
-# Of an encoding: what a map keeps, what files say that do not say it, and what is compared.
-_ENCODING = (
-    'image_size_px',
-    'resize',
-    'image_mask',
-    'image_rotation_deg',
-    'descriptor_model',
-    'keeps_cells',
-)
+# Of an encoding: what a map keeps, and what is compared.
 _LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # of files where it is so
-_UNSAID = {'image_mask': '', 'image_rotation_deg': 0, **_LEFT_OUT}
+_ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)
 _COMPARED = ('image_size_px', 'image_rotation_deg')
 # Of float16, read as a number: what is negative, infinite or no number is no less than this.
 _FIRST_NOT_FINITE = 0x7C00
@@ -73,9 +65,6 @@ _FIRST_NOT_FINITE = 0x7C00
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
 
 _MOST_OF_MODEL = 13  # characters of a model's identity that people are told
-_MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
-
-Row = tuple[object, ...]
 
 
 def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
@@ -89,54 +78,6 @@ def is_map_or_empty(path: Path) -> bool:
         head = file.read(_ID_BYTES.stop)
     of_ours = head[_ID_BYTES] == APPLICATION_ID.to_bytes(4, 'big')
     return not head or (head.startswith(_MAGIC) and of_ours)
-
-
-@dataclass(frozen=True, slots=True)
-class MapSession:
-    """A drive that made places of a map."""
-
-    id: str  # a UUID
-    name: str  # what people call it; may be empty
-    start_ns: int  # stamp of its first place
-    camera: Camera | None = None  # if it was known then
-    frame: str | None = None  # of the poses, if it is known
-
-    @property
-    def row(self) -> Row:
-        """Return what is stored of it."""
-        camera = json.dumps(_described(self.camera)) if self.camera else None
-        return self.id, self.name, self.start_ns, camera, self.frame
-
-    @classmethod
-    def of_row(cls, row: Row) -> 'MapSession':
-        """Return what was stored; ValueError or TypeError if it is no session."""
-        ident, name, start_ns, camera, frame = row
-        described = None if frame is None else str(frame)
-        return cls(_ident(ident), str(name), int(str(start_ns)), _camera(camera), described)
-
-
-def _described(camera: Camera) -> dict[str, object]:
-    """Return what is stored of a camera; what is unknown is left out."""
-    return {name: value for name, value in asdict(camera).items() if value or value == 0}
-
-
-def _camera(stored: object) -> Camera | None:
-    """Return a camera that was stored; ValueError or TypeError if it is none."""
-    if stored is None:
-        return None
-    said = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
-    model, distortion = (
-        str(said.pop('distortion_model')),
-        tuple(map(float, said.pop('distortion'))),
-    )
-    mount = None if (given := said.pop('mount')) is None else Pose(**dict(given))
-    if mount:
-        x, y, z = map(float, mount.position)
-        qx, qy, qz, qw = map(float, mount.orientation)
-        mount = Pose((x, y, z), (qx, qy, qz, qw))
-    if not all(isinstance(value, int | float) for value in said.values()):
-        raise ValueError('camera: what should be numbers is not')
-    return Camera(**said, distortion_model=model, distortion=distortion, mount=mount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,17 +100,17 @@ class Settings:
         }
 
     @classmethod
-    def of_rows(cls, said: dict[str, str]) -> 'Settings':
+    def of_rows(cls, stored: dict[str, str]) -> 'Settings':
         """Return what was stored; ValueError if it is not what a map says."""
         try:
-            made = {**_UNSAID, **json.loads(said['encoding'])}
+            made = {**_LEFT_OUT, **json.loads(stored['encoding'])}
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
             model = encoding.descriptor_model
             if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
                 raise ValueError('settings: a descriptor_model that is none')
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
-            keyframes = KeyframeConfig(**json.loads(said['keyframes']))
-            return cls(_ident(said['map_id']), encoding, keyframes)
+            keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
+            return cls(checked_id(stored['map_id']), encoding, keyframes)
         except (KeyError, TypeError, AttributeError, RecursionError, ConfigError) as error:
             raise ValueError(f'settings: {error}') from error
 
@@ -213,12 +154,6 @@ def _model(identity: str) -> str:
     if not identity:
         return 'the built-in descriptor'
     return f'descriptor_model {identity[:_MOST_OF_MODEL]}'
-
-
-def _ident(stored: object) -> str:
-    if not isinstance(stored, str) or len(stored) > _MOST_CHARACTERS:
-        raise ValueError('an id that is none')
-    return stored
 
 
 def row_crc(values: Row) -> int:

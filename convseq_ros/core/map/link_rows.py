@@ -1,13 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The links of a map in its file, and in maps that are made of its places."""
+"""The links of a map in its file."""
 
 from collections.abc import Sequence
 import math
 from pathlib import Path
 import sqlite3
 
-from convseq_ros.core.graph.links import beyond, Links, Row
+from convseq_ros.core.graph.links import Links, Row
 from convseq_ros.core.map.database import Database, Rows
 from convseq_ros.core.map.format import FURTHER, row_crc
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -22,7 +22,7 @@ _OFF_UNIT = 1e-6  # that the length of an orientation may be
 
 
 def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
-    """Add its links to a map; those that are damaged are left out, and told as its `problem`."""
+    """Add its links to a map; its `problem` says how many are damaged, and left out."""
     if not database.has('links'):
         return
     start, count = 0, len(reference_map)
@@ -31,15 +31,18 @@ def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> N
     try:
         left_out = database.number(off)
         while rows := database.rows(asked, (start, _AT_ONCE)):
+            places = [row[0] for row in rows]
+            if places[0] < start or places != sorted({*places}):
+                raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
             left_out += _add(reference_map.links, rows)
-            start = rows[-1][0] + 1
+            start = places[-1] + 1
     except sqlite3.DatabaseError:
         database.roll_back()  # what was read before is sound
-        said = f'the links of places from {start} on are damaged'
+        problem = f'the links of places from {start} on are damaged'
     else:
-        said = f'{left_out} links are damaged' if left_out else ''
-    if said:
-        reference_map.problem = f'{path}: {said} and left out; all else works'
+        problem = f'{left_out} links are damaged' if left_out else ''
+    if problem:
+        reference_map.problem = f'{path}: {problem} and left out; all else works'
 
 
 def _add(links: Links, rows: Rows) -> int:
@@ -109,30 +112,3 @@ def takes_links(database: Database) -> bool:
     except sqlite3.DatabaseError:
         database.roll_back()
         return False
-
-
-def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
-    """
-    Link the places of a map, given as those of other maps, as they are linked there.
-
-    Where the other place stays out, a link goes past it to what that one is linked to; and where
-    an anchor stays out, the earliest of its looks takes its part. What comes from another map than
-    the first place is to be looked up among what comes before it.
-    """
-    firsts, news = dict[tuple[int, int], int](), dict[tuple[int, int], int]()
-    for new, (own, at) in enumerate(every):
-        news[id(own), at] = new
-        if not own.links.known:
-            continue
-        first = firsts.setdefault((id(own), own.links.anchor(at)), new)
-        link = own.links.details(at)
-        while link and (id(own), link.other) not in news:
-            onward = own.links.details(link.other)
-            link = onward and beyond(link, onward)
-        if link:
-            other = news[id(own), link.other]
-            links.add(new, other, link.confidence, link.inliers, link.relative, first)
-        elif first != new:
-            links.add(new, first)
-        elif own is every[0][0] and own.links.knows(at):
-            links.add_first(new)

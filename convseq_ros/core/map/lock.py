@@ -6,9 +6,15 @@ from contextlib import suppress
 import fcntl
 import os
 from pathlib import Path
+import re
+import stat
 from typing import Self
 
 from convseq_ros.errors import MapError
+
+PART = '.part'  # the end of a folder beside a map, in which one is made that replaces it
+BESIDE = '-journal', '-wal', '-shm'  # SQLite's files
+_MADE = re.compile(r'[a-z0-9_]{8}')  # what `tempfile` puts between a map's name and the end
 
 
 class MapLock:
@@ -16,8 +22,8 @@ class MapLock:
     A lock on a map by its name, `<map>-lock` beside it; MapError if another owner holds it.
 
     The system releases it when the program ends, however it does; what a crash leaves of the file
-    holds nobody up. It is not a lock on the map itself: one that is closed would take SQLite's
-    with it. Readers need none.
+    holds nobody up, and parts of maps are deleted. It is not a lock on the map itself: one that is
+    closed would take SQLite's with it. Readers need none.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,6 +38,7 @@ class MapLock:
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if self._is_of_this_name():
+                    _delete_parts(path)
                     return
             except BlockingIOError:
                 os.close(self._file)
@@ -68,3 +75,27 @@ def _refuse_read_only(path: Path) -> None:
         raise MapError(
             f'{path}: cannot be written; make it and its folder writable, or copy it elsewhere'
         )
+
+
+def _delete_parts(path: Path) -> None:
+    """
+    Delete what programs left beside a map that were killed while they replaced it.
+
+    None is made without the lock. What others may have made stays: only this user's closed folders
+    are looked at, of such a name, with nothing but a map in them.
+    """
+    target = path.resolve()
+    start, own = f'{target.name}.', {target.name + end for end in ('', *BESIDE)}
+    with suppress(OSError):
+        for one in os.scandir(target.parent):
+            middle = one.name.removeprefix(start).removesuffix(PART)
+            if one.name != start + middle + PART or not _MADE.fullmatch(middle):
+                continue
+            with suppress(OSError):
+                about = one.stat(follow_symlinks=False)
+                if about.st_mode != stat.S_IFDIR | 0o700 or about.st_uid != os.geteuid():
+                    continue
+                if own.issuperset(os.listdir(one.path)):
+                    for name in os.listdir(one.path):
+                        os.unlink(Path(one.path, name))
+                    os.rmdir(one.path)

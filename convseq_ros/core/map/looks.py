@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 @constants
 class LOOK:
-    """By recall on a drawn round that is driven 34 times (scripts/same_way.py)."""
+    """By recall on a drawn round that is driven 34 times (scripts/links.py --part round)."""
 
     # Keyframes of a drive that stay or go together: without those beside them, the frames of a
     # sequence meet other places, and recall falls to .75.
@@ -111,10 +111,15 @@ class Looks:
         rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
         stay = np.array([*(not at or self._stays(one) for at, one in enumerate(stretches)), stays])
-        alike = rows @ rows.T
-        alike[np.triu_indices(len(rows))] = -np.inf
-        alike[np.ix_(stay, stay)] = -np.inf
-        later, sooner = divmod(int(alike.argmax()), len(rows))
-        if not np.isfinite(alike[later, sooner]):
+        similar = rows @ rows.T
+        similar[np.triu_indices(len(rows))] = -np.inf
+        similar[np.ix_(stay, stay)] = -np.inf
+        later, sooner = divmod(int(similar.argmax()), len(rows))
+        if not np.isfinite(similar[later, sooner]):
             return None
         return sooner if stay[later] else later
+
+
+def surplus(reference_map: ReferenceMap, max_looks: int) -> list[int]:
+    """Return which places a map does without that keeps so many looks of each; 0 is no limit."""
+    return sorted(Looks(reference_map, max_looks).surplus)

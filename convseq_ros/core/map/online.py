@@ -34,7 +34,7 @@ def link(links: Links, place: int, match: Match | None) -> None:
 class PreloadedMap:
     """A map that does not grow: all of its places may be matched."""
 
-    nothing_usable = Reason.NO_MAP  # said of a frame as long as no place may be matched
+    nothing_usable = Reason.NO_MAP  # reported for a frame as long as no place may be matched
 
     def __init__(self, reference_map: ReferenceMap) -> None:
         self._map = reference_map

@@ -79,9 +79,11 @@ class GrowingArray:
         return self._rows[: self._count]
 
     def extend(self, rows: Any) -> None:
-        """Add some rows, at least one."""
+        """Add some rows."""
         end = self._count + len(rows)
-        if self._rows.shape[1:] == (0,):  # the first row tells how many numbers there are
+        if self._rows.shape[1:] == (0,) and len(
+            rows
+        ):  # the first row tells how many numbers there are
             self._rows = np.empty((len(self._rows), len(rows[0])), self._rows.dtype)
         if end > len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)

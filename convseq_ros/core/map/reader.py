@@ -15,12 +15,13 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import explained, Rows
-from convseq_ros.core.map.format import decode_cells, first_damaged, MapSession, Settings, TABLES
+from convseq_ros.core.map.format import decode_cells, first_damaged, Settings, TABLES
 from convseq_ros.core.map.link_rows import read_links
-from convseq_ros.core.map.opening import open_to_read
 from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory

@@ -13,9 +13,7 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
-from convseq_ros.core.map.depth import packed_depths
-from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.kept_image import kept_image, KeptImages
+from convseq_ros.core.map.kept_image import kept_image, KeptImages, packed_depths
 from convseq_ros.core.map.place import (
     NO_CELLS,
     pack_cells,
@@ -26,7 +24,7 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
 )
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +42,7 @@ class ReferenceMap:
     an index is complete. A place takes 0.7 kB of memory, and 16 kB more until it is stored.
     `keyframes` say how far apart places are, and with them the frames that are matched. `map_id`
     is a UUID, a new one for a map that is not read from a file; `sessions` begin with a place;
-    `images` are those that were kept; `links` tell which places show the same.
+    `images` are those that were kept; `links` say which places show the same.
     """
 
     def __init__(
@@ -142,9 +140,9 @@ class ReferenceMap:
 
     def camera_of(self, index: int, query: Camera) -> Camera:
         """Return what took a place; as far as its session does not know it, what takes a query."""
-        said = self.sessions[self.places[index].session].camera
-        mount = (said and said.mount) or self.usual_mount or query.mount
-        return replace(said or query, mount=mount)
+        known = self.sessions[self.places[index].session].camera
+        mount = (known and known.mount) or self.usual_mount or query.mount
+        return replace(known or query, mount=mount)
 
     def packed(self, index: int) -> npt.NDArray[np.float16]:
         """Return the packed cells of a place."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 import sqlite3
@@ -12,36 +13,37 @@ from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.map.atomic_replace import replaced
+from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import explained
 from convseq_ros.core.map.format import (
     APPLICATION_ID,
     FORMAT_VERSION,
     FURTHER,
-    MapSession,
     row_crc,
     SCHEMA,
     Settings,
 )
 from convseq_ros.core.map.link_rows import takes_links, write_links
-from convseq_ros.core.map.opening import EMPTY, open_to_write
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.replacing import replaced
+from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt
 
-AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
-_OF_A_PLACE = 'places', 'pictures', 'images'
+_AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
+
+Progress = Callable[[Sequence[int]], Iterable[int]]  # yields what it is given, and shows how far
 
 
 class MapWriter:
     """
     Appends places to a map file; use it as a context manager.
 
-    They are safe on disk after `commit`, which counts them in `committed`, and at the end, also
-    when the work was interrupted. A file is made in one transaction, so that none is half made; an
+    They are safe on disk after `commit`, which counts them in `committed`, and at the end of work
+    that was not interrupted. A file is made in one transaction, so that none is half made; an
     empty one is no map yet, and a map without places may be made anew. One program at a time may
     write, who holds the `MapLock`. `append` says whether there must be a map; None takes one, or
     makes it, as `is_new` tells. A new one has a `map_id`, a UUID, by default its own.
@@ -142,7 +144,7 @@ class MapWriter:
         for session in reference_map.sessions[self._sessions :]:
             self.add_session(session)
         while (start := self._count) < end:
-            some = range(start, min(start + AT_ONCE, end))
+            some = range(start, min(start + _AT_ONCE, end))
             pictures = reference_map.pictures(some, with_images=True)
             for index, picture in zip(some, pictures, strict=True):
                 place, descriptors = reference_map.places[index], reference_map.global_descriptors
@@ -196,20 +198,26 @@ class MapWriter:
         return self
 
     def __exit__(self, _kind: object, error: object, _trace: object) -> None:
-        with closing(self._database), explained(self._path):
-            if error and not isinstance(error, MapError):
-                further = (one for one in ('depths', 'vectors') if self._database.has(one))
-                # The last row of one may lack those of others.
-                for table in (*_OF_A_PLACE, *further):
-                    since = f'DELETE FROM {table} WHERE reference_index >= ?'
-                    self._database.rows(since, (self._count,))
-            if not isinstance(error, MapError):
+        with closing(self._database):
+            if error is None:
                 self.commit()
 
 
-def save_map(reference_map: ReferenceMap, path: Path) -> None:
-    """Write a map as it is now, replacing a file in one step, or, with a MapError, not at all."""
-    settings = reference_map.encoding, reference_map.keyframes
+def save_map(
+    reference_map: ReferenceMap,
+    path: Path,
+    progress: Progress = iter,
+    refuse: Callable[[], None] = lambda: None,
+) -> None:
+    """
+    Write a map as it is now, replacing a file in one step, or, with a MapError, not at all.
+
+    Nobody else changes the file from when on `refuse` is called, which may raise a MapError.
+    """
+    settings, end = (reference_map.encoding, reference_map.keyframes), len(reference_map)
     with replaced(path) as part:
+        refuse()
         with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
-            writer.copy(reference_map, len(reference_map))
+            writer.append(reference_map, 0)
+            for start in progress(range(0, end, _AT_ONCE)):
+                writer.append(reference_map, min(start + _AT_ONCE, end))

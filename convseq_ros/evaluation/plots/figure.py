@@ -5,8 +5,7 @@
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 from convseq_ros.results import complete_or_absent
 
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where odometry allows the robot to be, worked by hand on ways along x."""
 
+from convseq_ros.config import RobotConfig
 from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
 from convseq_ros.core.types import Pose
-from convseq_ros.robot_config import RobotConfig
 import numpy as np
 import pytest
 

@@ -1,57 +1,61 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A subscription that is reliable if the publisher is."""
+"""Publishers, and subscriptions that are reliable if the publisher is."""
 
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.event_handler import (
+    PublisherEventCallbacks,
     QoSMessageLostInfo,
     QoSRequestedIncompatibleQoSInfo,
     QoSSubscriptionMatchedInfo,
     SubscriptionEventCallbacks,
 )
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Who comes late hears the last message, too."""
+
+SERVICE_QOS = QoSProfile(depth=1000)
+"""
+Requests, and answers that are not acknowledged yet, of all callers together; with the usual 10,
+most calls of a quick caller are lost while a frame keeps the processor busy.
+"""
+# By default, each publisher adds two events to what the executor waits for anew with each image.
+_NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+_DEPTH = 10
+
+
+def advertise(node: Node, kind: type, topic: str, qos: QoSProfile | int = _DEPTH) -> Any:
+    """Return a publisher, which costs nothing while the node waits."""
+    return node.create_publisher(kind, topic, qos, event_callbacks=_NO_EVENTS)
 
 
 class FollowingSubscription:
     """
     Asks for reliable delivery, and gives way to best effort when a publisher offers no better.
 
-    When the last publisher is gone it asks for reliable delivery again: the next may offer it. So
-    it is with `auto`; `reliable` and `best_effort` stay with that. `on_message` receives each
-    message in the executor's thread, for which `depth` messages may wait.
+    When the last publisher is gone it asks for reliable delivery again: the next may offer it.
+    `on_message` receives each message in the executor's thread, for which `depth` messages may
+    wait. `lost` counts messages that did not arrive since the first that did: what the middleware
+    reports and, of a single publisher, whose messages are numbered, what its history had no room
+    for.
     """
 
     def __init__(
-        self,
-        node: Node,
-        kind: type,
-        topic: str,
-        on_message: Callable[[Any], None],
-        depth: int,
-        reliability: str = 'auto',
+        self, node: Node, kind: type, topic: str, on_message: Callable[[Any], None], depth: int
     ) -> None:
         self._reported = self._missing = self._last = 0
-        self._node = node
-        self._kind, self._topic, self._on_message = kind, topic, on_message
+        self._node, self._kind, self._topic = node, kind, topic
+        self._on_message, self._depth = on_message, depth
         self._subscription: Any = None
-        self._depth = depth
-        self._reliability = reliability
-        best_effort = reliability == 'best_effort'
-        self._subscribe(
-            ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        )
+        self._subscribe(ReliabilityPolicy.RELIABLE)
 
     @property
     def lost(self) -> int:
-        """
-        Messages that did not arrive since the first that did.
-
-        That is what the middleware reports and, of a single publisher, whose messages are
-        numbered, what its history had no room for.
-        """
+        """Return how many messages did not arrive."""
         return max(self._reported, self._missing)
 
     def destroy(self) -> None:
@@ -61,23 +65,23 @@ class FollowingSubscription:
     def move(self, topic: str) -> None:
         """Hear another topic instead."""
         self._topic, self._last = topic, 0
-        self._subscribe(self._asked, self._is_following)
+        self._subscribe(self._reliability)
 
     def hold_at_most(self, depth: int) -> None:
         """Have fewer messages wait for the executor from now on."""
         if depth < self._depth:
             self._depth = depth
-            self._subscribe(self._asked, self._is_following)
+            self._subscribe(self._reliability)
 
     @property
     def topic(self) -> str:
         """The topic as it was resolved."""
         return str(self._subscription.topic_name)
 
-    def _subscribe(self, reliability: ReliabilityPolicy, is_following: bool = False) -> None:
+    def _subscribe(self, reliability: ReliabilityPolicy) -> None:
         if self._subscription:
             self._node.destroy_subscription(self._subscription)
-        self._asked, self._is_following = reliability, is_following
+        self._reliability = reliability
         on_message: Any = self._on_numbered  # rclpy's types know of no second argument
         self._subscription = self._node.create_subscription(
             self._kind,
@@ -96,18 +100,14 @@ class FollowingSubscription:
         logger = self._node.get_logger()
         if info.last_policy_kind != QoSPolicyKind.RELIABILITY:
             logger.warning(f'{self.topic}: a publisher offers incompatible QoS; it is not heard')
-        elif self._reliability == 'auto':
-            logger.info(f'{self.topic}: its publisher sends best effort; following it')
-            self._subscribe(ReliabilityPolicy.BEST_EFFORT, is_following=True)
         else:
-            logger.warning(
-                f'{self.topic}: a publisher sends best effort only and is not heard; '
-                'set image_reliability to auto'
-            )
+            logger.info(f'{self.topic}: its publisher sends best effort; following it')
+            self._subscribe(ReliabilityPolicy.BEST_EFFORT)
 
     def _on_matched(self, info: QoSSubscriptionMatchedInfo) -> None:
         # One that came and went between two looks makes no change, but it counts in the total.
-        if self._is_following and info.total_count and not info.current_count:
+        is_alone = info.total_count and not info.current_count
+        if is_alone and self._reliability is ReliabilityPolicy.BEST_EFFORT:
             self._subscribe(ReliabilityPolicy.RELIABLE)
 
     def _on_lost(self, info: QoSMessageLostInfo) -> None:

@@ -4,9 +4,9 @@
 
 from pathlib import Path
 
-from convseq_ros import middleware
+from convseq_ros import process
 from convseq_ros.cli.processes import environment
-from convseq_ros.middleware import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
+from convseq_ros.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
 import pytest
 
 
@@ -38,12 +38,12 @@ def test_both_say_that_a_node_is_there_once_it_listens(profile):
 @pytest.mark.parametrize(
     ('module', 'profile'),
     [
-        ('lib/python3/site-packages/convseq_ros/middleware.py', 'share/convseq_ros/config'),
-        ('convseq_ros/middleware.py', 'config'),
+        ('lib/python3/site-packages/convseq_ros/process.py', 'share/convseq_ros/config'),
+        ('convseq_ros/process.py', 'config'),
     ],
 )
 def test_they_are_found_where_they_are_installed(monkeypatch, tmp_path, module, profile):
-    monkeypatch.setattr(middleware, '__file__', str(tmp_path / module))
+    monkeypatch.setattr(process, '__file__', str(tmp_path / module))
     assert fast_dds(QUICK_START) == {}
     folder = tmp_path / profile
     folder.mkdir(parents=True)

@@ -1,19 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The graph of a map's poses and links: as a g2o file, and solved."""
+"""The graph of a map's poses: steps of odometry and links as edges, as a g2o file, and solved."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
-from convseq_ros.core.types import Pose
-from convseq_ros.errors import ConvseqError
-from convseq_ros.installing import pip_install
+from convseq_ros.errors import ConvseqError, pip_install
 import numpy as np
 
 Poses = Mapping[int, Matrix]  # (4, 4), by the index of a place
@@ -45,17 +42,15 @@ class Edge:
     is_link: bool
 
 
-def poses_of(whole: ReferenceMap) -> dict[int, Matrix]:
-    """Return the poses of a map's places that have one."""
-    return {at: matrix(one.pose) for at, one in enumerate(whole.places) if one.pose}
+def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Iterator[Edge]:
+    """
+    Yield the steps of odometry within each session, then the links that are measured in metres.
 
-
-def edges_of(whole: ReferenceMap, links: Sequence[Link]) -> Iterator[Edge]:
-    """Yield the steps of odometry in each session, then the links that are measured in metres."""
-    known = poses_of(whole)
-    for one, two in pairwise(known):
-        if whole.places[one].session == whole.places[two].session:
-            moved = inverse(known[one]) @ known[two]
+    `session` is that of each place; a step goes from a place to the next one that has a pose.
+    """
+    for one, two in pairwise(poses):
+        if session[one] == session[two]:
+            moved = inverse(poses[one]) @ poses[two]
             way_m, turn_rad = float(np.linalg.norm(moved[:3, 3])), angle(moved[:3, :3])
             sigma_m = GRAPH.least_m + GRAPH.of_way * way_m
             sigma_rad = GRAPH.least_rad + GRAPH.of_turn * turn_rad
@@ -64,34 +59,34 @@ def edges_of(whole: ReferenceMap, links: Sequence[Link]) -> Iterator[Edge]:
     floor = np.diag([GRAPH.finest_m**2] * 3 + [GRAPH.finest_rad**2] * 3)
     for link in links:
         relative = link.relative
-        if relative and relative.pose and link.place in known and link.other in known:
+        if relative and relative.pose and link.place in poses and link.other in poses:
             covariance = relative.covariance + floor
             yield Edge(link.other, link.place, matrix(relative.pose), covariance, True)
 
 
-def g2o(whole: ReferenceMap, edges: Sequence[Edge]) -> Iterator[str]:
+def g2o(poses: Poses, edges: Iterable[Edge]) -> Iterator[str]:
     """Yield the lines of a g2o file: a vertex for each place by its index, and the edges."""
-    for index, place in enumerate(whole.places):
-        if place.pose:
-            yield f'VERTEX_SE3:QUAT {index} {_numbers(place.pose)}'
+    for index, pose in poses.items():
+        yield f'VERTEX_SE3:QUAT {index} {_numbers(pose)}'
     for edge in edges:
         information = np.linalg.inv(edge.covariance)
         upper = ' '.join(f'{value:.9g}' for value in information[np.triu_indices(6)])
-        moved = _numbers(pose_of(edge.moved))
-        yield f'EDGE_SE3:QUAT {edge.start} {edge.end} {moved} {upper}'
+        yield f'EDGE_SE3:QUAT {edge.start} {edge.end} {_numbers(edge.moved)} {upper}'
 
 
-def _numbers(pose: Pose) -> str:
+def _numbers(moved: Matrix) -> str:
+    pose = pose_of(moved)
     return ' '.join(f'{value:.9g}' for value in (*pose.position, *pose.orientation))
 
 
-def brought_together(whole: ReferenceMap, edges: Sequence[Edge]) -> dict[int, Matrix]:
+def brought_together(
+    poses: Poses, session: Sequence[int], edges: Iterable[Edge]
+) -> dict[int, Matrix]:
     """
     Return the poses of the sessions that links connect with the first linked one, in its frame.
 
     Each session is moved as a whole, by the link that most other links agree with.
     """
-    known, session = poses_of(whole), [place.session for place in whole.places]
     links = [edge for edge in edges if edge.is_link]
     if not links:
         return {}
@@ -105,17 +100,17 @@ def brought_together(whole: ReferenceMap, edges: Sequence[Edge]) -> dict[int, Ma
         if not found:
             break
         new = session[found[0].end]
-        own = [edge for edge in found if session[edge.end] == new]
         asked = [
-            (moves[session[edge.start]] @ known[edge.start] @ edge.moved, known[edge.end])
-            for edge in own
+            (moves[session[edge.start]] @ poses[edge.start] @ edge.moved, poses[edge.end])
+            for edge in found
+            if session[edge.end] == new
         ]
         moves[new] = _agreed(asked)
-    return {at: moves[session[at]] @ pose for at, pose in known.items() if session[at] in moves}
+    return {at: moves[session[at]] @ pose for at, pose in poses.items() if session[at] in moves}
 
 
 def _turned_round(edge: Edge) -> Edge:
-    return Edge(edge.end, edge.start, inverse(edge.moved), edge.covariance, True)
+    return replace(edge, start=edge.end, end=edge.start, moved=inverse(edge.moved))
 
 
 def _agreed(asked: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
@@ -131,8 +126,8 @@ def _agreed(asked: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
     return best
 
 
-def solved(edges: Sequence[Edge], start: Poses) -> dict[int, Matrix]:
-    """Return poses that agree best with odometry and links, of which wrong ones count little."""
+def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
+    """Return poses that agree best with odometry and links, of which wrong ones do not count."""
     gtsam = _gtsam()
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for index, pose in start.items():
@@ -140,16 +135,35 @@ def solved(edges: Sequence[Edge], start: Poses) -> dict[int, Matrix]:
     first = min(start)
     held = gtsam.noiseModel.Isotropic.Sigma(6, GRAPH.held)
     graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), held))
-    for edge in edges:
-        if edge.start in start and edge.end in start:
-            noise = gtsam.noiseModel.Gaussian.Covariance(_of_gtsam(edge))
-            if edge.is_link:
-                estimator = gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
-                noise = gtsam.noiseModel.Robust.Create(estimator, noise)
-            moved = gtsam.Pose3(edge.moved)
-            graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
-    found = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    known = [edge for edge in edges if edge.start in start and edge.end in start]
+    for edge in sorted(known, key=lambda edge: edge.is_link):
+        noise = gtsam.noiseModel.Gaussian.Covariance(_of_gtsam(edge))
+        moved = gtsam.Pose3(edge.moved)
+        graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
+    found, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in known))
     return {index: np.asarray(found.atPose3(index).matrix()) for index in start}
+
+
+def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tuple[Any, list[bool]]:
+    """
+    Return the values that agree best with a graph of GTSAM, and which factors they agree with.
+
+    The first `believed` factors are right; which of the others are is decided by graduated
+    non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, RA-L 2020).
+    A factor counts if a `share` of the right ones would agree as badly.
+    """
+    gtsam = _gtsam()
+    # The first step of the method; where all agree, it is the last one.
+    start = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
+    if graph.size() == believed:
+        return start, []
+    settings = gtsam.GncLMParams()
+    settings.setLossType(gtsam.GncLossType.TLS)
+    settings.setKnownInliers([*range(believed)])
+    optimizer = gtsam.GncLMOptimizer(graph, start, settings)
+    optimizer.setInlierCostThresholdsAtProbability(share)
+    found = optimizer.optimize()
+    return found, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
 
 
 def _of_gtsam(edge: Edge) -> Matrix:

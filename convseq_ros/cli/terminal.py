@@ -1,8 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A progress bar on standard error, for people only."""
+"""What a person at a terminal sees."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 import sys
 from typing import TypeVar
 
@@ -20,3 +21,13 @@ def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames')
         yield from items
         return
     yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
+
+
+def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
+    """Return what shows how far a map is written."""
+    return lambda steps: progress(steps, len(steps), path.name, '64 places')
+
+
+def printable(text: str) -> str:
+    """Return a stranger's words without what is more than text to a terminal."""
+    return ''.join(one if one.isprintable() else '?' for one in text)

@@ -11,7 +11,7 @@ import tempfile
 
 from convseq_ros.core.map.database import DAMAGED, Database
 from convseq_ros.core.map.format import PAGE_BYTES
-from convseq_ros.core.map.log import refuse_damaged_log
+from convseq_ros.core.map.wal_check import refuse_damaged_log
 from convseq_ros.errors import MapError
 
 _JOURNAL, _LOG = '-journal', '-wal'  # of SQLite, beside the file

@@ -1,0 +1,263 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps made of the sessions of other maps, or of some of their places; all is kept as stored."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.graph.links import beyond, Links
+from convseq_ros.core.map.crash_recovery import open_to_write
+from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.format import kept_of, row_crc
+from convseq_ros.core.map.link_rows import write_links
+from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.looks import surplus
+from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.sessions import MapSession
+from convseq_ros.core.map.writer import Progress, save_map
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import MapError
+
+_MOST_SAID = 40  # characters of a setting; a mask has thousands
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSlice:
+    """A session of a map, or some of its places, to be put into another map."""
+
+    path: Path  # of the map
+    reference_map: ReferenceMap
+    number: int  # of the session in it
+    session: MapSession  # what is to be stored of it
+    places: Sequence[int]  # that it has in its map, ascending
+    poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.session.name
+
+
+def slices_of(
+    path: Path, encoding: EncodingConfig | None = None, keyframes: KeyframeConfig | None = None
+) -> list[SessionSlice]:
+    """Return the sessions of a map file that have places; settings and errors of `MapReader`."""
+    return slices_in(path, MapReader(path, encoding, keyframes).reference_map())
+
+
+def slices_in(path: Path, whole: ReferenceMap) -> list[SessionSlice]:
+    """Return the sessions that have places of a map, which is called by a path."""
+    called, slices = names(whole.sessions, path.stem), []
+    for start, end in pairwise([*whole.bounds.starts.tolist(), len(whole)]):
+        if start < end:
+            number = whole.places[start].session
+            session = replace(whole.sessions[number], name=called[number])
+            slices.append(SessionSlice(path, whole, number, session, range(start, end)))
+    return slices
+
+
+def names(sessions: Sequence[MapSession], usual: str) -> list[str]:
+    """Return what sessions are called; those without a name after their map."""
+    nameless = [number for number, one in enumerate(sessions) if not one.name]
+    ends = [''] if len(nameless) == 1 else [f'-{number + 1}' for number in nameless]
+    found = [one.name for one in sessions]
+    for number, end in zip(nameless, ends, strict=True):
+        found[number] = f'{usual}{end}'
+    return found
+
+
+def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
+    """Return the session of a name, an id or a number; MapError, naming all, if none is."""
+    for key in ('name', 'id'):
+        found = [one for one in slices if getattr(one.session, key) == wanted]
+        if len(found) == 1:
+            return found[0]
+    numbered = [one for one in slices if str(one.number) == wanted]
+    if not numbered:
+        known = ', '.join(f'{one.number} {one.name!r}' for one in slices)
+        raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {known}')
+    return numbered[0]
+
+
+def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
+    """
+    Return sessions as one map, in their order, which is in memory and reads their files.
+
+    MapError if they were made with different settings or one is there twice.
+    """
+    _refuse_unlike(slices)
+    own = slices[0].reference_map
+    every = [(one.reference_map, at) for one in slices for at in one.places]
+    places = Places(own.global_descriptors.shape[1], len(every))
+    for number, one in enumerate(slices):
+        for at in one.places:
+            place = one.reference_map.places[at]
+            place = replace(place, pose=one.poses.get(at, place.pose), session=number)
+            places.append(place, one.reference_map.global_descriptors[at])
+
+    def read(wanted: Sequence[int], with_images: bool) -> list[Picture]:
+        found, of_map = dict[int, Picture](), dict[int, list[int]]()
+        for one in wanted:
+            of_map.setdefault(id(every[one][0]), []).append(one)
+        for some in of_map.values():
+            from_file = every[some[0]][0]
+            pictures = from_file.pictures([every[one][1] for one in some], with_images)
+            found.update(zip(some, pictures, strict=True))
+        return [found[one] for one in wanted]
+
+    sessions = [one.session for one in slices]
+    made = ReferenceMap(own.encoding, places, read, own.keyframes, sessions=sessions)
+    carry_links(every, made.links)
+    return made
+
+
+def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
+    """Raise MapError if sessions were made with different settings, or one is there twice."""
+    first, seen = slices[0], dict[str, SessionSlice]()
+    for one in slices:
+        made = _settings(one.reference_map)
+        for name, wanted in _settings(first.reference_map).items():
+            if made[name] != wanted:
+                values = (f'{str(each)[:_MOST_SAID]!r}' for each in (made[name], wanted))
+                raise MapError(
+                    f'{one.path}: made with {name} {next(values)}, {first.path} with '
+                    f'{next(values)}; build one of them again with the settings of the other'
+                )
+        if before := seen.get(one.session.id):
+            raise MapError(
+                f'{one.path}: its session {one.name!r} is in {before.path} already, by its id '
+                f'{one.session.id}; a map holds a session once: leave one out'
+            )
+        seen[one.session.id] = one
+
+
+def _settings(reference_map: ReferenceMap) -> dict[str, object]:
+    """Return what makes a map's places, by name."""
+    return kept_of(reference_map.encoding) | reference_map.keyframes.spacing
+
+
+def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
+    """
+    Link the places of a map, given as those of other maps, as they are linked there.
+
+    Where the other place stays out, a link goes past it to what that one is linked to; and where
+    an anchor stays out, the earliest of its looks takes its part. What comes from another map than
+    the first place is to be looked up among what comes before it.
+    """
+    firsts, news = dict[tuple[int, int], int](), dict[tuple[int, int], int]()
+    for new, (own, at) in enumerate(every):
+        news[id(own), at] = new
+        if not own.links.known:
+            continue
+        first = firsts.setdefault((id(own), own.links.anchor(at)), new)
+        link = own.links.details(at)
+        while link and (id(own), link.other) not in news:
+            onward = own.links.details(link.other)
+            link = onward and beyond(link, onward)
+        if link:
+            other = news[id(own), link.other]
+            links.add(new, other, link.confidence, link.inliers, link.relative, first)
+        elif first != new:
+            links.add(new, first)
+        elif own is every[0][0] and own.links.knows(at):
+            links.add_first(new)
+
+
+def write_slices(
+    slices: Sequence[SessionSlice], path: Path, progress: Progress = iter, replaces: bool = False
+) -> None:
+    """
+    Write sessions as one map, in their order, whole or not at all.
+
+    MapError as of `joined`, if there is a map of this name already, unless it `replaces` that one,
+    of which the slices are and which nobody changed since, or if another program adds to it or the
+    disk is full.
+    """
+    write_new(joined(slices), path, progress, slices[0].reference_map if replaces else None)
+
+
+def write_new(
+    whole: ReferenceMap, path: Path, progress: Progress = iter, instead: ReferenceMap | None = None
+) -> None:
+    """Write a map to a file that is not there, or that still is what was read; else MapError."""
+
+    def refuse() -> None:
+        if instead is None and path.exists():
+            raise MapError(f'{path}: exists already; name another file')
+        if instead and _state(MapReader(path).reference_map()) != _state(instead):
+            raise MapError(f'{path}: was changed meanwhile; run it again')
+
+    save_map(whole, path, progress, refuse)
+
+
+def _state(whole: ReferenceMap) -> object:
+    return whole.map_id, len(whole), [session.row for session in whole.sessions]
+
+
+def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[SessionSlice]:
+    """Return the sessions of one map without some of its places."""
+    out = {*indices}
+    left = [replace(one, places=[at for at in one.places if at not in out]) for one in slices]
+    return [one for one in left if one.places]
+
+
+def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
+    """
+    Keep so many looks of each place in a map file; return how many places went.
+
+    That is done in one step, or not at all; MapError as for `write_slices`.
+    """
+    slices = slices_of(path)
+    if not slices or not (out := surplus(slices[0].reference_map, max_looks)):
+        return 0
+    write_slices(without(slices, out), path, progress, replaces=True)
+    return len(out)
+
+
+def rename_session(named: SessionSlice) -> None:
+    """Give a session the name of a slice, in its file; MapError if another program adds to it."""
+    row = named.number, *named.session.row
+    with _changed(named.path) as database:
+        database.rows(
+            'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
+            (named.name, row_crc(row), named.number, named.session.id),
+        )
+        if not database.number('SELECT changes()'):
+            raise MapError(f'{named.path}: was changed meanwhile; run it again')
+
+
+def unlink(path: Path, places: Collection[int] | None = None) -> int:
+    """
+    Take links out of a map file, and return how many; MapError if another program adds to it.
+
+    Some `places` count as looked up from then on, and are not linked again; by default all links
+    go, and places count as not looked up.
+    """
+    with _changed(path) as database:
+        whole = MapReader(path).reference_map()
+        before, left = len(whole.links), Links(whole.bounds.around)
+        if database.has('links'):
+            if places is None:
+                database.rows('DELETE FROM links')
+                return before
+            for one in whole.links.each():
+                if one.place in places:
+                    left.add_first(one.place)
+                else:
+                    left.add(one.place, one.other, one.confidence, one.inliers, one.relative)
+            write_links(database, left.since(0, len(whole)))
+    return before - len(left)
+
+
+@contextmanager
+def _changed(path: Path) -> Iterator[Database]:
+    """Give a map's file to be changed in one transaction."""
+    with MapLock(path), explained(path), closing(open_to_write(path)) as database:
+        with database.transaction('IMMEDIATE'):
+            yield database

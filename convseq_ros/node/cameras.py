@@ -1,0 +1,151 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The image topics of all cameras, raw or compressed."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import TypeAlias
+
+from convseq_ros.errors import ConfigError
+from convseq_ros.node.conversions import type_name
+from convseq_ros.node.topic_finder import cameras, COMPRESSED
+from convseq_ros.node.topics import FollowingSubscription
+from convseq_ros.node_config import NodeConfig
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
+
+ImageMessage: TypeAlias = Image | CompressedImage
+QUEUE_BYTES = 256_000_000  # of images that wait, and as many again in the middleware
+_FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
+
+
+class ImageSubscription:
+    """
+    Subscribes to `image`, after remapping, or another topic, and keeps up the subscription.
+
+    A topic whose name ends in /compressed carries compressed images. `on_image` receives each
+    message, and its topic, in the executor's thread, for which `depth` messages may wait.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        depth: int,
+        on_image: Callable[[ImageMessage, str], None],
+        topic: str = 'image',
+    ) -> None:
+        self._node, self._depth, self._on_image = node, depth, on_image
+        self._subscription: FollowingSubscription | None = None
+        self.topic = node.resolve_topic_name(topic)
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._subscription = FollowingSubscription(
+            self._node, self._kind, self.topic, self._on_message, self._depth
+        )
+
+    def stop(self) -> None:
+        """Listen no more."""
+        if self._subscription:
+            self._subscription.destroy()
+        self._subscription = None
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic instead."""
+        is_listening = self._subscription is not None
+        self.stop()
+        self.topic = topic
+        if is_listening:
+            self.start()
+
+    @property
+    def lost(self) -> int:
+        """Messages that did not arrive; see `FollowingSubscription`."""
+        return self._subscription.lost if self._subscription else 0
+
+    @property
+    def _kind(self) -> type:
+        return CompressedImage if self.topic.endswith(COMPRESSED) else Image
+
+    @property
+    def _other(self) -> str:
+        """The topic that carries the same images, compressed or raw."""
+        bare = self.topic.removesuffix(COMPRESSED)
+        return bare if bare != self.topic else bare + COMPRESSED
+
+    def _on_message(self, message: ImageMessage) -> None:
+        fitting = QUEUE_BYTES // max(1, len(message.data))
+        if self._subscription and fitting < self._depth:
+            self._subscription.hold_at_most(max(_FEWEST, fitting))
+        self._on_image(message, self.topic)
+
+    def advice(self) -> str:
+        """Say why no images may come and what to do about it, in one line."""
+        types = self._published(self.topic)
+        if type_name(self._kind) in types:
+            return f'{self.topic} has {len(types)} publisher(s), but none sends'
+        if types:
+            return (
+                f'{self.topic} carries {", ".join(sorted(set(types)))}; remap `image` to a topic '
+                f'of {type_name(Image)}, or of {type_name(CompressedImage)} that ends in '
+                f'{COMPRESSED}'
+            )
+        text = f'{self.topic} has no publisher'
+        if self._published(self._other):
+            return f'{text}, but {self._other} has: -r image:={self._other}'
+        found = cameras(self._node)
+        names = ' or '.join(f'-r image:={topic}' for topic in found) or '-r image:=TOPIC'
+        return f'{text}; remap it to the topic of the camera: {names}'
+
+    def _published(self, topic: str) -> list[str]:
+        return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
+
+
+class CameraSubscriptions:
+    """
+    Subscribes to each of `image_topics`, or else to `image`, as `ImageSubscription` does.
+
+    ConfigError if a topic is there twice.
+    """
+
+    def __init__(
+        self, node: Node, config: NodeConfig, on_image: Callable[[ImageMessage, str], None]
+    ) -> None:
+        names = config.image_topics.split() or ['image']
+        self._all = [ImageSubscription(node, config.queue_size, on_image, name) for name in names]
+        for topic, count in Counter(self.topics).items():
+            if count > 1:  # the map would get nothing
+                raise ConfigError(f'image_topics: {topic} is there twice; name each once')
+
+    @property
+    def topics(self) -> list[str]:
+        """The topics as they were resolved."""
+        return [one.topic for one in self._all]
+
+    @property
+    def topic(self) -> str:
+        """The same, with spaces between."""
+        return ' '.join(self.topics)
+
+    @property
+    def lost(self) -> int:
+        """Messages that did not arrive."""
+        return sum(one.lost for one in self._all)
+
+    def start(self) -> None:
+        """Begin to listen."""
+        for one in self._all:
+            one.start()
+
+    def stop(self) -> None:
+        """Listen no more."""
+        for one in self._all:
+            one.stop()
+
+    def follow(self, topic: str) -> None:
+        """Listen to another topic instead of the only one."""
+        self._all[0].follow(topic)
+
+    def advice(self) -> str:
+        """Say why no images may come and what to do about it, in one line."""
+        return '; '.join(one.advice() for one in self._all)

@@ -1,0 +1,257 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print how well maps are linked, how far they grow, and what their links do for poses.
+
+Usage: python scripts/links.py --data FOLDER [--part laps town round poses size], some 30 minutes
+for all; FOLDER holds `laps`. `laps`: links of the map of a circuit that is driven in laps, and
+its recall, with the truth of laps.py. `town`: a drawn way passed in the evening, by day and at
+night, in one session and in three. `round`: a drawn round, driven 34 times in online mode; what
+has too many looks goes when a map is opened.
+`poses`: a drawn town whose odometry drifts by 2 %, solved. `size`: a map of 10,000 keyframes. Of
+drawn ways, right is within 5 m of where the camera is.
+"""
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+import math
+from pathlib import Path
+import resource
+import sys
+import tempfile
+import time
+
+from convseq_ros import build_map, cli, Frame
+from convseq_ros.config import make_config
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Pose, Reason
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.route import Corner, Route
+from convseq_ros.sources.folder import ImageFolder
+from convseq_ros.sources.recording import read_poses
+import laps
+import numpy as np
+
+RIGHT_M, STEP_M, ASIDE_M, LANES_EVERY_M = 5.0, 2.0, 1.0, 30.0
+PASS_NS = 10**11 * 3  # from the start of one pass to that of the next
+LIGHTS = ('day', 'evening', 'night', 'overcast')
+BEGINNING = 15  # keyframes of a round that do not count
+HALF = 2996  # the last frame of the map of `laps`, by its name
+SIZE = 10_000  # keyframes of a large map
+
+
+def ring(width_m: float, depth_m: float, town: int) -> Route:
+    """Return a way once round a block."""
+    corners: tuple[Corner, ...] = (
+        (10.0, 0.0), (width_m, 0.0), (width_m, depth_m), (0.0, depth_m), (0.0, 0.0), (10.0, 0.0),
+    )  # fmt: skip
+    return Route(corners, town)
+
+
+def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]]:
+    """Yield the frames of a pass by its number, and where they were taken."""
+    rng = np.random.default_rng(number)
+    at = np.arange(0.0, route.length_m + LANES_EVERY_M, LANES_EVERY_M)
+    lanes = rng.uniform(-ASIDE_M, ASIDE_M, len(at)) - 1.0
+    drive = Drive(
+        num_frames=int((route.length_m - 1) / STEP_M),
+        speed_mps=10 * STEP_M,
+        start_m=0.13 * (number % 10),
+        start_ns=number * PASS_NS,
+        lanes=tuple(zip(at.tolist(), lanes.tolist(), strict=True)),
+        light=light,
+        noise=3.0,
+        seed=number,
+        width_px=160,
+        height_px=120,
+    )
+    for shot in draw(route, drive):
+        yield replace(shot.frame, pose=None), shot.pose
+
+
+def of_laps(data: Path) -> None:
+    """Print links of one drive in laps, and what they do for later laps."""
+    config = make_config({'exclusion_s': laps.EXCLUSION_S})
+    drive = [*ImageFolder(data / 'laps' / 'drive')]
+    truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
+    where = {frame.stamp_ns: laps.place(truth, frame) for frame in drive}
+    of = {frame.stamp_ns: laps.number(frame) for frame in drive}
+    made = build_map(drive, None, config)
+    links = {link.place: link for link in made.links.each()}
+    there = right = wrong = 0
+    for at, place in enumerate(made.places):
+        here = where[place.stamp_ns]
+        if here is None or of[place.stamp_ns] <= laps.FIRST_LAP:
+            continue
+        until_ns = place.stamp_ns - round(laps.EXCLUSION_S * 1e9)
+        before = (where[one.stamp_ns] for one in made.places[:at] if one.stamp_ns <= until_ns)
+        known = any(one is not None and laps.off(one, here) <= laps.RIGHT for one in before)
+        there += known
+        if at in links and (found := where[made.places[links[at].other].stamp_ns]) is not None:
+            right += known and laps.off(found, here) <= laps.RIGHT
+            wrong += laps.off(found, here) > laps.WRONG
+    print(f'laps, links: {right} of {there}, {right / there:.3f}; {wrong} wrong')
+    for name, last in (('one lap', laps.FIRST_LAP), (f'frames up to {HALF}', HALF)):
+        mapped = [frame for frame in drive if laps.number(frame) <= last]
+        asked = [frame for frame in drive if laps.number(frame) > HALF]
+        counts = laps.count(mapped, asked, where, config)
+        told = f'{counts.right} of {counts.known}, {counts.right / counts.known:.3f}'
+        print(f'laps, map of {name}, the rest as query: {told}; {counts.wrong} wrong', flush=True)
+
+
+def of_town(_data: Path) -> None:
+    """Print what is linked of three passes, in one session and in three."""
+    config, route = make_config({'exclusion_s': 30.0}), ring(150.0, 100.0, 5)
+    found = dict[int, dict[int, int]]()
+    for sessions in (1, 3):
+        true = dict[int, Pose]()
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, 'town.db')
+            builder = MapBuilder(path, config)
+            for number, light in enumerate(('evening', 'day', 'night')):
+                if number and sessions > 1:
+                    builder.__exit__()
+                    builder = MapBuilder(path, config, append=True)
+                for frame, pose in driven(route, number, light):
+                    true[frame.stamp_ns] = pose
+                    builder.process(frame)
+            builder.__exit__()
+            made = open_map(path)
+        found[sessions] = _links(made)
+        later = [place.stamp_ns for place in made.places if place.stamp_ns >= PASS_NS]
+        right, wrong = _judged(found[sessions], true)
+        print(
+            f'town, {sessions} sessions: {right} of {len(later)} keyframes linked, '
+            f'{right / len(later):.3f}; {wrong} wrong',
+            flush=True,
+        )
+    both = found[1].keys() & found[3].keys()
+    alike = sum(found[1][one] == found[3][one] for one in both)
+    print(f'town, linked in both ways: {len(both)}, of which {alike} to the same keyframe')
+
+
+def _links(made: ReferenceMap) -> dict[int, int]:
+    """Return what each keyframe is linked to, by stamps."""
+    stamp = [place.stamp_ns for place in made.places]
+    return {stamp[link.place]: stamp[link.other] for link in made.links.each()}
+
+
+def _judged(links: dict[int, int], true: dict[int, Pose]) -> tuple[int, int]:
+    off = [math.dist(true[one].position, true[two].position) for one, two in links.items()]
+    right = sum(metres <= RIGHT_M for metres in off)
+    return right, len(off) - right
+
+
+def of_round(_data: Path, rounds: int = 34, max_looks: int = 8) -> None:
+    """Print how a map grows that a robot drives the same round with again and again."""
+    config = make_config({'mode': 'online', 'max_looks': max_looks, 'exclusion_s': 6.0})
+    route, true, first = ring(60.0, 40.0, 3), dict[int, Pose](), 0
+    print('| round | light | right of keyframes | false | opened with | added | left | times |')
+    print('|---|---|---|---|---|---|---|---|')
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'round.db')
+        for number in range(rounds):
+            some = np.random.default_rng(number).choice(LIGHTS)
+            light = LIGHTS[number] if number < len(LIGHTS) else str(some)
+            session, found = Session(path, config), list[bool | None]()
+            opened = len(session.recognizer.reference_map)
+            for frame, pose in driven(route, number, light):
+                true[frame.stamp_ns] = pose
+                match = session.recognizer.process(frame)
+                session.save()
+                if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
+                    continue
+                there = match.accepted and true[match.accepted.reference_stamp_ns].position
+                found.append(math.dist(there, pose.position) <= RIGHT_M if there else None)
+            session.close()
+            places, later = len(open_map(path)), found[BEGINNING:]
+            first = first or places
+            right = f'{later.count(True)} of {len(later)}'
+            row = number + 1, light, right, found.count(False), opened, session.added, places
+            print('| ' + ' | '.join(map(str, row)) + f' | {opened / first:.1f} |', flush=True)
+
+
+def of_poses(_data: Path) -> None:
+    """Print the error of a trajectory whose odometry drifts, before and after it is solved."""
+    examples = Path(__file__).resolve().parents[1] / 'examples' / 'pose_graph'
+    sys.path.insert(0, str(examples))
+    import gtsam
+    import simulated
+    from trajectory_error import absolute_error_m
+
+    for scale in (simulated.DRIFT.scale, 0.02):
+        simulated.DRIFT = replace(simulated.DRIFT, scale=scale)
+        with tempfile.TemporaryDirectory() as folder:
+            town, made, solved, graph = (
+                Path(folder, name) for name in ('town', 'town.db', 'solved.db', 'town.g2o')
+            )
+            simulated.record(town, simulated.two_blocks(110.0, 70.0))
+            camera = '--odom', '/odom', '--camera-info', '/camera/camera_info'
+            outputs = '--g2o', graph, '-o', solved
+            for command in (('build-map', town, made, *camera), ('map', 'link', made, *outputs)):
+                if cli.main([*map(str, command)]):
+                    raise SystemExit(1)
+            true = dict(read_poses(town, '/ground_truth'))
+            for name, path in (('odometry', made), ('solved', solved)):
+                places = [place for place in open_map(path).places if place.pose]
+                points = [place.pose.position[:2] for place in places if place.pose]
+                really = [true[min(true, key=lambda at: abs(at - one.stamp_ns))] for one in places]
+                real = np.array([pose.position[:2] for pose in really])
+                error_m = absolute_error_m(np.array(points), real)
+                print(f'poses, odometry {scale:.1%} too long, {name}: {error_m:.2f} m', flush=True)
+            edges, poses = gtsam.readG2o(str(graph), True)
+            print(
+                f"poses, read back by GTSAM's reader: {edges.size()} edges, {poses.size()} poses"
+            )
+
+
+def of_size(_data: Path) -> None:
+    """Print what a large map with links takes."""
+    config, route = make_config({'exclusion_s': 30.0}), ring(150.0, 100.0, 5)
+
+    def frames() -> Iterator[Frame]:
+        for number in range(10**6):
+            yield from (frame for frame, _ in driven(route, number, LIGHTS[number % 4]))
+
+    spent_s, told = 0.0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        with MapBuilder(Path(folder, 'large.db'), config) as builder:
+            made = builder.reference_map
+            for frame in frames():
+                began_s = time.process_time()
+                builder.process(frame)
+                spent_s += time.process_time() - began_s
+                if (count := len(made)) >= told + 1000:
+                    told = count
+                    resident_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+                    print(
+                        f'size: {count} keyframes, {len(made.links)} links, '
+                        f'{1000 * spent_s / count:.1f} ms each, at most {resident_mb:.0f} MB',
+                        flush=True,
+                    )
+                if count >= SIZE:
+                    break
+
+
+PARTS: dict[str, Callable[[Path], None]] = {
+    'laps': of_laps, 'town': of_town, 'round': of_round, 'poses': of_poses, 'size': of_size,
+}  # fmt: skip
+
+
+def main(arguments: Iterable[str] | None = None) -> int:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--data', type=Path, required=True)
+    parser.add_argument('--part', nargs='+', choices=PARTS, default=[*PARTS])
+    chosen = parser.parse_args(None if arguments is None else [*arguments])
+    for part in chosen.part:
+        PARTS[part](chosen.data)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
