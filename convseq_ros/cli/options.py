@@ -8,12 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import Config, core_parameters, make_config, make_group
+from convseq_ros.config import Config, core_parameters, make_config, make_group, OnlineConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
-from convseq_ros.online_config import OnlineConfig
 from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import ReadingConfig
 

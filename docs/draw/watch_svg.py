@@ -11,7 +11,7 @@ import sys
 
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.node.answer import answer_message
+from convseq_ros.node.conversions import answer_message
 from convseq_ros.node.watch import parser, Watcher
 from convseq_ros.sources import open_source
 import rclpy

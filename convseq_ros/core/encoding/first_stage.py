@@ -74,11 +74,14 @@ def with_first_stage(config: Config, describe: Describe | None) -> Config:
     """
     Return a configuration as maps keep it: with the identity of the model, not its path.
 
-    Images are read in colour if the model wants it, and `matching: descriptor` keeps no cells.
+    Images are read in colour if the model wants it, and `matching: descriptor` keeps neither cells
+    nor thumbnails.
     """
-    encoding = replace(
-        config.encoding, keeps_cells=config.matching.matching != 'descriptor'
-    )  # fmt: skip
+    if config.matching.matching == 'descriptor':
+        bare = replace(config.keyframes, thumbnail_width_px=0)
+        config = replace(config, keyframes=bare)
+    keeps_cells = config.matching.matching != 'descriptor'
+    encoding = replace(config.encoding, keeps_cells=keeps_cells)
     if describe is None:
         return replace(config, encoding=encoding)
     encoding = replace(encoding, descriptor_model=identity_of(describe))
