@@ -124,6 +124,7 @@ setup(
             'colcon-common-extensions',
             'import-linter>=2.1',
             'mypy>=1.11',
+            'onnx',  # scripts/make_onnx_model.py
             'pytest-cov',
             'ruff>=0.6',
             'types-PyYAML',

@@ -50,7 +50,10 @@ def open_thin(first: Path, count: int) -> None:
     def opened(path: Path) -> ReferenceMap:
         if not path.name.startswith('thin-'):
             return open_map(path)
-        rng, places = np.random.default_rng(int(path.stem[5:])), Places(known.cell_shape, count)
+        rng, places = (
+            np.random.default_rng(int(path.stem[5:])),
+            Places(known.global_descriptors.shape[1], count),
+        )
         kinds = rng.permutation(FIRST)
         for start in range(0, count, FIRST):
             some = known.global_descriptors[kinds[: count - start]]

@@ -41,6 +41,11 @@ class EncodingConfig(Checked):
         0, 'Counter-clockwise rotation of images before all else, for a camera that is mounted '
         'on its side or upside down (0, 90, 180 or 270).', unit='deg', low=0, high=270,
     )
+    descriptor_model: str = parameter(
+        '', 'ONNX file of a network that turns an image into the vector by which places are found '
+        'first; empty for the built-in one. A map is of one model.',
+    )
+    keeps_cells: bool = True  # in maps; with `matching: descriptor` they are not needed
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -55,8 +60,9 @@ class MatchingConfig(Checked):
 
     matching: str = parameter(
         'coherent', 'How two images are compared: coherent counts regions that moved together, '
-        'regional takes the mean similarity of the best matching regions, as in the paper.',
-        choices=('coherent', 'regional'),
+        'regional takes the mean similarity of the best matching regions, as in the paper, '
+        'descriptor the cosine of two descriptors, without geometry.',
+        choices=('coherent', 'regional', 'descriptor'),
     )
     search: str = parameter(
         'shortlist', 'Which places are compared in full: shortlist takes those that a coarse '

@@ -27,6 +27,10 @@ class MapError(ConvseqError):
     """A reference map is missing, foreign, damaged or made with other settings."""
 
 
+class ModelError(ConvseqError):
+    """A descriptor model cannot be used, or failed on an image."""
+
+
 class FleetError(ConvseqError):
     """A cluster cannot be reached, must not be, or none of its maps can be opened."""
 

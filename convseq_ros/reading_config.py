@@ -31,6 +31,7 @@ class ReadingConfig(Checked):
         'times, because reading them takes more memory.',
         unit='MB', low=0.001, high=1_000_000.0,
     )
+    keeps_color: bool = False  # in frames, beside grey; for a model that wants it
 
     def above(self, name: str, size: float, what: str) -> str:
         """Return a line that tells what to set if a size is above the parameter of a name."""

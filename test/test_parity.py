@@ -16,14 +16,19 @@ pytest.importorskip('rosbags')
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.types import Frame
+from convseq_ros.onnx_model import open_model
 from convseq_ros.results import read_results, ResultWriter
 from convseq_ros.sources import open_source
 import cv2
+from descriptor_models import made
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -100,9 +105,14 @@ def recording(drive, tmp_path_factory):
 
 
 def answers_of_the_core(recording, map_path, encoding, path, topics=()):
-    source = open_source(recording)
-    given = open_map(map_path, encoding), Config(encoding=encoding)
-    recognizer = Cameras(*given, topics) if topics else PlaceRecognizer(*given)
+    config = Config(encoding=encoding)
+    model = open_model(config)
+    config = with_first_stage(config, model)
+    source = open_source(recording, reading=config.reading)
+    given = open_map(map_path, config.encoding), config
+    recognizer = PlaceRecognizer(*given, describe=model)
+    if topics:
+        recognizer = Cameras(*given, topics)
     with ResultWriter(path) as writer:
         for topic in topics or ['']:
             for frame in source:
@@ -124,6 +134,8 @@ def answers_of_the_node(recording, map_path, encoding, path, topics=()):
             f'image_mask:={encoding.image_mask}',
             '-p',
             f'image_rotation_deg:={encoding.image_rotation_deg}',
+            '-p',
+            f'descriptor_model:={encoding.descriptor_model}',
             '-p',
             f'result_file:={path}',
             '-p',
@@ -174,6 +186,24 @@ def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_pa
 
 
 @pytest.mark.once
+def test_a_live_node_with_a_model_answers_as_the_core(recording, drive, encoding, tmp_path):
+    made(tmp_path / 'net.onnx', 'random')
+    encoding = replace(encoding, descriptor_model=str(tmp_path / 'net.onnx'))
+    config = Config(encoding=encoding, keyframes=EVERY_FRAME)
+    frames = [
+        Frame((index + 1) * STEP_NS, cv2.GaussianBlur(gray, (3, 3), 0))
+        for index, gray in enumerate(drive)
+    ]
+    build_map(frames, tmp_path / 'wall.db', config, describe=open_model(config))
+    given = recording, tmp_path / 'wall.db', encoding
+    offline = answers_of_the_core(*given, tmp_path / 'offline.csv')
+    online = answers_of_the_node(*given, tmp_path / 'online.csv')
+    for row in (*offline, *online):
+        del row['duration_ms']
+    assert online == offline
+    assert sum(row['reason'] == 'accepted' for row in offline) > NUM_FRAMES / 4
+
+
 def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, encoding, tmp_path):
     given, topics = (recording, map_path, encoding), ['/front/image', '/rear/image']
     offline = answers_of_the_core(*given, tmp_path / 'offline.csv', topics)

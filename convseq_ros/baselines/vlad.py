@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 CENTRES = 64
 _ROUNDS = 20  # of k-means
-_MOST = 100_000  # descriptors that centres are learnt of, drawn of all
+_MOST = 60_000  # descriptors that centres are learnt of, drawn of all
 _SEED = 0
 
 Rows = npt.NDArray[np.float32]

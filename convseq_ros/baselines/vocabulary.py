@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 BRANCHES, LEVELS = 10, 4  # 10,000 words at most; ORB-SLAM's has 6 levels, for all the world
 _ROUNDS = 10  # of k-medians; few descriptors change sides later
+_MOST = 60_000  # descriptors that words are learnt of, drawn of all
 _SEED = 0
 
 Bits = npt.NDArray[np.uint8]  # (n, 32), 256 bits a descriptor
@@ -79,8 +80,9 @@ class Vocabulary:
         self, images: Sequence[Bits], branches: int = BRANCHES, levels: int = LEVELS
     ) -> None:
         self._branches, self._random, self._words = branches, np.random.default_rng(_SEED), 0
-        every = signs(np.concatenate(images))
-        self._root = self._grown(every, levels) if len(every) else None
+        every = np.concatenate(images)
+        some = signs(every[self._random.permutation(len(every))[:_MOST]])
+        self._root = self._grown(some, levels) if len(some) else None
         counts = np.zeros(self._words)
         for one in images:
             counts[np.unique(self.words(one))] += 1

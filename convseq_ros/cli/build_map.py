@@ -24,14 +24,17 @@ from convseq_ros.config import (
     EncodingConfig,
     KeyframeConfig,
     make_config,
+    MatchingConfig,
     MotionConfig,
     OnlineConfig,
     RobotConfig,
 )
 from convseq_ros.core.cameras import of_camera
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.onnx_model import open_model
 from convseq_ros.parameter import Parameter, parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_each_camera
@@ -162,7 +165,9 @@ def build(
         If the map cannot be written.
 
     """
-    sources = open_each_camera(recording, topic, odom, camera_info, poses, config.reading, depth)
+    model = open_model(config)
+    reading = with_first_stage(config, model).reading
+    sources = open_each_camera(recording, topic, odom, camera_info, poses, reading, depth)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
@@ -178,6 +183,7 @@ def build(
             pose_frame or source.pose_frame,
             links,
             max_looks,
+            model,
         )
         try:
             with builder:
@@ -253,6 +259,7 @@ def _mount() -> list[Parameter]:
 
 
 def _encoding() -> list[Parameter]:
-    """Return what a map keeps of the encoding and a user may choose."""
-    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg'
-    return [item for item in parameters(EncodingConfig) if item.name in chosen]
+    """Return what a map keeps of the encoding and a user may choose, and by what it is matched."""
+    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
+    both = *parameters(EncodingConfig), *parameters(MatchingConfig)
+    return [item for item in both if item.name in chosen]

@@ -15,9 +15,11 @@ from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.cli.output_folder import make_empty
 from convseq_ros.cli.replay import replay
 from convseq_ros.cli.side_topics import side_topics
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.plots import demo_picture
+from convseq_ros.onnx_model import open_model
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import row
 from convseq_ros.simulation.light import LIGHTS
@@ -70,8 +72,10 @@ def run(chosen: argparse.Namespace) -> int:
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query, config.reading)
-    source = open_annotated(drives.query, '', *beside, reading=config.reading)
-    recognizer = PlaceRecognizer(open_map(map_path, config.encoding), config)
+    model = open_model(config)
+    known = with_first_stage(config, model)
+    source = open_annotated(drives.query, '', *beside, reading=known.reading)
+    recognizer = PlaceRecognizer(open_map(map_path, known.encoding), known, describe=model)
     offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
     for match, duration_ms in replay(source, recognizer):
         written = row(match, duration_ms)

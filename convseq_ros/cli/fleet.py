@@ -24,6 +24,7 @@ from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.fleet.link import serve
 from convseq_ros.fleet.session import FleetSession
+from convseq_ros.onnx_model import open_model
 from convseq_ros.sources.folder import natural_key
 
 COMMANDS = {
@@ -80,8 +81,9 @@ def _replay(chosen: argparse.Namespace) -> int:
     paths, told = maps_in(chosen.maps), set[str]()
     # Without a scheduler, workers are of this process: messages are not pickled, and cost half.
     with connected(replace(chosen_cluster(chosen), are_threads=True)) as client:
-        sources = chosen.topic.split()
-        session = FleetSession(client, paths, chosen_config(chosen), sources=sources)
+        sources, config = chosen.topic.split(), chosen_config(chosen)
+        model = open_model(config)
+        session = FleetSession(client, paths, config, sources=sources, describe=model)
 
         def tell() -> None:
             for line in session.missing:

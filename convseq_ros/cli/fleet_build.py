@@ -14,11 +14,13 @@ from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, 
 from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.terminal import progress
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.errors import ConvseqError, MapError, SourceError
 from convseq_ros.fleet.cluster import connected, done
+from convseq_ros.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 
 # Recording, map, four topics, settings, whether with links.
@@ -157,7 +159,8 @@ def _maps(folder: Path, output: Path) -> dict[Path, Path]:
 
 
 def _opened(path: Path, config: Config) -> MapReader:
-    return MapReader(path, config.encoding, config.keyframes)
+    asked = with_first_stage(config, open_model(config))
+    return MapReader(path, asked.encoding, config.keyframes)
 
 
 def _clean(jobs: dict[str, Job]) -> None:

@@ -58,6 +58,9 @@ def run(chosen: argparse.Namespace) -> int:
         **describe_places(opened),
         **_describe_links(opened),
     }
+    if opened.encoding.descriptor_model:
+        numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes
+        facts |= {'descriptor_numbers': numbers, 'descriptor_bytes': size}
     if opened.problem:
         print(f'warning: {opened.problem}', file=sys.stderr)
     if chosen.json:

@@ -16,10 +16,11 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Localization, Match
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
+from convseq_ros.onnx_model import open_model
 from convseq_ros.results import complete_or_absent
 from convseq_ros.sources.camera_file import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS
-from convseq_ros.sources.images import read_picture
+from convseq_ros.sources.images import gray_and_color, read_picture
 import cv2
 
 
@@ -45,7 +46,7 @@ def run(chosen: argparse.Namespace) -> int:
     config = chosen_config(chosen)
     if config.online.mode != 'preloaded':
         raise ConfigError('mode: locate adds nothing to a map; leave it preloaded')
-    session = Session(chosen.map, config)
+    session = Session(chosen.map, config, describe=open_model(config))
     try:
         recognizer = session.recognizer
         frames = list(_frames(chosen.images, recognizer, chosen.camera_info))
@@ -68,12 +69,13 @@ def _frames(
     frames = []
     for number, path in enumerate(images, 1):
         try:
-            gray = read_picture(path, reading)
+            gray, color = gray_and_color(read_picture(path, reading), reading)
         except ConvseqError as error:
             raise SourceError(f'{path}: {error}') from None
         height, width = gray.shape
         camera = read_camera_file(camera_info, height, width, reading) if camera_info else None
-        frames.append(Frame(number * FRAME_INTERVAL_NS, gray, str(path), camera=camera))
+        stamp_ns = number * FRAME_INTERVAL_NS
+        frames.append(Frame(stamp_ns, gray, str(path), camera=camera, color=color))
     return frames
 
 

@@ -24,6 +24,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match, Reason
 from convseq_ros.errors import MapError
+from convseq_ros.onnx_model import open_model
 from convseq_ros.results import ResultWriter
 from convseq_ros.sources import in_order, open_each_camera, Source
 
@@ -71,7 +72,8 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
-    session = Session(chosen.map, chosen_config(chosen), sources=chosen.topic.split())
+    config, sources = chosen_config(chosen), chosen.topic.split()
+    session = Session(chosen.map, config, sources=sources, describe=open_model(config))
     for line in session.ignored:
         warn(line)
     try:

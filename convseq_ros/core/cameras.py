@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.first_stage import Describe
 from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -31,13 +32,23 @@ class Cameras:
         config: Config,
         sources: Sequence[str] = (),
         coarse: Callable[[], Coarse | None] = lambda: None,
+        describe: Describe | None = None,
     ) -> None:
-        """Make what recognises; `coarse` makes what knows coarse scores, one for each camera."""
+        """
+        Make what recognises; `coarse` makes what knows coarse scores, one for each camera.
+
+        `describe` is the model of the map, if it is of one.
+        """
         self.config = config
-        self.first = PlaceRecognizer(reference_map, of_camera(config, 0), coarse=coarse())
+
+        def made(number: int) -> PlaceRecognizer:
+            own = of_camera(config, number)
+            return PlaceRecognizer(reference_map, own, coarse=coarse(), describe=describe)
+
+        self.first = made(0)
         self.recognizers, self._frames = {source: self.first for source in sources[:1]}, 0
         for number, source in enumerate(sources[1:], 1):
-            own = PlaceRecognizer(reference_map, of_camera(config, number), coarse=coarse())
+            own = made(number)
             own.mapping = FollowedMap(reference_map, self.first.mapping)
             own.decider.share(self.first.decider)
             self.recognizers[source] = own
@@ -76,6 +87,10 @@ class Cameras:
 
     def configure(self, config: Config) -> None:
         """Go on with other settings."""
+        # What the map and its model ask for does not change.
+        own = self.config
+        reading = replace(config.reading, keeps_color=own.reading.keeps_color)
+        config = replace(config, encoding=own.encoding, reading=reading)
         self.config = config
         for number, one in enumerate(self.each):
             one.config = of_camera(config, number)

@@ -20,7 +20,9 @@ _STILL = MotionConfig(stationary_overlap=1.0, stationary_m=0.0)
 
 
 def not_linked(whole: ReferenceMap) -> list[range]:
-    """Return the places of each session some of which were not looked up before."""
+    """Return the places of each session some of which were not looked up before, by cells."""
+    if not whole.encoding.keeps_cells:
+        return []
     ends = pairwise([*whole.bounds.starts.tolist(), len(whole)])
     return [range(*of) for of in ends if not all(map(whole.links.knows, range(*of)))]
 
@@ -34,12 +36,15 @@ def link_map(
     It goes by what the map keeps of them, of which every region counts as salient; else it is what
     online mode does on these drives. Others may use the map meanwhile.
     """
+    sessions = not_linked(whole) if sessions is None else sessions
+    if not sessions:
+        return
     seen = _as_driven(whole)
     online = replace(config.online, mode='online')
     config = replace(config, encoding=seen.encoding, motion=_STILL, online=online)
     recognizer, mapping = PlaceRecognizer(seen, config), _DrivenMap(seen, config)
     recognizer.order, recognizer.mapping = AnyOrder(), mapping
-    for session in not_linked(seen) if sessions is None else sessions:
+    for session in sessions:
         recognizer.reset()
         mapping.begin(session.start)
         for index in session:
@@ -63,7 +68,7 @@ class _DrivenMap(OnlineMap):
 
 def _as_driven(whole: ReferenceMap) -> ReferenceMap:
     """Return a map as it is now, with its links, whose places are upright and keyframes each."""
-    places, end = Places(whole.cell_shape, len(whole)), len(whole)
+    places, end = Places(whole.global_descriptors.shape[1], len(whole)), len(whole)
     places.descriptors.extend(whole.global_descriptors[:end])
     places.take({name: rows[:end] for name, rows in whole.places.columns.items()}, 0)
     encoding = replace(whole.encoding, image_rotation_deg=0)
@@ -79,4 +84,7 @@ def _asked(whole: ReferenceMap, index: int) -> tuple[Frame, Descriptor]:
     place = whole.places[index]
     camera = whole.sessions[place.session].camera
     frame = Frame(place.stamp_ns, None, place.source, place.pose, camera=camera)
-    return frame, whole_descriptor(whole.cells(index))
+    descriptor = whole_descriptor(whole.cells(index))
+    if whole.encoding.descriptor_model:
+        descriptor = replace(descriptor, vector=whole.global_descriptors[index])
+    return frame, descriptor

@@ -10,6 +10,7 @@ from typing import Self
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.first_stage import Describe, FirstStage, with_first_stage
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import AnyOrder, FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
@@ -32,8 +33,9 @@ class MapBuilder:
     missing, damaged, made with other settings or added to by another, or the disk is full.
 
     Each place is recognised among those before it, as online mode does, for the map's `links`;
-    without them, nothing is recognised. All keyframes are kept, unless there is a limit of
-    `max_looks`.
+    without them, or without cells, nothing is recognised. All keyframes are kept, unless there is
+    a limit of `max_looks`. `describe`, from an image to a vector, is the model of the map, if not
+    what is built in.
     """
 
     def __init__(
@@ -45,7 +47,9 @@ class MapBuilder:
         frame: str = '',
         links: bool = True,
         max_looks: int = 0,
+        describe: Describe | None = None,
     ) -> None:
+        config = with_first_stage(config, describe)
         self._path, self._max_looks = path, max_looks
         self.left_out = 0  # places of the map, at the end, for its limit
         online = replace(config.online, mode='online', max_looks=max_looks)
@@ -60,10 +64,13 @@ class MapBuilder:
         self._config = config
         self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
         self._mapping = OnlineMap(self.reference_map, config, name, frame)
+        self._describe = describe
+        self._first_stage = FirstStage(describe, self.reference_map.encoding)
+        links = links and config.encoding.keeps_cells
         self._recognizer = self._make_recognizer() if links else None
 
     def _make_recognizer(self) -> PlaceRecognizer:
-        made = PlaceRecognizer(self.reference_map, self._config)
+        made = PlaceRecognizer(self.reference_map, self._config, describe=self._describe)
         # Whatever the stamps say, it is one session.
         made.order, made.gate, made.mapping = AnyOrder(), self._gate, self._mapping
         return made
@@ -90,7 +97,7 @@ class MapBuilder:
             encode = partial(describe, gray, self.reference_map.encoding)
             verdict = self._gate.update(frame.stamp_ns, frame.pose, encode, gray)
             if verdict.reason is None:
-                self._mapping.add(frame, verdict.descriptor)
+                self._mapping.add(frame, self._first_stage.add(frame, verdict.descriptor))
 
     def __enter__(self) -> Self:
         return self
@@ -106,9 +113,11 @@ def build_map(
     path: str | Path | None = None,
     config: Config = Config(),
     links: bool = True,
+    describe: Describe | None = None,
 ) -> ReferenceMap:
     """Build a map of frames in order, in a new file or in memory alone; as `MapBuilder` does."""
-    with MapBuilder(Path(path) if path else None, config, links=links) as builder:
+    file = Path(path) if path else None
+    with MapBuilder(file, config, links=links, describe=describe) as builder:
         for frame in frames:
             builder.process(frame)
     return builder.reference_map

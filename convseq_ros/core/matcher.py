@@ -8,7 +8,8 @@ from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.encoding.regions import Cells, Regions
+from convseq_ros.core.encoding.first_stage import vector_of
+from convseq_ros.core.encoding.regions import Cells, Regions, unit
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
@@ -16,6 +17,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
+from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
@@ -164,8 +166,51 @@ class Matcher:
                     cache.clear()
 
 
+class DescriptorMatcher(Matcher):
+    """Scores pairs by the cosines of their vectors, without cells, shifts or geometry."""
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self.kernel, self.exact, self._map = 'cosine', True, reference_map
+
+    def reset(self) -> None:
+        """Forget nothing."""
+
+    def extract(self, descriptor: Descriptor) -> Features | None:
+        """Return the vector of a query at unit length, or None if it shows nothing."""
+        vector = unit(vector_of(descriptor).astype(np.float32))
+        return Features(vector, vector) if vector.any() else None
+
+    def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
+        """Return cosines of at least 0."""
+        found = []
+        for query, indices in asked:
+            rows = unit(self._map.global_descriptors[indices].astype(np.float32))
+            row = np.maximum(rows @ query.exact, 0.0)
+            row[np.isin(indices, [*self._map.removed])] = np.nan
+            found.append(row)
+        return found
+
+    def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
+        """Return the candidates: shifts are not known."""
+        return candidates
+
+    def arranged(self, _index: int) -> Arranged | None:
+        """Return None: geometry is not asked."""
+        return None
+
+    def warm_up(self) -> None:
+        """Make nothing."""
+
+
 def make_matcher(reference_map: ReferenceMap, config: Config) -> Matcher:
     """Return the matcher that a configuration asks for."""
+    if config.matching.matching == 'descriptor':
+        return DescriptorMatcher(reference_map)
+    if not reference_map.encoding.keeps_cells:
+        raise ConfigError(
+            f'matching: {config.matching.matching} needs cells, the map keeps none; set matching '
+            'to descriptor'
+        )
     kept = _KEPT if config.matching.search == 'shortlist' else None
     threshold = config.encoding.saliency_threshold
     return Matcher(reference_map, config.matching, threshold, kept, verifies=True)

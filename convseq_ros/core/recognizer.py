@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
+from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import Config
@@ -9,6 +10,7 @@ from convseq_ros.core.closures import Closures
 from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.make_decider import make_decider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
@@ -35,6 +37,13 @@ class PlaceRecognizer:
         Its `sequence` and `acceptance` may be replaced between two frames.
     matcher, coarse : Matcher, Coarse, optional
         What scores pairs, and knows coarse scores, if not by `config.matching`.
+    describe : Describe, optional
+        What makes the vectors of the map, if not what is built in: from an image to a vector.
+
+    Raises
+    ------
+    ConfigError
+        If `describe` is not what made the map, or it has no cells and `matching` needs them.
 
     """
 
@@ -44,9 +53,13 @@ class PlaceRecognizer:
         config: Config = Config(),
         matcher: Matcher | None = None,
         coarse: Coarse | None = None,
+        describe: Describe | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
         self._encoding = of_queries(reference_map.encoding, config.encoding)
+        numbers = reference_map.global_descriptors.shape[1]
+        self.first_stage = FirstStage(describe, reference_map.encoding, numbers)
+        self.model_ms = 0.0  # of the newest frame
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
         self.mapping = make_mapping(reference_map, config)
@@ -75,6 +88,7 @@ class PlaceRecognizer:
 
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
+        self.model_ms = 0.0
         if (order := self.order.update(frame.stamp_ns)) is Order.LATE:
             return answer(Status.SKIPPED, Reason.OUT_OF_ORDER)
         if order is Order.JUMPED_BACK:
@@ -92,6 +106,9 @@ class PlaceRecognizer:
         if verdict.reason:
             match = self._again(answer, verdict.reason)
         else:
+            shown = self.first_stage.add(frame, verdict.descriptor)
+            self.model_ms = self.first_stage.duration_ms
+            verdict = replace(verdict, descriptor=shown)
             match = self._last = self._recognize(answer, frame, verdict)
             self.mapping.add(frame, verdict.descriptor, match)
         if frame.gray is None and descriptor is None:

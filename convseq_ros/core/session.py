@@ -9,6 +9,7 @@ from convseq_ros.config import Config, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
@@ -27,13 +28,20 @@ class Session:
 
     In preloaded mode the file must exist and is never written; in online mode it is made if there
     is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
-    end. `sources` name the cameras, if there are several. MapError if the map cannot be opened
+    end. `sources` name the cameras, if there are several; `describe` is the model of the map, if
+    it is of one. MapError if the map cannot be opened
     or, in online mode, not be written, or another program adds to it.
     """
 
     def __init__(
-        self, path: Path | None, config: Config, make: bool = True, sources: Sequence[str] = ()
+        self,
+        path: Path | None,
+        config: Config,
+        make: bool = True,
+        sources: Sequence[str] = (),
+        describe: Describe | None = None,
     ) -> None:
+        config = with_first_stage(config, describe)
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
@@ -55,7 +63,7 @@ class Session:
         else:
             reference_map = open_map(path, encoding)
         try:
-            self.cameras = Cameras(reference_map, config, sources)
+            self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:
             self._autosave.close()
             raise

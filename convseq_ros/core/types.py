@@ -57,6 +57,7 @@ class Frame:
     camera: Camera | None = None  # what took it, if known
     # (h, w), metres along the lens, registered to the image; what is no depth is unknown.
     depth_m: npt.NDArray[np.float32] | None = None
+    color: npt.NDArray[np.uint8] | None = None  # (H, W, 3), blue, green, red, if it was kept
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -67,6 +68,7 @@ class Descriptor:
     salient: npt.NDArray[np.bool_]  # ((S - 1) ** 2,), 2 x 2-cell regions that are informative
     cell_entropy: npt.NDArray[np.float64]  # (S, S), mean entropy in bits
     entropy: float  # mean of the image as a share of 8 bits, in [0, 1]
+    vector: npt.NDArray[np.float16] | None = None  # (n,), of unit length, by a model
 
     @property
     def informative(self) -> bool:

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 import json
 from pathlib import Path
 import time
@@ -12,12 +12,14 @@ from typing import Any
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest, digest
 from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
@@ -48,6 +50,11 @@ class Images:
     def content(self) -> list[Any]:
         """What determines these images, for a cache."""
         return [self.sha256, self.topic, self.backwards, asdict(self.reading)]
+
+    @property
+    def in_color(self) -> 'Images':
+        """The same, with colours."""
+        return replace(self, reading=replace(self.reading, keeps_color=True))
 
     def __iter__(self) -> Iterator[Frame]:
         source = self.simulated or open_source(self.path, self.topic, self.reading)
@@ -123,13 +130,26 @@ class Drive:
         return made
 
 
-def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Drive:
-    """Describe every image of a drive, or recall it; SourceError if images cannot be read."""
+@cache
+def model_at(path: str, reading: ReadingConfig) -> OnnxModel | None:
+    """Return the model of a path, opened once; None of none."""
+    return OnnxModel(Path(path), reading) if path else None
+
+
+def describe_drive(images: Images, encoding: EncodingConfig, kept_in: Cache) -> Drive:
+    """
+    Describe every image of a drive, or recall it, by the model of the encoding if it names one.
+
+    SourceError if images cannot be read, ModelError if the model cannot be used.
+    """
+    if model := model_at(encoding.descriptor_model, images.reading):
+        encoding = replace(encoding, descriptor_model=identity_of(model))
+        images = images.in_color if model.wants_color else images
     facts = [images.content, asdict(encoding)]
-    kept = cache.get('drives', facts)
+    kept = kept_in.get('drives', facts)
     if kept is None:
-        kept = _described(images, encoding)
-        cache.put('drives', facts, kept)
+        kept = _described(images, encoding, model)
+        kept_in.put('drives', facts, kept)
     columns = [kept[item.name] for item in fields(Descriptor)]
     rows = zip(*columns, strict=True)
     return Drive(
@@ -137,9 +157,7 @@ def describe_drive(images: Images, encoding: EncodingConfig, cache: Cache) -> Dr
         stamps_ns=kept['stamps_ns'].tolist(),
         names=kept['names'].tolist(),
         readable=kept['readable'].tolist(),
-        descriptors=[
-            Descriptor(*(one if np.ndim(one) else one.item() for one in row)) for row in rows
-        ],
+        descriptors=[_descriptor(row) for row in rows],
         encode_ms=float(kept['encode_ms']),
         poses=[None if np.isnan(one).any() else _pose(one.tolist()) for one in kept['poses']],
         camera=_camera(str(kept['camera'])),
@@ -152,16 +170,29 @@ def pose_rows(poses: Sequence[Pose | None]) -> npt.NDArray[np.float64]:
     return np.array([(*one.position, *one.orientation) if one else unknown for one in poses])
 
 
-def _described(images: Images, encoding: EncodingConfig) -> dict[str, npt.NDArray[Any]]:
+def _descriptor(columns: Sequence[Any]) -> Descriptor:
+    cells, salient, cell_entropy, entropy, vector = columns
+    known = vector if vector.size else None
+    return Descriptor(cells, salient, cell_entropy, entropy.item(), known)
+
+
+def _described(
+    images: Images, encoding: EncodingConfig, model: OnnxModel | None
+) -> dict[str, npt.NDArray[Any]]:
+    first_stage = FirstStage(model, encoding)
+    numbers = model.numbers if model else 0
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
     poses, camera = [], None
     for raw in images:
         frame, camera = upright(raw, encoding), camera or raw.camera
         started = time.perf_counter()
         if frame.gray is None:
-            descriptors.append(blank_descriptor(encoding))
+            nothing = np.zeros(numbers, np.float16)
+            descriptors.append(replace(blank_descriptor(encoding), vector=nothing))
         else:
-            descriptors.append(describe(frame.gray, encoding))
+            own = first_stage.add(frame, describe(frame.gray, encoding))
+            none = np.zeros(0, np.float16)
+            descriptors.append(own if model else replace(own, vector=none))
             durations.append((time.perf_counter() - started) * 1e3)
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)

@@ -16,18 +16,17 @@ import time
 
 from convseq_ros.baselines import seqslam
 from convseq_ros.baselines.cosine import cosine_scores
-from convseq_ros.baselines.onnx_model import IMAGENET_MEAN, IMAGENET_STD, OnnxModel
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import peers
-from convseq_ros.evaluation.cache import content_digest
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import refuse_retired, Value
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +67,9 @@ class Method:
         query, reference = material.drives(self.config.encoding)
         row_ms = max(0.0, float(np.median(found.durations_ms)) - query.encode_ms)
         made = reference.reference_map
-        place_bytes = made.packed(0).nbytes + made.global_descriptors[0].nbytes
+        place_bytes = made.global_descriptors[0].nbytes
+        if self.config.matching.matching != 'descriptor':
+            place_bytes += made.packed(0).nbytes
         return PairScores(found.rows, query.encode_ms, row_ms, place_bytes=place_bytes)
 
 
@@ -130,24 +131,10 @@ def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
     return _by_cosine(*_descriptors(material, whole_image_hog, 'hog'))
 
 
-def _onnx(material: Material, name: MethodName, _: Config) -> PairScores:
-    path = Path(name.argument)
-    size = name.options.get('size')
-    try:
-        shape = tuple(map(int, size.split('x'))) if size else None
-        mean, std = (
-            tuple(map(float, name.options[key].split(','))) if key in name.options else usual
-            for key, usual in (('mean', IMAGENET_MEAN), ('std', IMAGENET_STD))
-        )
-        if shape is not None and (len(shape) != 2 or min(shape) < 1):
-            raise ValueError
-    except ValueError:
-        raise ConfigError(
-            f'method {name.label}: expected size=HEIGHTxWIDTH, mean=A,B,C and std=A,B,C'
-        ) from None
-    model = OnnxModel(path, shape, mean, std)
-    facts = [content_digest(path), dict(name.options)]
-    return _by_cosine(*_descriptors(material, model.describe, facts))
+def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
+    model = OnnxModel(Path(name.argument), config.reading, name.options)
+    facts = [model.identity, dict(name.options)]
+    return _by_cosine(*_descriptors(material, model, facts, model.wants_color))
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -186,11 +173,16 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 
 
 def _descriptors(
-    material: Material, describe: Callable[[Gray], Vectors], facts: object
+    material: Material,
+    describe: Callable[[Gray], Vectors],
+    facts: object,
+    wants_color: bool = False,
 ) -> tuple[Vectors, Vectors, float]:
     """Return query and reference descriptors and the median time of one; kept by content."""
     found = []
     for images in (material.query, material.reference):
+        if wants_color:
+            images = images.in_color
         kept = material.cache.get('descriptors', [images.content, facts])
         if kept is None:
             kept = _described(images, describe)
@@ -205,7 +197,8 @@ def _described(images: Images, describe: Callable[[Gray], Vectors]) -> dict[str,
     durations = []
     for frame in images:
         started = time.perf_counter()
-        rows.append(None if frame.gray is None else describe(frame.gray))
+        image = frame.gray if frame.color is None else frame.color
+        rows.append(None if image is None else describe(image))
         durations.append((time.perf_counter() - started) * 1e3)
     nothing = np.zeros_like(next(row for row in rows if row is not None))
     return {
@@ -233,5 +226,5 @@ KINDS: Mapping[str, Kind] = {
     'sift-vlad': _other(_peer, options=peers.OPTIONS),
     'scores': _other(_given_scores, argument='FILE.npy', options=('lower_is_better',)),
     'descriptors': _other(_given_descriptors, argument='QUERY.npy,REFERENCE.npy'),
-    'onnx': _other(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'std')),
+    'onnx': _other(_onnx, argument='MODEL.onnx', options=('size', 'mean', 'scale', 'color')),
 }

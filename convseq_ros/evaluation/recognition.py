@@ -27,7 +27,9 @@ from convseq_ros.core.types import (
     RelativePose,
     Status,
 )
+from convseq_ros.evaluation.drive import model_at
 from convseq_ros.evaluation.material import Material
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import Value
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +62,8 @@ def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> Refere
     """Return a map of the references from `first` to before `last`, in steps, and their links."""
     part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
     for index in range(first, last, step):
-        part.add(whole.places[index], whole.packed(index))
+        known = whole.global_descriptors[index] if whole.encoding.descriptor_model else None
+        part.add(whole.places[index], whole.packed(index), known_descriptor=known)
     carry_links([(whole, index) for index in range(first, last, step)], part.links)
     return part
 
@@ -76,10 +79,12 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     """
     if material.data_set.online:
         config = _online(material, config)
-    facts = [material.content, flatten(config), span]
+    model = model_at(config.encoding.descriptor_model, config.reading)
+    made_by = [model.identity] if model else []
+    facts = [material.content, flatten(config), span, *made_by]
     kept = material.cache.get('recognitions', facts)
     if kept is None:
-        kept = _recognized(material, config, span)
+        kept = _recognized(material, config, span, model)
         material.cache.put('recognitions', facts, kept)
     matches = [_match(one) for one in json.loads(bytes(kept['matches']))]
     fields = np.split(kept['dots'], kept['ends'][:-1])
@@ -101,24 +106,26 @@ def _online(material: Material, config: Config) -> Config:
 
 
 def _recognized(
-    material: Material, config: Config, span: Span | None
+    material: Material, config: Config, span: Span | None, model: OnnxModel | None
 ) -> dict[str, npt.NDArray[Any]]:
     query, reference = material.drives(config.encoding)
     reference_map, posed_map = reference.reference_map, reference.posed_map
+    config = replace(config, encoding=reference.encoding)
     if config.online.grows:
         reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
         posed_map = None
     elif span:
         reference_map = part_of(reference_map, *span)
         posed_map = posed_map and part_of(posed_map, *span)
-    recognizer = PlaceRecognizer(reference_map, config)
+    recognizer = PlaceRecognizer(reference_map, config, describe=model)
     recognizer.matcher.warm_up()
     # The recogniser's own map has no poses, so no answer depends on odometry.
     poses = None
     if posed_map is not None:
         poses = RelativePoses(posed_map, recognizer.matcher, config.reading)
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
-    shown: Iterable[tuple[Frame, Descriptor | None]] = ((one, None) for one in material.query)
+    images = material.query.in_color if model and model.wants_color else material.query
+    shown: Iterable[tuple[Frame, Descriptor | None]] = ((one, None) for one in images)
     if span:
         shown = query.described
     matches, fields, durations = [], [], []

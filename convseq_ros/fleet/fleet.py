@@ -11,7 +11,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
@@ -117,7 +117,7 @@ class Fleet:
     def _made(self, abouts: Mapping[str, About]) -> ReferenceMap:
         """Return the map that they make together; what is large is read from workers."""
         first, sessions = next(iter(abouts.values())), list[MapSession]()
-        places = Places(cell_shape(first.encoding.image_size_px))
+        places = Places(vector_length(first.encoding))
         for about in abouts.values():
             places.take(about.columns, len(sessions))
             sessions += about.sessions

@@ -17,6 +17,7 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, FleetError
 from convseq_ros.fleet.cluster import checked_address, Cluster, connected
 from convseq_ros.fleet.session import FleetSession
+from convseq_ros.onnx_model import open_model
 
 Tell = Callable[[Match, float, PlaceRecognizer], None]  # an answer and the milliseconds it took
 
@@ -122,7 +123,8 @@ class FleetLink:
                 f'{self._cluster.scheduler}: serves no maps; convseq fleet serve MAPS'
             )
         opened = [Path(path) for path in paths]
-        session = FleetSession(client, opened, self._config, sources=self._sources)
+        model = open_model(self._config)
+        session = FleetSession(client, opened, self._config, sources=self._sources, describe=model)
         session.fleet.timeout_s = self._timeout_s
         return session
 

@@ -10,6 +10,7 @@ from typing import Any
 from convseq_ros.config import Config
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
+from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.fleet import Fleet
 
@@ -18,7 +19,8 @@ class FleetSession:
     """
     Recognises places in all maps of a fleet, exactly as in one map merged from them.
 
-    `sources` name the cameras, if there are several, as of `Session`.
+    `sources` name the cameras, if there are several, and `describe` is the model of the maps, as
+    of `Session`.
     FleetError if the configuration asks for what a fleet cannot do, or no map can be opened.
     """
 
@@ -29,7 +31,9 @@ class FleetSession:
         config: Config,
         timeout_s: float = 60.0,
         sources: Sequence[str] = (),
+        describe: Describe | None = None,
     ) -> None:
+        config = with_first_stage(config, describe)
         if config.matching.search != 'shortlist':
             raise FleetError('search exhaustive: a fleet answers by shortlist; leave it out')
         if config.online.mode != 'preloaded':
@@ -38,7 +42,7 @@ class FleetSession:
         self.fleet = Fleet(client, paths, timeout_s)
         reference_map = self.fleet.reference_map
         coarse = partial(self.fleet.scores, config.matching.both_directions)
-        self.cameras = Cameras(reference_map, config, sources, coarse)
+        self.cameras = Cameras(reference_map, config, sources, coarse, describe)
         self.recognizer = self.cameras.first
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
         self.keyframes_m = reference_map.keyframes.keyframe_distance_m

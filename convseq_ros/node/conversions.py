@@ -62,14 +62,21 @@ def stamp_from_ns(stamp_ns: int) -> Time:
 
 
 def answer_message(
-    match: Match, duration_ms: float, reference_map: ReferenceMap, frame_id: str
+    match: Match,
+    duration_ms: float,
+    reference_map: ReferenceMap,
+    frame_id: str,
+    model_ms: float = 0.0,
 ) -> DiagnosticArray:
     """
     Return the row of the result table, as names and values, with the ids of map and session.
 
-    `reference_map` is that of the candidates, `frame_id` the frame of its poses.
+    `reference_map` is that of the candidates, `frame_id` the frame of its poses. If it has a
+    `descriptor_model`, that took `model_ms` of the time.
     """
     values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
+    if reference_map.encoding.descriptor_model:
+        values['model_ms'] = round(model_ms, 3)
     if match.best:
         values['session_id'] = reference_map.sessions[match.best.session].id
     return row_message(match_header(match, frame_id), match.reason.value, values)

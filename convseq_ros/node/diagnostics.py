@@ -65,6 +65,7 @@ class Situation:
     odometry_heard: bool
     further: Mapping[str, int | bool]  # what else /diagnostics says, by its names there
     fleet: FleetLink | None = None  # what asks other maps as well
+    model_problem: str = ''  # why the map's descriptor_model is not used, if it failed
 
     @property
     def map_size(self) -> int:
@@ -139,10 +140,14 @@ class Diagnostics:
                 f'another node is named {self._node.get_fully_qualified_name()}; end it, or '
                 'rename one: -r __node:=NAME'
             )
+        if situation.model_problem:
+            return DiagnosticStatus.WARN, situation.model_problem
         if dropped_now:
+            model_ms = situation.session.recognizer.first_stage.duration_ms
+            by_model = f', of which the model takes {model_ms:.0f} ms' if model_ms else ''
             return DiagnosticStatus.WARN, (
-                f'{dropped_now} frames dropped: they come faster than they are processed; have '
-                'fewer sent, or a map of keyframes (keyframe_interval_s)'
+                f'{dropped_now} frames dropped: they come faster than they are processed'
+                f'{by_model}; have fewer sent, or a map of keyframes (keyframe_interval_s)'
             )
         if situation.fleet and situation.fleet.problem:
             return DiagnosticStatus.WARN, (
@@ -193,6 +198,8 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
         'latency_ms': statistics.latency_ms,
         'duration_ms': statistics.duration_ms,
         'kernel': session.kernel,
+        'model': session.recognizer.reference_map.encoding.descriptor_model,
+        'model_ms': session.recognizer.first_stage.duration_ms,
         'last_reason': match.reason.value if match else '',
         'last_sequence_length': match.sequence_length if match else 0,
         'last_score': match.best.score if match and match.best else 0.0,

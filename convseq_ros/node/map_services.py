@@ -21,6 +21,7 @@ from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.services import Background, settle
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
+from convseq_ros.onnx_model import open_model
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -105,7 +106,9 @@ class MapServices:
         if present.is_persisted and path.exists() and path.samefile(present.path or ''):
             raise MapError(f'{path}: is the map that is growing already')
         sources = [*present.cameras.recognizers]
-        session = Session(path, self._config(), make=False, sources=sources)
+        config = self._config()
+        model = open_model(config)
+        session = Session(path, config, make=False, sources=sources, describe=model)
         for line in session.ignored:
             self._logger.warning(line)
         try:

@@ -70,7 +70,11 @@ class MatchPublishers:
         """
         best, accepted, config = match.best, match.accepted, self.config
         whole, give = recognizer.reference_map, self._give
-        give('~/answer', partial(answer_message, match, duration_ms, whole, config.map_frame))
+        model_ms = recognizer.model_ms
+        give(
+            '~/answer',
+            partial(answer_message, match, duration_ms, whole, config.map_frame, model_ms),
+        )
         give('~/match_index', lambda: Int32(data=accepted.reference_index if accepted else -1))
         give('~/match_score', lambda: Float32(data=best.score if best else 0.0))
         give('~/sequence_length', lambda: UInt32(data=match.sequence_length))

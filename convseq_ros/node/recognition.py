@@ -12,12 +12,12 @@ from convseq_ros.config import Config
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Frame, Match, Pose
-from convseq_ros.errors import ConvseqError, ImageError
+from convseq_ros.errors import ConvseqError, ImageError, ModelError
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.map_linking import MapLinking
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.sources.depth import Depth
-from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image
 
 _LOG_PERIOD_S = 5.0
@@ -76,6 +76,7 @@ class Recognition:
         self._logger = logger
         self._ros_is_up = ros_is_up
         self._linking: MapLinking | None = None
+        self.model_problem = ''  # why the map's model is not used, if it failed
 
     def handle(self, arrival: Arrival) -> None:
         """Answer one frame; errors are logged and counted."""
@@ -94,7 +95,7 @@ class Recognition:
         """Go on with another session, and so another map; what the old one added is safe."""
         session.cameras.configure(self.session.cameras.config)
         self.close()
-        self.session = session
+        self.session, self.model_problem = session, ''
         self.link()
 
     def link(self) -> None:
@@ -125,13 +126,33 @@ class Recognition:
         depth_m = self._surroundings.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
-        match = cameras.process(frame)
+        try:
+            match = cameras.process(frame)
+        except ModelError as error:
+            self._do_without(error)
+            cameras = self.session.cameras
+            match = cameras.process(frame)
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()
         match = replace(match, query_index=arrival.number)
         self._results.write(match, duration_ms)
         self._publish(frame, match, cameras.of(frame.source), duration_ms)
         self._statistics.answered(match, arrival.arrival_ns, duration_ms)
+
+    def _do_without(self, error: ModelError) -> None:
+        """Go on with what is built in, in a map that does not grow; the error if there is none."""
+        self.model_problem = f'{error}; nothing is recognised'
+        session, config = self.session, self.session.cameras.config
+        if session.path is None or not config.encoding.keeps_cells:
+            raise error
+        session.flush()
+        encoding = replace(config.encoding, descriptor_model='')
+        online = replace(config.online, mode='preloaded')
+        config = replace(config, encoding=encoding, online=online)
+        sources = [*session.cameras.recognizers]
+        self.swap(Session(session.path, config, sources=sources))
+        self.model_problem = f'{error}; the built-in descriptor is used, and the map does not grow'
+        self._logger.error(self.model_problem)
 
     def _keep(self) -> None:
         """Write what the map gained; if that fails, say so, count, and go on."""
@@ -143,12 +164,13 @@ class Recognition:
 
     def _decode(self, arrival: Arrival) -> Frame:
         message, stamp_ns, topic = arrival.message, arrival.stamp_ns, arrival.topic
-        decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
+        decode = compressed_pixels if isinstance(message, CompressedImage) else image_pixels
+        reading = self.session.recognizer.config.reading
         try:
-            gray = decode(message, self.session.recognizer.config.reading)
+            gray, color = gray_and_color(decode(message, reading), reading)
         except ImageError as error:
             self._statistics.unreadable += 1
             self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
         camera = self._surroundings.camera_for(topic, *gray.shape)
-        return Frame(stamp_ns, gray, topic, camera=camera)
+        return Frame(stamp_ns, gray, topic, camera=camera, color=color)

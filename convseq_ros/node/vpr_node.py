@@ -36,6 +36,7 @@ from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
+from convseq_ros.onnx_model import open_model
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
@@ -87,7 +88,7 @@ class VprNode(ManagedNode):
         self._images = CameraSubscriptions(self, config, self._on_image)
         topics = self._images.topics if config.image_topics else []
         path = Path(config.map_path) if config.map_path else None
-        session = Session(path, self._config, sources=topics)
+        session = Session(path, self._config, sources=topics, describe=open_model(self._config))
         undone.callback(session.close)
         self._results = ResultLog(config.result_file, logger)
         undone.callback(self._results.close)
@@ -275,6 +276,7 @@ class VprNode(ManagedNode):
                 'depth_unreadable': self._surroundings.depth.unreadable,
             },
             fleet=self._fleet,
+            model_problem=self._recognition.model_problem,
         )
 
 

@@ -9,7 +9,7 @@ import re
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.sources.images import read_picture
+from convseq_ros.sources.images import gray_and_color, read_picture
 
 IMAGE_SUFFIXES = frozenset(
     {'.jpg', '.jpeg', '.png', '.bmp', '.tif', '.tiff', '.ppm', '.pgm', '.webp'}
@@ -78,7 +78,7 @@ class ImageFolder:
     def __iter__(self) -> Iterator[Frame]:
         for stamp_ns, picture in zip(_stamps_ns(self._pictures), self._pictures, strict=True):
             try:
-                gray = read_picture(picture, self._reading)
+                pixels = read_picture(picture, self._reading)
             except OSError as error:
                 raise SourceError(
                     f'{picture}: {error.strerror}; restore it or remove it from the folder'
@@ -88,7 +88,8 @@ class ImageFolder:
                     f'{picture}: not a readable picture ({error}); '
                     'restore it or remove it from the folder'
                 ) from None
-            yield Frame(stamp_ns, gray, picture.name)
+            gray, color = gray_and_color(pixels, self._reading)
+            yield Frame(stamp_ns, gray, picture.name, color=color)
 
 
 def _stamps_ns(pictures: list[Path]) -> list[int]:

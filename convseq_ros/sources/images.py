@@ -31,16 +31,43 @@ _JPEG_START, _JPEG_SCAN, _JPEG_END = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 
 def gray_from_bgr(bgr: Pixels) -> Gray:
-    """Return the grey image (H, W) of a BGR image (H, W, 3): the only place that drops colour."""
+    """Return the grey image (H, W) of one in colour (H, W, 3): the only way from it."""
     return _uint8(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 
 
-def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """
-    Return the grey image (H, W) of a sensor_msgs/Image, C-contiguous and independent of it.
+def gray_and_color(pixels: Pixels, reading: ReadingConfig) -> tuple[Gray, Pixels | None]:
+    """Return the grey image of pixels (H, W) or (H, W, 3), and a copy of these if that is kept."""
+    if pixels.ndim == 2:
+        return pixels, None
+    return gray_from_bgr(pixels), pixels.copy() if reading.keeps_color else None
 
-    ImageError if the encoding is unknown, the size is zero, too large or does not suit the
-    encoding, or `step` or `data` is too small for it.
+
+def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of a sensor_msgs/Image; errors of `image_pixels`."""
+    return _only_gray(image_pixels(message, reading))
+
+
+def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of a CompressedImage; errors of `compressed_pixels`."""
+    return _only_gray(compressed_pixels(message, reading))
+
+
+def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+    """Return the grey image (H, W) of an encoded picture; errors of `picture_pixels`."""
+    return _only_gray(picture_pixels(data, reading))
+
+
+def _only_gray(pixels: Pixels) -> Gray:
+    return pixels if pixels.ndim == 2 else gray_from_bgr(pixels)
+
+
+def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
+    """
+    Return the image of a sensor_msgs/Image: (H, W), or in colour (H, W, 3), blue, green, red.
+
+    It is C-contiguous, and in colour perhaps the message's own memory. ImageError if the encoding
+    is unknown, the size is zero, too large or does not suit the encoding, or `step` or `data` is
+    too small for it.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
@@ -55,7 +82,7 @@ def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray
             f'at least {least} px and a width divisible by {multiple}'
         )
     pixels = pixels_of(message, encoding.bytes_per_pixel, reading)
-    return encoding.to_gray(pixels, bool(message.is_bigendian))
+    return encoding.to_pixels(pixels, bool(message.is_bigendian))
 
 
 def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
@@ -83,9 +110,9 @@ def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
     return np.ascontiguousarray(shown)
 
 
-def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image (H, W) of a sensor_msgs/CompressedImage, a JPEG or PNG.
+    Return the image (H, W, 3) of a sensor_msgs/CompressedImage, a JPEG or PNG: blue, green, red.
 
     ImageError if the format is compressedDepth or the data are damaged, too large or neither.
     """
@@ -94,23 +121,23 @@ def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) ->
             f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
         )
     try:
-        return decode_picture(message.data, reading)
+        return picture_pixels(message.data, reading)
     except ImageError as error:
         raise ImageError(f'format {message.format!r}: {error}') from None
 
 
-def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
+def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
     """
-    Return the grey image (H, W) of an encoded picture, as stored: no EXIF rotation is applied.
+    Return an encoded picture, (H, W, 3) blue, green, red, as stored: no EXIF rotation is applied.
 
     ImageError if the data are cut short, damaged, of an unknown kind, or declare too many pixels;
     they are not decoded then.
     """
-    return gray_from_bgr(_uint8(decoded(data, _READ_FLAGS, reading)))
+    return _uint8(decoded(data, _READ_FLAGS, reading))
 
 
 def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
-    """Return what OpenCV makes of an encoded picture, or ImageError as `decode_picture`."""
+    """Return what OpenCV makes of an encoded picture, or ImageError as `picture_pixels`."""
     encoded = np.frombuffer(data, np.uint8)
     content = data if isinstance(data, bytes) else encoded.tobytes()
     asked, found = declared(content), None
@@ -128,9 +155,9 @@ def decoded(data: Any, flags: int, reading: ReadingConfig) -> npt.NDArray[Any]:
     return np.asarray(found)
 
 
-def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """Return the grey image of a file; ImageError as `decode_picture`, or OSError."""
-    return decode_picture(picture_bytes(path, reading), reading)
+def read_picture(path: Path, reading: ReadingConfig = ReadingConfig()) -> Pixels:
+    """Return what a picture file shows, as `picture_pixels`; ImageError, or OSError."""
+    return picture_pixels(picture_bytes(path, reading), reading)
 
 
 def picture_bytes(path: Path, reading: ReadingConfig) -> bytes:
@@ -157,21 +184,21 @@ def _high_byte(pixels: Pixels, is_bigendian: bool) -> Gray:
     return pixels[:, :, 0 if is_bigendian else 1].copy()
 
 
-def _bgr(pixels: Pixels, _: bool) -> Gray:
-    return gray_from_bgr(pixels)
+def _bgr(pixels: Pixels, _: bool) -> Pixels:
+    return pixels
 
 
-def _through_bgr(conversion: int) -> Callable[[Pixels, bool], Gray]:
-    def to_gray(pixels: Pixels, _: bool) -> Gray:
-        return gray_from_bgr(_uint8(cv2.cvtColor(pixels, conversion)))
+def _to_bgr(conversion: int) -> Callable[[Pixels, bool], Pixels]:
+    def to_pixels(pixels: Pixels, _: bool) -> Pixels:
+        return _uint8(cv2.cvtColor(pixels, conversion))
 
-    return to_gray
+    return to_pixels
 
 
 @dataclass(frozen=True, slots=True)
 class _Encoding:
     bytes_per_pixel: int
-    to_gray: Callable[[Pixels, bool], Gray]
+    to_pixels: Callable[[Pixels, bool], Pixels]
     min_side: int = 1
     width_multiple: int = 1
 
@@ -184,15 +211,15 @@ ENCODINGS = {
     '8UC1': _Encoding(1, _gray),
     '8UC3': _Encoding(3, _bgr),
     'bgr8': _Encoding(3, _bgr),
-    'rgb8': _Encoding(3, _through_bgr(cv2.COLOR_RGB2BGR)),
-    'bgra8': _Encoding(4, _through_bgr(cv2.COLOR_BGRA2BGR)),
-    'rgba8': _Encoding(4, _through_bgr(cv2.COLOR_RGBA2BGR)),
-    'bayer_rggb8': _Encoding(1, _through_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
-    'bayer_bggr8': _Encoding(1, _through_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
-    'bayer_gbrg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
-    'bayer_grbg8': _Encoding(1, _through_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
-    'yuv422': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'uyvy': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'yuv422_yuy2': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
-    'yuyv': _Encoding(2, _through_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'rgb8': _Encoding(3, _to_bgr(cv2.COLOR_RGB2BGR)),
+    'bgra8': _Encoding(4, _to_bgr(cv2.COLOR_BGRA2BGR)),
+    'rgba8': _Encoding(4, _to_bgr(cv2.COLOR_RGBA2BGR)),
+    'bayer_rggb8': _Encoding(1, _to_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
+    'bayer_bggr8': _Encoding(1, _to_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
+    'bayer_gbrg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
+    'bayer_grbg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
+    'yuv422': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'uyvy': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
+    'yuv422_yuy2': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'yuyv': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
 }

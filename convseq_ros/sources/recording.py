@@ -12,7 +12,7 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
-from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.raw_message import RawMessage, STAMP_END
@@ -26,7 +26,7 @@ from convseq_ros.sources.topics import (
     POSE_TYPES,
 )
 
-DECODERS = dict(zip(IMAGE_TYPES, (decode_image, decode_compressed), strict=True))
+DECODERS = dict(zip(IMAGE_TYPES, (image_pixels, compressed_pixels), strict=True))
 
 
 class Recording:
@@ -68,7 +68,7 @@ class Recording:
     def __iter__(self) -> Iterator[Frame]:
         for message in self._raw_messages():
             try:
-                gray = DECODERS[message.type_name](message.decode(), self._reading)
+                pixels = DECODERS[message.type_name](message.decode(), self._reading)
             except ImageError as error:
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue
@@ -77,7 +77,8 @@ class Recording:
                     f'{self._path}: images of {self.topic} carry no stamp; '
                     'the time of recording was taken instead'
                 )
-            yield Frame(message.stamp_ns, gray, self.topic)
+            gray, color = gray_and_color(pixels, self._reading)
+            yield Frame(message.stamp_ns, gray, self.topic, color=color)
 
     def topics_of(self, types: tuple[str, ...]) -> list[str]:
         """Return the topics of these types that have messages, by name."""

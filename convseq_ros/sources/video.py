@@ -8,7 +8,7 @@ from pathlib import Path
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.sources.images import gray_from_bgr
+from convseq_ros.sources.images import gray_and_color
 import cv2
 import numpy as np
 
@@ -27,7 +27,7 @@ class Video:
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_file():
             raise SourceError(f'{path}: no such file or folder; check the path')
-        self._path = path
+        self._path, self._reading = path, reading
         self.name = path.name
         self.topic = ''
         self.warnings: list[str] = []
@@ -53,8 +53,9 @@ class Video:
                 there, image = capture.read()
                 if not there:
                     break
-                gray = gray_from_bgr(np.asarray(image, np.uint8))
-                yield Frame(count * self._interval_ns, gray, f'{self.name} {count}')
+                gray, color = gray_and_color(np.asarray(image, np.uint8), self._reading)
+                source = f'{self.name} {count}'
+                yield Frame(count * self._interval_ns, gray, source, color=color)
                 count += 1
         finally:
             capture.release()

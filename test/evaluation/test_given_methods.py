@@ -5,6 +5,8 @@
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.drive import model_at
+from descriptor_models import made
 import numpy as np
 import pytest
 
@@ -54,8 +56,23 @@ def test_an_onnx_model_describes_the_images(accuracy, tmp_path):
     )
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 13)], ir_version=8)
     onnx.save(made, str(tmp_path / 'm.onnx'))
-    assert accuracy(f'onnx:{tmp_path}/m.onnx+size=32x32+mean=0.5+std=0.25') == 1
-    with pytest.raises(ConvseqError, match='takes images of any size; add size'):
+    assert accuracy(f'onnx:{tmp_path}/m.onnx+size=32x32+mean=0.5+scale=0.25') == 1
+    with pytest.raises(ConvseqError, match='takes images of any size; say'):
         accuracy(f'onnx:{tmp_path}/m.onnx')
-    with pytest.raises(ConvseqError, match='expected size=HEIGHTxWIDTH, mean=A,B,C'):
-        accuracy(f'onnx:{tmp_path}/m.onnx+size=32')
+    with pytest.raises(ConvseqError, match='could not convert string to float'):
+        accuracy(f'onnx:{tmp_path}/m.onnx+size=32x32+mean=half')
+
+
+def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
+    net = made(tmp_path / 'net.onnx', 'random', 32, 64)
+    for more in ('', '+matching=descriptor'):
+        assert accuracy(f'convseq+descriptor_model={net}{more}') > 0.6
+    made(net, 'hog', 32, 64)
+    model_at.cache_clear()
+    assert accuracy(f'convseq+descriptor_model={net}') > 0.6  # not what was kept of the other one
+
+
+def test_what_robots_run_decides_by_itself(accuracy):
+    assert accuracy('orb-bow') is not None
+    with pytest.raises(ConvseqError, match='alpha is not a number'):
+        accuracy('sift-vlad+alpha=low')

@@ -23,8 +23,7 @@ STARTS = 0, 1, 33, 233
 
 
 def map_of(sizes, descriptors):
-    shape = ReferenceMap(ENCODING).cell_shape
-    places = Places(shape)
+    places = Places(len(descriptors[0]))
     sessions = np.repeat(np.arange(len(sizes)), sizes)
     for session, descriptor in zip(sessions, descriptors, strict=True):
         places.append(Place(0, session=int(session)), descriptor)
@@ -47,7 +46,7 @@ def world(monkeypatch):
     whole = map_of([size for sizes in SIZES for size in sizes], descriptors)
     opened = {Path(str(number)): one for number, one in enumerate(maps)}
     monkeypatch.setattr(shard, 'open_map', opened.__getitem__)
-    queries = [SimpleNamespace(cells=cells[at]) for at in rng.integers(0, 40, 600)]
+    queries = [SimpleNamespace(cells=cells[at], vector=None) for at in rng.integers(0, 40, 600)]
     return whole, lambda number: Shard(Path(str(number))), queries
 
 

@@ -42,12 +42,15 @@ def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotCo
     gray, camera = frame.gray, frame.camera
     if gray is not None and turns:
         gray = np.ascontiguousarray(np.rot90(gray, turns))
-    depth_m = frame.depth_m
+    depth_m, color = frame.depth_m, frame.color
+    if color is not None and turns:
+        color = np.ascontiguousarray(np.rot90(color, turns))
     if depth_m is not None and turns:
         depth_m = np.rot90(depth_m, turns)
     for _ in range(turns if camera else 0):
         camera = _turned_left(camera) if camera else None
-    return replace(frame, gray=gray, camera=_mounted(camera, robot), depth_m=depth_m)
+    camera = _mounted(camera, robot)
+    return replace(frame, gray=gray, camera=camera, depth_m=depth_m, color=color)
 
 
 def _turned_left(camera: Camera) -> Camera:

@@ -94,7 +94,7 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
     _refuse_unlike(slices)
     own = slices[0].reference_map
     every = [(one.reference_map, at) for one in slices for at in one.places]
-    places = Places(own.cell_shape, len(every))
+    places = Places(own.global_descriptors.shape[1], len(every))
     for number, one in enumerate(slices):
         for at in one.places:
             place = one.reference_map.places[at]

@@ -46,18 +46,25 @@ TABLES = {
     # Of places whose regions' depths are known, once one is.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
+    # Of places with cells, of a map with a descriptor_model: float16, of unit length. Without
+    # cells, `pooled` is that.
+    'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
+    'crc32 INTEGER NOT NULL)',
 }
 _CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
 # Tables that only some maps have.
-FURTHER = {name: _CREATE.pop(name) for name in ('links', 'depths')}
+FURTHER = {name: _CREATE.pop(name) for name in ('links', 'depths', 'vectors')}
 SCHEMA = _CREATE
 # Of an encoding: what a map keeps, and what is compared.
-_ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg')
+_LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # of files where it is so
+_ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)
 _COMPARED = ('image_size_px', 'image_rotation_deg')
 # Of float16, read as a number: what is negative, infinite or no number is no less than this.
 _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
+
+_MOST_OF_MODEL = 13  # characters of a model's identity that people are told
 
 
 def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
@@ -84,9 +91,11 @@ class Settings:
     @property
     def rows(self) -> dict[str, str]:
         """Return what is stored of them, by name."""
+        kept = kept_of(self.encoding).items()
+        said = {name: value for name, value in kept if _LEFT_OUT.get(name) != value}
         return {
             'map_id': self.map_id,
-            'encoding': json.dumps(kept_of(self.encoding)),
+            'encoding': json.dumps(said),
             'keyframes': json.dumps(self.keyframes.spacing),
         }
 
@@ -94,8 +103,11 @@ class Settings:
     def of_rows(cls, stored: dict[str, str]) -> 'Settings':
         """Return what was stored; ValueError if it is not what a map says."""
         try:
-            made = json.loads(stored['encoding'])
+            made = {**_LEFT_OUT, **json.loads(stored['encoding'])}
             encoding = EncodingConfig(**{name: made[name] for name in _ENCODING})
+            model = encoding.descriptor_model
+            if (model and not model.startswith('#')) or type(encoding.keeps_cells) is not bool:
+                raise ValueError('settings: a descriptor_model that is none')
             seen_cells(encoding.image_mask, cell_shape(encoding.image_size_px)[0])
             keyframes = KeyframeConfig(**json.loads(stored['keyframes']))
             return cls(checked_id(stored['map_id']), encoding, keyframes)
@@ -109,6 +121,8 @@ class Settings:
         wanted = encoding or self.encoding
         if wanted.image_mask not in ('', self.encoding.image_mask):
             return 'made with another image_mask; leave it out, or build the map again'
+        if line := self._other_model(wanted, grows=keyframes is not None):
+            return line
         asked = {name: getattr(wanted, name) for name in _COMPARED}
         asked |= (keyframes or self.keyframes).spacing
         own = {name: getattr(self.encoding, name) for name in _COMPARED} | self.keyframes.spacing
@@ -119,6 +133,27 @@ class Settings:
                     'build the map again'
                 )
         return None
+
+    def _other_model(self, wanted: EncodingConfig, grows: bool) -> str | None:
+        """Return why a map of another model, or one without cells, does not fit, if so."""
+        own, asked = self.encoding.descriptor_model, wanted.descriptor_model
+        # What does not grow may be read by what is built in, as long as it has cells.
+        if own != asked and (asked or grows or not self.encoding.keeps_cells):
+            return (
+                f'made with {_model(own)}, asked for {_model(asked)}; set descriptor_model to the '
+                'file that it was made with, or build the map again'
+            )
+        if grows and self.encoding.keeps_cells != wanted.keeps_cells:
+            way = 'with' if self.encoding.keeps_cells else 'without'
+            return f'made {way} cells; set matching as it was built, or build the map again'
+        return None
+
+
+def _model(identity: str) -> str:
+    """Return a model as people are told of it."""
+    if not identity:
+        return 'the built-in descriptor'
+    return f'descriptor_model {identity[:_MOST_OF_MODEL]}'
 
 
 def row_crc(values: Row) -> int:

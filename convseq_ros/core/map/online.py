@@ -5,12 +5,11 @@
 import math
 
 from convseq_ros.config import Config
-from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.looks import LOOK, Looks
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame, Match, Pose, Reason
-import numpy as np
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})
 
@@ -107,7 +106,7 @@ class OnlineMap(PreloadedMap):
         if known is None:
             self._left_out = 0
         elif self._left_out <= 0 and not len(self._passed_m) % LOOK.stretch:
-            shown = global_descriptor(descriptor.cells).astype(np.float16)
+            shown = vector_of(descriptor)
             self._left_out = 0 if self._looks.has_room(known, shown) else LOOK.stretch
         return self._left_out > 0
 

@@ -8,7 +8,7 @@ import math
 import sys
 from typing import Any
 
-from convseq_ros.core.encoding.regions import Cells, global_descriptor_length
+from convseq_ros.core.encoding.regions import Cells
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Pose
 from convseq_ros.picture_header import declared
@@ -19,6 +19,7 @@ import numpy.typing as npt
 Packed = npt.NDArray[np.float16]
 Gray = npt.NDArray[np.uint8]
 
+NO_CELLS: Packed = np.zeros((0, 0, 0), np.float16)  # of a place of which none are kept
 PACKED_UNIT = np.float32(
     64.0
 )  # of stored cells; sums of strengths would overflow float16 otherwise
@@ -56,7 +57,7 @@ class Place:
 class Picture:
     """What is seldom needed of a place, and large."""
 
-    packed: Packed  # (S, S, 8), its cells, from `pack_cells`
+    packed: Packed  # (S, S, 8), its cells, from `pack_cells`, or `NO_CELLS`
     thumbnail: bytes = b''  # a small JPEG to look at; empty if none was kept
     image: bytes | None = None  # the frame itself as a JPEG, if it was kept
     depths: bytes | None = None  # of its regions, from `packed_depths`, if they are known
@@ -80,6 +81,10 @@ class GrowingArray:
     def extend(self, rows: Any) -> None:
         """Add some rows."""
         end = self._count + len(rows)
+        if self._rows.shape[1:] == (0,) and len(
+            rows
+        ):  # the first row tells how many numbers there are
+            self._rows = np.empty((len(self._rows), len(rows[0])), self._rows.dtype)
         if end > len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)
             larger = np.empty((capacity, *self._rows.shape[1:]), self._rows.dtype)
@@ -90,10 +95,13 @@ class GrowingArray:
 
 
 class Places(Sequence[Place]):
-    """What a map holds in memory of its R places; at first none, and `room` for some."""
+    """
+    What a map holds in memory of its R places; at first none, and `room` for some.
 
-    def __init__(self, cell_shape: tuple[int, int, int], room: int = 0) -> None:
-        numbers = global_descriptor_length(cell_shape)
+    Their global descriptors have so many numbers; 0 if the first one tells.
+    """
+
+    def __init__(self, numbers: int, room: int = 0) -> None:
         self.descriptors = GrowingArray(np.empty((room, numbers), np.float16), 0)  # (R, n)
         self._rows = GrowingArray(np.empty(room, _ROW), 0)
         self.bounds = SessionBounds()
@@ -115,6 +123,8 @@ class Places(Sequence[Place]):
             # All unknown, as in maps without odometry, needs no number read one by one.
             column[:] = math.nan if numbers.count(None) == len(numbers) else numbers
         block['session'] = sessions
+        if len({len(blob) for blob in blobs}) > 1:
+            raise ValueError('global descriptors of several lengths')
         descriptors = np.frombuffer(b''.join(blobs), '<f2').reshape(len(rows), -1)
         known, exponents = np.isfinite(block['pose']), descriptors.view('<u2') & _NOT_FINITE
         sound = (exponents != _NOT_FINITE).all(axis=1) & (known.all(axis=1) | ~known.any(axis=1))

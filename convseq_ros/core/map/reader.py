@@ -13,12 +13,13 @@ import weakref
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import explained, Rows
 from convseq_ros.core.map.format import decode_cells, first_damaged, Settings, TABLES
 from convseq_ros.core.map.link_rows import read_links
-from convseq_ros.core.map.place import Picture, Places
+from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
@@ -68,7 +69,9 @@ class MapReader:
         asked = with_mask_read(encoding or own)
         if reason := self.settings.refused(asked, keyframes):
             raise MapError(f'{path}: {reason}')
-        self.encoding = replace(asked, resize=own.resize, image_mask=own.image_mask)
+        self.encoding = replace(
+            asked, resize=own.resize, image_mask=own.image_mask, keeps_cells=own.keeps_cells
+        )
         self.keyframes = keyframes or self.settings.keyframes
         self._cell_shape = cell_shape(self.encoding.image_size_px)
 
@@ -111,7 +114,7 @@ class MapReader:
             sessions = [MapSession.of_row(row[1:-1]) for row in rows]
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
-            places = Places(self._cell_shape, self._end())
+            places = Places(vector_length(self.encoding), self._end())
             are_kept = self._database.has('depths')
             for rows in self._in_order('places', 0):
                 start, of = len(places), [row[-3] for row in rows]
@@ -123,13 +126,23 @@ class MapReader:
                 of = [places[start - 1].session, *of] if start else of
                 if of != sorted(of):
                     raise ValueError('places of one session lie apart')
-                places.extend(rows)
+                places.extend(self._with_vectors(rows))
                 are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
             settings = self.encoding, places, self.pictures, self.keyframes
             made = ReferenceMap(*settings, self.settings.map_id, sessions)
             made.images.are_kept = are_kept
             read_links(self._database, self._path, made)
         return made
+
+    def _with_vectors(self, rows: Rows) -> Rows:
+        """Return rows of `places` in order, with the model's vectors, if these are asked for."""
+        if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
+            return rows
+        first, last = rows[0][0], rows[-1][0]
+        vectors = self._sound('vectors', 'WHERE reference_index BETWEEN ? AND ?', (first, last))
+        if [row[0] for row in vectors] != [row[0] for row in rows]:
+            raise ValueError(f'a vector of references {first} to {last} is missing')
+        return [(*row[:-2], own[1], row[-1]) for row, own in zip(rows, vectors, strict=True)]
 
     def _count(self, rows: str, start: int, what: str = 'count(*)') -> int:
         """Return how many rows there are from a place on, of as many as are read at once."""
@@ -149,7 +162,9 @@ class MapReader:
                 depths = self._of_places('depths', some, are_all=False) if has_depths else {}
                 for index in some:
                     cells, thumbnail = stored[index]
-                    packed = decode_cells(cells, self._cell_shape)
+                    packed = NO_CELLS
+                    if self.encoding.keeps_cells:
+                        packed = decode_cells(cells, self._cell_shape)
                     beside = *images.get(index, (None,)), *depths.get(index, (None,))
                     found[index] = Picture(packed, thumbnail, *beside)
         return [found[index] for index in indices]
@@ -187,7 +202,9 @@ class MapReader:
             raise ValueError(f'reference {min(end, *others)} is missing')
         pages, page_bytes = map(self._database.number, ('PRAGMA page_count', 'PRAGMA page_size'))
         size = pages * page_bytes
-        if end * math.prod(self._cell_shape) * _BYTES_A_NUMBER > size:
+        kept = self.encoding.keeps_cells
+        bytes_each = math.prod(self._cell_shape) * _BYTES_A_NUMBER if kept else 1
+        if end * bytes_each > size:
             raise ValueError(f'{end} places in {size} bytes')
         return int(end)
 

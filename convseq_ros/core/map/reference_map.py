@@ -9,11 +9,13 @@ from uuid import uuid4
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
+from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.kept_image import kept_image, KeptImages, packed_depths
 from convseq_ros.core.map.place import (
+    NO_CELLS,
     pack_cells,
     Packed,
     Picture,
@@ -55,7 +57,7 @@ class ReferenceMap:
         self.encoding, self.keyframes = with_mask_read(encoding), keyframes
         self.map_id, self.sessions = map_id or str(uuid4()), [*sessions]
         self.cell_shape = cell_shape(encoding.image_size_px)
-        self.places = Places(self.cell_shape) if places is None else places
+        self.places = Places(vector_length(encoding)) if places is None else places
         self._read_pictures, self._stored = read_pictures, len(self.places)
         self._in_memory: list[Picture] = []
         self._moving = Lock()
@@ -100,7 +102,11 @@ class ReferenceMap:
         image = None if gray is None else kept_image(gray, keep_images_px)
         shape = gray.shape if gray is not None else (0, 0)
         depths = packed_depths(frame.depth_m, shape, self.cell_shape[0])
-        self.add(place, pack_cells(descriptor.cells), small, image=image, depths=depths)
+        packed, known = pack_cells(descriptor.cells), descriptor.vector
+        if not self.encoding.keeps_cells:
+            known = global_descriptor(unpack_cells(packed)) if known is None else known
+            packed = NO_CELLS
+        self.add(place, packed, small, known, image, depths)
 
     def add(
         self,
@@ -111,11 +117,14 @@ class ReferenceMap:
         image: bytes | None = None,
         depths: bytes | None = None,
     ) -> None:
-        """Append a place, with its global descriptor (n,) where that is known already."""
+        """Append a place, with its global descriptor (n,), unless its cells tell that."""
         shape, dtype = packed.shape, packed.dtype
-        if shape != self.cell_shape or dtype != np.float16:
-            raise ValueError(f'expected {self.cell_shape} float16, got {shape} {dtype}')
+        expected = self.cell_shape if self.encoding.keeps_cells else NO_CELLS.shape
+        if shape != expected or dtype != np.float16:
+            raise ValueError(f'expected {expected} float16, got {shape} {dtype}')
         if known_descriptor is None:
+            if self.encoding.descriptor_model or not self.encoding.keeps_cells:
+                raise ValueError('expected the vector of the place, got None')
             known_descriptor = global_descriptor(unpack_cells(packed))
         if not self.sessions:
             self.begin_session(place.stamp_ns)

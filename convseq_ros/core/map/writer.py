@@ -11,6 +11,7 @@ from uuid import uuid4
 
 from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
@@ -24,7 +25,7 @@ from convseq_ros.core.map.format import (
     Settings,
 )
 from convseq_ros.core.map.link_rows import takes_links, write_links
-from convseq_ros.core.map.place import Picture, Place
+from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
@@ -108,6 +109,10 @@ class MapWriter:
         while self._sessions <= place.session:
             self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))
         index, descriptor = self._count, global_descriptor.astype('<f2').tobytes()
+        encoding, vector = self.reader.encoding, descriptor
+        has_both = bool(encoding.descriptor_model) and encoding.keeps_cells
+        if has_both:  # what is built in stays, for who has no model
+            descriptor = built_in(unpack_cells(picture.packed)).astype('<f2').tobytes()
         where = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
         with explained(self._path):
@@ -116,10 +121,16 @@ class MapWriter:
             self._insert('pictures', (index, cells, picture.thumbnail))
             self._insert('images', (index, picture.image))
             if picture.depths is not None:
-                if not self._database.has('depths'):
-                    self._database.rows(FURTHER['depths'])
-                self._insert('depths', (index, picture.depths))
+                self._insert_further('depths', (index, picture.depths))
+            if has_both:
+                self._insert_further('vectors', (index, vector))
         self._count += 1
+
+    def _insert_further(self, table: str, row: tuple[object, ...]) -> None:
+        """Insert a row into a table that only some maps have."""
+        if not self._database.has(table):
+            self._database.rows(FURTHER[table])
+        self._insert(table, row)
 
     def add_session(self, session: MapSession) -> None:
         """Append a session, of which places may be."""

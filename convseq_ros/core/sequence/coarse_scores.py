@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.centred import Centred, COARSE, sums_of, Usual, usual_of
 from convseq_ros.core.similarity.kernels.numpy_halves import Floats, Halves
@@ -27,7 +27,7 @@ class DriveMean:
 
     def update(self, descriptor: Descriptor, usual: Usual) -> Floats:
         """Take in a query, each once; return its direction among what is usual of the map."""
-        query = global_descriptor(descriptor.cells).astype(np.float32)
+        query = vector_of(descriptor).astype(np.float32)
         self._sums += np.array([query, query.astype(np.float64) ** 2])
         self._frames += 1
         total, squares = self._sums
@@ -134,12 +134,15 @@ class CoarseScores:
 
     def __init__(self, reference_map: ReferenceMap, both: bool = False) -> None:
         self._map, self._track = reference_map, Track(both)
-        numbers = reference_map.global_descriptors.shape[1]
+        self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
+        self._begin(reference_map.global_descriptors[:0])
+
+    def _begin(self, nothing: Halves) -> None:
+        """Know no place, of vectors of a length; that is told by the first of a model's."""
+        numbers = nothing.shape[1]
         self._sums, self._counted = np.zeros((2, numbers)), 0
         self._usual, self._drive = usual_of(self._sums, 0), DriveMean(numbers)
-        nothing = reference_map.global_descriptors[:0], np.zeros(1, np.int64)
-        self._centred = Centred(self._usual, *nothing)
-        self.row: Row = np.zeros(0, np.float32)  # cosines with the first references
+        self._centred = Centred(self._usual, nothing, np.zeros(1, np.int64))
 
     def reset(self) -> None:
         """Forget the drive."""
@@ -149,6 +152,8 @@ class CoarseScores:
     def update(self, descriptor: Descriptor, usable: int | None = None) -> None:
         """Take in a query, each once; `row` is then as long as what it may show."""
         references, starts = self._map.global_descriptors[:usable], self._map.bounds.starts
+        if references.shape[1] != self._sums.shape[1]:
+            self._begin(references[:0])
         self._follow_map(references, starts)
         direction = self._drive.update(descriptor, self._usual)
         self.row = self._centred.row(references, starts, direction)

@@ -1,0 +1,158 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The first stage: from an image to the one vector by which places are found.
+
+The global descriptor of the cells is built in. Any callable from an image to a vector may take its
+place, such as a network; all that follows goes on as before.
+"""
+
+from dataclasses import replace
+import time
+from typing import Protocol
+
+from convseq_ros.config import Config, EncodingConfig
+from convseq_ros.core.encoding.descriptor import cell_shape, describe, seen_cells
+from convseq_ros.core.encoding.regions import global_descriptor, global_descriptor_length, unit
+from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.errors import ConfigError, ModelError
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+HIDDEN = 128  # grey level, in all colours, of what a mask hides from a model
+_UNSAID = 'descriptor_model: the map has descriptors of a model; set it to the model, or give its '
+_UNSAID += 'function as `describe`'
+
+
+class Describe(Protocol):
+    """
+    From an image, uint8 (H, W) or (H, W, 3) in the order blue, green, red, to a vector (n,).
+
+    It may have `identity`, a text that tells it from all others (by default its name), and
+    `wants_color`: if that is true, it gets frames in colour where they have it.
+    """
+
+    def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
+        """Return the vector; always as many numbers, all finite."""
+
+
+class BuiltIn:
+    """The global descriptor of the cells of an image."""
+
+    identity, wants_color = '', False
+
+    def __init__(self, encoding: EncodingConfig = EncodingConfig()) -> None:
+        self._encoding = encoding
+
+    def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float16]:
+        """Return the 252 numbers of an upright grey image (H, W)."""
+        return global_descriptor(describe(image, self._encoding).cells)
+
+
+def vector_of(descriptor: Descriptor) -> npt.NDArray[np.float16]:
+    """Return the vector (n,) by which a frame is looked up: the model's, or that of its cells."""
+    own = descriptor.vector
+    return global_descriptor(descriptor.cells) if own is None else own
+
+
+def vector_length(encoding: EncodingConfig) -> int:
+    """Return how many numbers vectors have; 0 if a model decides."""
+    if encoding.descriptor_model:
+        return 0
+    return global_descriptor_length(cell_shape(encoding.image_size_px))
+
+
+def identity_of(describe: Describe) -> str:
+    """Return how a map names what made its vectors; empty for what is built in."""
+    usual = getattr(describe, '__qualname__', type(describe).__qualname__)
+    own = str(getattr(describe, 'identity', usual))
+    return own and f'#{own}'
+
+
+def with_first_stage(config: Config, describe: Describe | None) -> Config:
+    """
+    Return a configuration as maps keep it: with the identity of the model, not its path.
+
+    Images are read in colour if the model wants it, and `matching: descriptor` keeps neither cells
+    nor thumbnails.
+    """
+    if config.matching.matching == 'descriptor':
+        bare = replace(config.keyframes, thumbnail_width_px=0)
+        config = replace(config, keyframes=bare)
+    keeps_cells = config.matching.matching != 'descriptor'
+    encoding = replace(config.encoding, keeps_cells=keeps_cells)
+    if describe is None:
+        return replace(config, encoding=encoding)
+    encoding = replace(encoding, descriptor_model=identity_of(describe))
+    wants_color = bool(getattr(describe, 'wants_color', False))
+    reading = replace(config.reading, keeps_color=wants_color)
+    return replace(config, encoding=encoding, reading=reading)
+
+
+class FirstStage:
+    """
+    Adds a model's vector to what else is known of a frame; nothing if there is no model.
+
+    `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the
+    newest vector took, 0 before there is one. ConfigError if the encoding names a model, and the
+    one that is there, if any, is another.
+    """
+
+    def __init__(
+        self, describe: Describe | None, encoding: EncodingConfig, numbers: int = 0
+    ) -> None:
+        self._describe, self._encoding, self.duration_ms = describe, encoding, 0.0
+        self._numbers = numbers  # of a vector, once one is known
+        asked, own = encoding.descriptor_model, identity_of(describe) if describe else ''
+        if asked and not asked.startswith('#'):
+            raise ConfigError(f'descriptor_model: {asked} is a file; open it, and give `describe`')
+        if describe and own != asked:
+            raise ConfigError(
+                f'describe: is {own[:_SHOWN] or "built in"}, the map is of '
+                f'{asked[:_SHOWN] or "the built-in descriptor"}; build the map again'
+            )
+
+    def add(self, frame: Frame, descriptor: Descriptor) -> Descriptor:
+        """
+        Return what a frame shows, with its vector.
+
+        ModelError if the model's vector is empty, not finite, or of another length than before.
+        """
+        is_known = descriptor.vector is not None or frame.gray is None
+        if not self._encoding.descriptor_model or is_known:
+            return descriptor
+        if self._describe is None or frame.gray is None:
+            raise ConfigError(_UNSAID)
+        wants_color = getattr(self._describe, 'wants_color', False)
+        image = frame.color if wants_color and frame.color is not None else frame.gray
+        started = time.perf_counter()
+        numbers = np.asarray(self._describe(self._masked(image)), np.float32).ravel()
+        self.duration_ms = (time.perf_counter() - started) * 1e3
+        return replace(descriptor, vector=self._checked(numbers))
+
+    def _checked(self, numbers: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
+        if not len(numbers) or not np.isfinite(numbers).all():
+            raise ModelError('descriptor_model: its vector holds NaN, or nothing; check its input')
+        self._numbers = self._numbers or len(numbers)
+        if len(numbers) != self._numbers:
+            raise ModelError(
+                f'descriptor_model: its vector has {len(numbers)} numbers, expected '
+                f'{self._numbers}, as others; make it of one size'
+            )
+        return unit(numbers).astype(np.float16)
+
+    def _masked(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """Return an image whose hidden cells are flat."""
+        if not (mask := self._encoding.image_mask):
+            return image
+        side, _, _ = cell_shape(self._encoding.image_size_px)
+        size = image.shape[1], image.shape[0]
+        seen = seen_cells(mask, side).astype(np.uint8)
+        hidden = cv2.resize(seen, size, interpolation=cv2.INTER_NEAREST) == 0
+        image = image.copy()
+        image[hidden] = HIDDEN
+        return image
+
+
+_SHOWN = 13  # characters of an identity; a SHA-256 has 64

@@ -1,0 +1,259 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A network in ONNX as a function from an image to a vector, run by the optional onnxruntime."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+import hashlib
+from pathlib import Path
+import re
+from typing import Any
+
+from convseq_ros.config import Config
+from convseq_ros.errors import ConvseqError, ModelError, pip_install, SourceError
+from convseq_ros.files import read_yaml
+from convseq_ros.onnx_file import external_files
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.regular_file import read_bytes
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_SCALE = (0.229, 0.224, 0.225)
+_COLORS = ('rgb', 'bgr', 'gray')
+_TYPES = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
+_ELSEWHERE = 'AzureExecutionProvider'  # would send images to a server
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """How images become a network's input: (value / 255 - mean) / scale; None where not known."""
+
+    size: tuple[int, int] | None = None  # height and width
+    mean: tuple[float, ...] | None = None  # one, or one for each channel
+    scale: tuple[float, ...] | None = None  # as `mean`; the standard deviation of most networks
+    color: str | None = None  # rgb, bgr or gray
+
+    @classmethod
+    def of(cls, said: Mapping[str, Any], where: object) -> 'Input':
+        """Return what texts or lists say; ModelError if that cannot be understood."""
+        try:
+            known = {item.name for item in fields(cls)}
+            if unknown := [*said.keys() - known]:
+                raise ValueError(f'{unknown[0]!r} is none of {", ".join(sorted(known))}')
+            numbers = {name: _numbers(said[name]) for name in said if name != 'color'}
+            if any(not all(numbers[name]) for name in numbers.keys() & {'size', 'scale'}):
+                raise ValueError('size and scale are not 0')
+            size: Any = tuple(map(int, numbers.pop('size', ()))) or None
+            if size and (len(size) > 2 or min(size) < 1 or max(size) > 4096):
+                raise ValueError(f'size {size} is not height and width, 1 to 4096 px')
+            color = said.get('color')
+            if color is not None and color not in _COLORS:
+                raise ValueError(f'color {color!r} is none of {", ".join(_COLORS)}')
+            return cls(size=size and (size[0], size[-1]), color=color, **numbers)
+        except (TypeError, ValueError) as error:
+            raise ModelError(f'{where}: {error}') from None
+
+    def with_others(self, other: 'Input', where: object) -> 'Input':
+        """Return both; ModelError if they contradict each other."""
+        both = {}
+        for item in fields(self):
+            own, new = getattr(self, item.name), getattr(other, item.name)
+            if own is not None and new is not None and own != new:
+                raise ModelError(
+                    f'{where}: {item.name} {new} contradicts the model, which says {own}; '
+                    'take it out of one of them'
+                )
+            both[item.name] = new if own is None else own
+        return Input(**both)
+
+
+class OnnxModel:
+    """
+    A network that turns an image into a descriptor, a vector of so many `numbers`.
+
+    Its input is float (1, C, H, W), with 1 or 3 channels; its first output, of any shape, is the
+    vector. How images become the input is said by its metadata, by a YAML file of its name beside
+    it, or is `given`: `size`, `mean`, `scale` and `color`; by default it is as ImageNet's.
+    `identity` is the SHA-256 of the file, of those that its weights lie in, and of the YAML file;
+    `wants_color` tells whether it is given images in colour, where there are some. ModelError if
+    onnxruntime is missing, or the model is too large for `reading`, damaged, has files outside its
+    folder, operators of its own, another input, or fails on an image.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reading: ReadingConfig = ReadingConfig(),
+        given: Mapping[str, object] | None = None,
+    ) -> None:
+        try:
+            import onnxruntime
+        except ImportError:
+            raise ModelError(f'{path}: needs onnxruntime; {pip_install("onnxruntime")}') from None
+        self._path, self.numbers = path, 0
+        try:
+            data, digest = self._read(path, reading)
+            beside = path.with_suffix('.yaml')
+            said = Input.of(given or {}, path)
+            if beside.is_file():
+                digest.update(read_bytes(beside, 'a description', reading.refuse_file))
+                said = said.with_others(Input.of(read_yaml(beside, reading), beside), beside)
+        except (SourceError, ValueError) as error:
+            raise ModelError(_line(path, error)) from None
+        self.identity = digest.hexdigest()
+        self._session = self._opened(onnxruntime, data)
+        own = self._session.get_modelmeta().custom_metadata_map
+        names = {item.name for item in fields(Input)}
+        told = Input.of({name: own[name] for name in own.keys() & names}, path)
+        self._prepare(told.with_others(said, beside))
+        drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
+        self.numbers = len(self(drawn))
+
+    def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float32]:
+        """
+        Return the vector (n,) of an image, uint8 (H, W) or (H, W, 3): blue, green, red.
+
+        ModelError if the model fails, or its vector holds NaN or has another length than before.
+        """
+        height, width = self._size
+        if image.ndim == 2 or self._color == 'gray':
+            gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+            image = np.repeat(gray[:, :, None], self._channels, axis=2)
+        elif self._color == 'rgb':
+            image = image[:, :, ::-1]
+        image = np.ascontiguousarray(image)
+        small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+        planes = small.reshape(height, width, -1).transpose(2, 0, 1) / 255.0
+        planes = ((planes - self._mean) / self._scale).astype(self._type)
+        try:
+            answer = self._session.run(None, {self._input: planes[None]})[0]
+            vector = np.asarray(answer, np.float32).ravel()
+        except Exception as error:
+            raise ModelError(
+                f'{self._path}: the model fails on an image of {height} x {width} px '
+                f'({_one_line(error)}); is that its size?'
+            ) from None
+        if not len(vector) or not np.isfinite(vector).all():
+            raise ModelError(f'{self._path}: its vector holds NaN, or nothing; check its scale')
+        if self.numbers and len(vector) != self.numbers:
+            raise ModelError(
+                f'{self._path}: its vector has {len(vector)} numbers, and had {self.numbers}; '
+                'export it with an output of one size'
+            )
+        return vector
+
+    def _read(self, path: Path, reading: ReadingConfig) -> tuple[bytes, Any]:
+        """Return what is in the file, and the digest of it and of the files it names."""
+        data = read_bytes(path, 'an ONNX model', reading.refuse_file)
+        digest, size, folder = hashlib.sha256(data), len(data), path.resolve().parent
+        for name in external_files(data):
+            file = (folder / name).resolve()
+            if Path(name).is_absolute() or not file.is_relative_to(folder):
+                raise ModelError(
+                    f'{path}: has weights in {name[:80]!r}, outside its folder; export it anew, '
+                    'with its weights beside it'
+                )
+            if not file.is_file():
+                raise ModelError(f'{path}: has weights in {name[:80]!r}, which is missing')
+            size += file.stat().st_size
+            reading.refuse_file(path, size)
+            with file.open('rb') as opened:
+                while some := opened.read(1 << 20):
+                    digest.update(some)
+        return data, digest
+
+    def _opened(self, onnxruntime: Any, data: bytes) -> Any:
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 4
+        # Threads that wait for the next image leave the cores to others.
+        options.add_session_config_entry('session.intra_op.allow_spinning', '0')
+        folder = str(self._path.resolve().parent)
+        where = 'session.model_external_initializers_file_folder_path'
+        options.add_session_config_entry(where, folder)
+        providers = [one for one in onnxruntime.get_available_providers() if one != _ELSEWHERE]
+        try:
+            return onnxruntime.InferenceSession(data, options, providers=providers)
+        except Exception as error:
+            raise ModelError(
+                f'{self._path}: not an ONNX model that onnxruntime can load ({_one_line(error)}); '
+                'export it with standard operators'
+            ) from None
+
+    def _prepare(self, said: Input) -> None:
+        """Take in how images become the input, which must fit the model."""
+        inputs = self._session.get_inputs()
+        shape = inputs[0].shape if inputs else []
+        fitting = len(inputs) == 1 and len(shape) == 4 and inputs[0].type in _TYPES
+        sides = [side if isinstance(side, int) and side > 0 else None for side in shape]
+        if not fitting or sides[0] not in (None, 1) or sides[1] not in (None, 1, 3):
+            found = '; '.join(f'{item.name} {item.type} {item.shape}' for item in inputs)
+            raise ModelError(
+                f'{self._path}: its input is {found[:200] or "missing"}; expected one float '
+                'tensor of shape (1, 1 or 3, height, width)'
+            )
+        self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
+        self._channels = sides[1] or (1 if said.color == 'gray' else 3)
+        self._color = said.color or ('rgb' if self._channels == 3 else 'gray')
+        self.wants_color = self._color != 'gray'
+        if self.wants_color and self._channels == 1:
+            raise ModelError(f'{self._path}: color {self._color} contradicts its one channel')
+        self._size = self._fitting_size(sides[2:], said.size)
+        self._mean = self._per_channel(said.mean, IMAGENET_MEAN)
+        self._scale = self._per_channel(said.scale, IMAGENET_SCALE)
+
+    def _fitting_size(
+        self, fixed: Sequence[int | None], size: tuple[int, int] | None
+    ) -> tuple[int, int]:
+        if size is None and None in fixed:
+            raise ModelError(
+                f'{self._path}: takes images of any size; say `size: [height, width]` in '
+                f'{self._path.with_suffix(".yaml").name}'
+            )
+        chosen = size or (fixed[0] or 0, fixed[1] or 0)
+        if any(side and side != own for side, own in zip(fixed, chosen, strict=True)):
+            raise ModelError(
+                f'{self._path}: takes images of {fixed[0]} x {fixed[1]}, which contradicts the '
+                f'size {chosen[0]} x {chosen[1]} that is said of it; leave the size out'
+            )
+        return chosen
+
+    def _per_channel(
+        self, values: Sequence[float] | None, usual: Sequence[float]
+    ) -> npt.NDArray[np.float64]:
+        if values is None:
+            values = usual if self._channels == 3 else [float(np.mean(usual))]
+        if len(values) not in (1, self._channels):
+            raise ModelError(
+                f'{self._path}: {len(values)} values of mean or scale for {self._channels} '
+                'channels; give one for each'
+            )
+        return np.broadcast_to(np.array(values, np.float64), self._channels).reshape(-1, 1, 1)
+
+
+def open_model(config: Config) -> OnnxModel | None:
+    """Return the model that a configuration names by its path; None if it names none."""
+    path = config.encoding.descriptor_model
+    if not path or path.startswith('#'):
+        return None
+    return OnnxModel(Path(path), config.reading)
+
+
+def _numbers(said: Any) -> tuple[float, ...]:
+    """Return the numbers of a list, or of a text with commas, spaces or x between them."""
+    parts = re.split('[,x ]+', said.strip(' []()')) if isinstance(said, str) else said
+    numbers = tuple(map(float, parts if isinstance(parts, list) else [parts]))
+    if not np.isfinite(numbers).all() or not numbers:
+        raise ValueError(f'{said!r} is no list of numbers')
+    return numbers
+
+
+def _line(path: Path, error: Exception) -> str:
+    if isinstance(error, ConvseqError):
+        return str(error)
+    return f'{path}: not an ONNX model ({_one_line(error)}); export it again'
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())[:200]

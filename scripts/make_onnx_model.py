@@ -1,0 +1,114 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Write an ONNX model that needs no training, to try out and to test `descriptor_model`.
+
+Usage: python scripts/make_onnx_model.py net.onnx [--kind hog|random] [--size 96] [--numbers 512].
+`hog` has histograms of gradient directions in 8 x 8 cells of a grey image, of unit length in each
+cell; `random` has random convolutions of a colour image, the means of which over 6 x 6 cells are
+projected at random. Both give vectors of so many numbers. Needs `pip install onnx`.
+"""
+
+import argparse
+from pathlib import Path
+import sys
+
+import numpy as np
+import onnx
+from onnx import helper, numpy_helper, TensorProto
+
+DIRECTIONS, CELLS, SEED = 8, 8, 0
+OPSET, IR = 13, 8  # which onnxruntime reads since 1.10
+
+
+def main() -> int:
+    """Write the model."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('output', type=Path)
+    parser.add_argument('--kind', choices=('hog', 'random'), default='hog')
+    parser.add_argument('--size', type=int, default=96, help='side of its input, px (96)')
+    parser.add_argument('--numbers', type=int, default=512, help='of its vector (512)')
+    chosen = parser.parse_args()
+    made = make_model(chosen.kind, chosen.size, chosen.numbers)
+    chosen.output.write_bytes(made.SerializeToString())
+    return 0
+
+
+def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.ModelProto:
+    """Return a model of a square input, with metadata that says how images become it."""
+    nodes, constants = {'hog': _hog, 'random': _random}[kind](size, numbers)
+    channels = {'hog': 1, 'random': 3}[kind]
+    graph = helper.make_graph(
+        nodes,
+        kind,
+        [helper.make_tensor_value_info('image', TensorProto.FLOAT, (1, channels, size, size))],
+        [helper.make_tensor_value_info('descriptor', TensorProto.FLOAT, (1, numbers))],
+        [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)
+    said = {'size': f'{size}x{size}', 'color': 'gray' if channels == 1 else 'rgb'}
+    said |= {'mean': '0.5', 'scale': '0.25'}
+    helper.set_model_props(made, said)
+    onnx.checker.check_model(made)
+    return made
+
+
+def _hog(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[str, np.ndarray]]]:
+    """Return how much of the gradient points in each direction, cell by cell, as one vector."""
+    angles = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
+    across = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / 8
+    filters = np.cos(angles)[:, None, None] * across + np.sin(angles)[:, None, None] * across.T
+    cell = size // CELLS
+    nodes = [
+        helper.make_node('Conv', ['image', 'filters'], ['edges'], pads=[1, 1, 1, 1]),
+        helper.make_node('Relu', ['edges'], ['strengths']),
+        helper.make_node(
+            'AveragePool', ['strengths'], ['cells'], kernel_shape=[cell] * 2, strides=[cell] * 2
+        ),
+        helper.make_node('Add', ['cells', 'little'], ['positive']),
+        helper.make_node('LpNormalization', ['positive'], ['units'], axis=1, p=2),
+        helper.make_node('Flatten', ['units'], ['flat']),
+        helper.make_node('MatMul', ['flat', 'projection'], ['descriptor']),
+    ]
+    side = size // cell
+    inputs = DIRECTIONS * side * side
+    return nodes, [
+        ('filters', filters[:, None]),
+        ('little', np.full(1, 1e-3)),
+        ('projection', _projection(inputs, numbers)),
+    ]
+
+
+def _random(size: int, numbers: int) -> tuple[list[onnx.NodeProto], list[tuple[str, np.ndarray]]]:
+    """Return two layers of random convolutions, their means in cells, and a projection."""
+    random = np.random.default_rng(SEED)
+    cell = size // 4 // 6
+    nodes = [
+        helper.make_node('Conv', ['image', 'first'], ['a'], strides=[2, 2], pads=[2, 2, 2, 2]),
+        helper.make_node('Relu', ['a'], ['b']),
+        helper.make_node('Conv', ['b', 'second'], ['c'], strides=[2, 2], pads=[1, 1, 1, 1]),
+        helper.make_node('Relu', ['c'], ['d']),
+        helper.make_node(
+            'AveragePool', ['d'], ['cells'], kernel_shape=[cell] * 2, strides=[cell] * 2
+        ),
+        helper.make_node('Flatten', ['cells'], ['flat']),
+        helper.make_node('MatMul', ['flat', 'projection'], ['descriptor']),
+    ]
+    first, second = random.normal(size=(16, 3, 5, 5)), random.normal(size=(32, 16, 3, 3))
+    side = (size // 4 - cell) // cell + 1
+    return nodes, [
+        ('first', (first - first.mean(axis=(1, 2, 3), keepdims=True)) / 5),
+        ('second', (second - second.mean(axis=(1, 2, 3), keepdims=True)) / 12),
+        ('projection', _projection(32 * side * side, numbers)),
+    ]
+
+
+def _projection(inputs: int, numbers: int) -> np.ndarray:
+    """Return a random projection (inputs, numbers); none if there are as many already."""
+    if inputs == numbers:
+        return np.eye(numbers)
+    return np.random.default_rng(SEED).normal(size=(inputs, numbers)) / numbers**0.5
+
+
+if __name__ == '__main__':
+    sys.exit(main())

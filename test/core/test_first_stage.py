@@ -1,0 +1,287 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any function from an image to a vector is a first stage; maps are of one, with its vectors."""
+
+from dataclasses import replace
+import sqlite3
+
+from convseq_ros.config import Config, EVERY_FRAME
+from convseq_ros.core.encoding.first_stage import BuiltIn, vector_of
+from convseq_ros.core.linking import link_map
+from convseq_ros.core.map.edit import slices_of, write_slices
+from convseq_ros.core.map.format import row_crc
+from convseq_ros.core.map.reader import MapReader, open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.session import Session
+from convseq_ros.core.types import Frame, Reason, Status
+from convseq_ros.errors import ConfigError, MapError, ModelError
+import cv2
+import numpy as np
+import pytest
+
+CONFIG = Config(keyframes=EVERY_FRAME)
+BY_VECTOR = replace(CONFIG, matching=replace(CONFIG.matching, matching='descriptor'))
+COUNT = 40
+
+
+def small(image):
+    """Return a copy of an image of 8 x 6 px, less its mean."""
+    gray = image if image.ndim == 2 else image.mean(axis=2)
+    tiny = cv2.resize(gray.astype(np.float32), (8, 6), interpolation=cv2.INTER_AREA)
+    return tiny - tiny.mean()
+
+
+def other(image):
+    """Return another vector."""
+    return small(image)[:3]
+
+
+class Reddish:
+    """Return how red an image is, row by row; wants colour."""
+
+    identity, wants_color = 'reddish', True
+
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, image):
+        """Take note of what was seen."""
+        self.seen.append(image)
+        return cv2.resize(image.astype(np.float32), (2, 8)).ravel()
+
+
+@pytest.fixture
+def frames(image):
+    """Return a maker of the frames of a drive, by a seed."""
+    return lambda seed=0, count=COUNT: [
+        Frame((index + 1) * 10**8, image(index, seed)) for index in range(count)
+    ]
+
+
+def answers(recognizer, frames):
+    return [recognizer.process(frame) for frame in frames]
+
+
+def accepted(matches):
+    return [one.accepted.reference_index for one in matches if one.accepted]
+
+
+def test_a_function_finds_places_as_what_is_built_in_does_and_geometry_goes_on(frames):
+    built = build_map(frames(), None, CONFIG, describe=small)
+    assert built.global_descriptors.shape == (COUNT, 48)
+    matches = answers(PlaceRecognizer(built, CONFIG, describe=small), frames(1))
+    found = accepted(matches)
+    assert len(found) > 0.8 * COUNT
+    assert all(one.accepted is None or one.accepted.inliers for one in matches)
+    assert found == sorted(found)
+
+
+def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
+    first, second = tmp_path / 'a.db', tmp_path / 'b.db'
+    for path, seed in ((first, 0), (second, 1)):
+        build_map(frames(seed), path, CONFIG, describe=small)
+    whole = open_map(first)
+    assert whole.global_descriptors == pytest.approx(
+        np.array([unit(small(one.gray).ravel()) for one in frames()]), abs=1e-3
+    )
+    write_slices([*slices_of(first), *slices_of(second)], tmp_path / 'both.db')
+    both = open_map(tmp_path / 'both.db')
+    assert (both.global_descriptors[:COUNT] == whole.global_descriptors).all()
+    assert [*link_map(both)] == [*range(COUNT, 2 * COUNT)]  # by their vectors, without the model
+    assert len(both.links) > 0.8 * COUNT
+    save_map(both, tmp_path / 'copy.db')
+    again = open_map(tmp_path / 'copy.db')
+    assert (again.global_descriptors == both.global_descriptors).all()
+    # Who has no model reads what is built in.
+    plain = open_map(first, CONFIG.encoding)
+    assert plain.global_descriptors.shape == (COUNT, 252)
+    expected = build_map(frames(), None, CONFIG).global_descriptors
+    assert (plain.global_descriptors == expected).all()
+    assert len(accepted(answers(PlaceRecognizer(plain, CONFIG), frames(1)))) > 0.8 * COUNT
+
+
+def unit(row):
+    return row / np.linalg.norm(row)
+
+
+def test_a_map_of_another_model_is_refused_in_one_line(frames, tmp_path):
+    path = tmp_path / 'map.db'
+    build_map(frames(count=20), path, CONFIG, describe=small)
+    for describe, growing in ((other, False), (other, True), (None, True)):
+        online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
+        with pytest.raises(MapError, match='descriptor_model') as caught:
+            Session(path, online if growing else CONFIG, describe=describe)
+        assert '\n' not in str(caught.value)
+    build_map(frames(count=20), tmp_path / 'plain.db', CONFIG)
+    with pytest.raises(MapError, match='made with the built-in descriptor, asked for'):
+        Session(tmp_path / 'plain.db', CONFIG, describe=small)
+    with pytest.raises(ConfigError, match='build the map again'):
+        PlaceRecognizer(open_map(path), CONFIG, describe=other)
+    with pytest.raises(ConfigError, match='is a file'):
+        PlaceRecognizer(
+            build_map(
+                [],
+                None,
+                replace(CONFIG, encoding=replace(CONFIG.encoding, descriptor_model='net.onnx')),
+            )
+        )
+
+
+def test_places_are_added_with_vectors_to_a_map_that_grows(frames, tmp_path):
+    path = tmp_path / 'map.db'
+    online = replace(CONFIG, online=replace(CONFIG.online, mode='online', exclusion_s=1.0))
+    session = Session(path, online, describe=small)
+    for seed in (0, 1):
+        for frame in frames(seed):
+            last = replace(frame, stamp_ns=frame.stamp_ns + seed * 10**11)
+            session.cameras.process(last)
+            session.save()
+    session.close()
+    grown = open_map(path)
+    assert grown.global_descriptors.shape == (2 * COUNT, 48)
+    assert len(grown.links) > 0.8 * COUNT
+
+
+def test_by_descriptors_alone_maps_have_no_cells_and_matches_no_confidence(frames, tmp_path):
+    path = tmp_path / 'map.db'
+    config = replace(BY_VECTOR, keyframes=replace(EVERY_FRAME, thumbnail_width_px=0))
+    build_map(frames(), path, config, describe=small)
+    opened = open_map(path)
+    assert opened.packed(3).size == 0
+    matches = answers(PlaceRecognizer(opened, config, describe=small), frames(1))
+    found = accepted(matches)
+    assert len(found) > 0.6 * COUNT and found == [*range(COUNT)][-len(found) :]
+    assert {one.confidence for one in matches} == {None}
+    assert all(one.shift is None for match in matches for one in match.candidates)
+    assert [*link_map(opened)] == []
+    with pytest.raises(ConfigError, match='needs cells, the map keeps none'):
+        PlaceRecognizer(opened, CONFIG, describe=small)
+    with pytest.raises(MapError, match='descriptor_model'):
+        Session(path, config)
+    online = replace(CONFIG, online=replace(CONFIG.online, mode='online'))
+    with pytest.raises(MapError, match='made without cells'):
+        Session(path, online, describe=small)
+
+
+def test_the_bytes_of_a_place(described, tmp_path):
+    # Files have pages of 16 kB, so that it takes many places to see what one takes.
+    vector, sizes = np.full(512, 0.04, np.float16), {}
+    for name, model, keeps_cells in (
+        ('cells', '', 1),
+        ('both', '#net', 1),
+        ('vectors', '#net', 0),
+    ):
+        asked = {'descriptor_model': model, 'keeps_cells': bool(keeps_cells)}
+        shown = replace(described(1), vector=vector if model else None)
+        for count in (100, 1000):
+            whole = ReferenceMap(replace(CONFIG.encoding, **asked))
+            for index in range(count):
+                whole.add_frame(Frame(10**18 + index, None, f'{index:019}.jpg'), shown)
+            save_map(whole, tmp_path / 'map.db')
+            sizes[name, count] = (tmp_path / 'map.db').stat().st_size
+    a_place = {name: (sizes[name, 1000] - sizes[name, 100]) / 900 for name, _ in sizes}
+    assert a_place['both'] - a_place['cells'] < 1100
+    assert a_place['vectors'] < 2 * 512 + 100
+
+
+def test_without_a_model_the_built_in_vector_is_the_pair_score_too(frames):
+    built = build_map(frames(), None, BY_VECTOR)
+    assert built.global_descriptors.shape == (COUNT, 252)
+    assert len(accepted(answers(PlaceRecognizer(built, BY_VECTOR), frames(1)))) > 0.6 * COUNT
+
+
+def test_the_built_in_descriptor_is_a_function_from_an_image_as_well(image, described):
+    assert (BuiltIn()(image(3)) == vector_of(described(3))).all()
+    assert BuiltIn.identity == ''
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'line'),
+    [
+        (lambda _: [np.nan] * 4, 'holds NaN, or nothing'),
+        (lambda _: [], 'holds NaN, or nothing'),
+        (lambda image: np.ones(4 + int(image.mean()) % 2), 'numbers, expected'),
+    ],
+)
+def test_a_vector_that_is_none_is_told_in_one_line(frames, wrong, line):
+    with pytest.raises(ModelError, match=line) as caught:
+        build_map(frames(), None, CONFIG, describe=wrong)
+    assert '\n' not in str(caught.value)
+
+
+def test_vectors_of_another_length_than_the_maps_are_refused(frames):
+    class Changed:
+        identity = small.__qualname__
+
+        def __call__(self, image):
+            return small(image)[:3]
+
+    built = build_map(frames(count=5), None, CONFIG, describe=small)
+    recognizer = PlaceRecognizer(built, CONFIG, describe=Changed())
+    with pytest.raises(ModelError, match='24 numbers, expected 48'):
+        recognizer.process(frames()[0])
+
+
+def test_what_a_function_raises_comes_through(frames):
+    def fails(image):
+        raise RuntimeError('out of memory')
+
+    with pytest.raises(RuntimeError, match='out of memory'):
+        build_map(frames(), None, CONFIG, describe=fails)
+
+
+def test_colour_reaches_who_wants_it_upright_and_masked(image, tmp_path):
+    mask = np.full((60, 80), 255, np.uint8)
+    mask[:, :40] = 0
+    cv2.imwrite(str(tmp_path / 'mask.png'), mask)
+    asked = {'image_rotation_deg': 180, 'image_mask': str(tmp_path / 'mask.png')}
+    encoding = replace(CONFIG.encoding, **asked)
+    config, reddish = replace(CONFIG, encoding=encoding), Reddish()
+    gray = image(1)
+    color = np.stack([gray, gray // 2, gray // 3], axis=2)
+    built = build_map([Frame(1, gray, color=color)], None, config, describe=reddish)
+    (seen,) = reddish.seen
+    assert seen.shape == (120, 160, 3)
+    turned = np.rot90(color, 2)
+    assert (seen[:, :60] == turned[:, :60]).all()
+    assert (seen[:, 100:] == 128).all()
+    assert len(built) == 1
+    # Where there is no colour, it gets the grey image.
+    build_map([Frame(1, gray)], None, config, describe=reddish)
+    assert reddish.seen[-1].shape == (120, 160)
+
+
+def test_frames_between_keyframes_cost_no_vector(frames):
+    counted = Reddish()
+    config = replace(CONFIG, keyframes=replace(EVERY_FRAME, keyframe_interval_s=1.0))
+    built = build_map(frames(), None, config, describe=counted)
+    assert len(counted.seen) == len(built) < COUNT / 5
+    recognizer = PlaceRecognizer(built, config, describe=counted)
+    matches = answers(recognizer, frames(1, 5))
+    assert [one.reason is Reason.BETWEEN_KEYFRAMES for one in matches] == [False] + [True] * 4
+    assert recognizer.first_stage.duration_ms > 0
+    assert matches[0].status is not Status.ACCEPTED
+
+
+def test_a_map_says_what_made_it_only_where_it_is_not_built_in(frames, tmp_path):
+    for name, describe in (('plain', None), ('model', small)):
+        build_map(frames(count=3), tmp_path / name, CONFIG, describe=describe)
+    assert 'descriptor_model' not in MapReader(tmp_path / 'plain').about()['encoding']
+    assert '#small' in MapReader(tmp_path / 'model').about()['encoding']
+
+
+@pytest.mark.parametrize('forged', ['"/etc/net.onnx"', '7', '"#x", "keeps_cells": "no"'])
+def test_what_a_stranger_wrote_into_a_map_names_no_file(frames, tmp_path, forged):
+    path = tmp_path / 'map.db'
+    build_map(frames(count=3), path, CONFIG)
+    with sqlite3.connect(path) as database:
+        ((value,),) = database.execute("SELECT value FROM about WHERE name = 'encoding'")
+        value = value.replace('}', f', "descriptor_model": {forged}}}')
+        row = 'encoding', value
+        database.execute("DELETE FROM about WHERE name = 'encoding'")
+        database.execute('INSERT INTO about VALUES (?, ?, ?)', (*row, row_crc(row)))
+    with pytest.raises(MapError, match='damaged map'):
+        open_map(path)

@@ -1,0 +1,250 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptors from ONNX models, small ones that are made here, and models that are not to be."""
+
+import os
+
+from convseq_ros.errors import ModelError
+from convseq_ros.onnx_file import external_files
+from convseq_ros.onnx_model import OnnxModel
+from convseq_ros.reading_config import ReadingConfig
+import cv2
+from descriptor_models import made
+from hypothesis import given, strategies
+import numpy as np
+import onnx
+import pytest
+
+NOTHING = {'mean': 0, 'scale': 1}
+
+
+def model(
+    path, shape=(1, 3, 8, 8), kind=onnx.TensorProto.FLOAT, operator='AveragePool', domain=''
+):
+    """Write a model whose vector are the means of 4 x 4 px, channel by channel."""
+    helper = onnx.helper
+    options = {'kernel_shape': [4, 4], 'strides': [4, 4]} if operator == 'AveragePool' else {}
+    node = helper.make_node(operator, ['image'], ['descriptor'], domain=domain, **options)
+    graph = helper.make_graph(
+        [node],
+        'small',
+        [helper.make_tensor_value_info('image', kind, shape)],
+        [helper.make_tensor_value_info('descriptor', kind, None)],
+    )
+    opsets = [helper.make_opsetid('', 13), *([helper.make_opsetid(domain, 1)] if domain else [])]
+    return saved(helper.make_model(graph, opset_imports=opsets, ir_version=8), path)
+
+
+def saved(one, path, **metadata):
+    if metadata:
+        onnx.helper.set_model_props(one, metadata)
+    path.write_bytes(one.SerializeToString())
+    return path
+
+
+def with_weights_in(location, path):
+    """Write a model that adds 192 weights from a file."""
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    weights = onnx.TensorProto(name='w', data_type=kind, dims=[1, 3, 8, 8])
+    weights.data_location = onnx.TensorProto.EXTERNAL
+    for key, value in (('location', location), ('offset', '0'), ('length', '768')):
+        weights.external_data.add(key=key, value=value)
+    graph = helper.make_graph(
+        [helper.make_node('Add', ['image', 'w'], ['descriptor'])],
+        'small',
+        [helper.make_tensor_value_info('image', kind, (1, 3, 8, 8))],
+        [helper.make_tensor_value_info('descriptor', kind, (1, 3, 8, 8))],
+        [weights],
+    )
+    opsets = [helper.make_opsetid('', 13)]
+    return saved(helper.make_model(graph, opset_imports=opsets, ir_version=8), path)
+
+
+def refused(match, path, *more, **settings):
+    """Have a model refused, in one line."""
+    with pytest.raises(ModelError, match=match) as caught:
+        OnnxModel(path, *more, **settings)
+    assert '\n' not in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_a_vector_is_what_the_model_makes_of_the_normalised_image(tmp_path):
+    image = np.zeros((8, 8), np.uint8)
+    image[:4] = 255
+    own = OnnxModel(model(tmp_path / 'm.onnx'), given={'mean': [0.5], 'scale': 0.25})
+    assert own(image).tolist() == [2, 2, -2, -2] * 3
+    assert own.numbers == 12
+
+
+def test_channels_are_in_the_order_that_the_model_has(tmp_path):
+    blue = np.zeros((8, 8, 3), np.uint8)
+    blue[:, :, 0] = 255
+    path = model(tmp_path / 'm.onnx')
+    rgb, bgr = (OnnxModel(path, given={**NOTHING, 'color': one}) for one in ('rgb', 'bgr'))
+    assert rgb(blue).tolist() == [0] * 8 + [1] * 4
+    assert bgr(blue).tolist() == [1] * 4 + [0] * 8
+    gray = OnnxModel(path, given={**NOTHING, 'color': 'gray'})
+    assert not gray.wants_color and rgb.wants_color
+    assert gray(blue) == pytest.approx(np.full(12, 29 / 255))
+
+
+def test_a_grey_model_gets_one_channel(tmp_path):
+    path = model(tmp_path / 'm.onnx', (1, 1, 8, 8))
+    own = OnnxModel(path, given=NOTHING)
+    assert own(np.full((20, 30), 255, np.uint8)).tolist() == [1, 1, 1, 1]
+    assert not own.wants_color
+    refused('rgb contradicts its one channel', path, given={'color': 'rgb'})
+
+
+def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
+    one = onnx.load(model(tmp_path / 'm.onnx', ('n', 3, 'h', 'w')))
+    path = saved(one, tmp_path / 'm.onnx', size='4x8', mean='0.5, 0.5, 0.5', color='bgr')
+    alone = OnnxModel(path)
+    assert alone.numbers == 6
+    (tmp_path / 'm.yaml').write_text('mean: [0.5, 0.5, 0.5]\nscale: 0.25\n')
+    both = OnnxModel(path)
+    image = np.full((9, 9), 255, np.uint8)
+    assert both(image).tolist() == [2.0] * 6
+    # What decides the vector is part of what the model is.
+    assert alone.identity != both.identity
+    for line, problem in (
+        ('mean: 0.1', 'mean .* contradicts the model'),
+        ('size: [4, 9]', 'size .* contradicts the model'),
+        ('colour: rgb', "'colour' is none of color, mean, scale, size"),
+        ('color: red', "color 'red' is none of rgb, bgr, gray"),
+        ('scale: 0', 'are not 0'),
+        ('mean: [a, b]', 'could not convert'),
+    ):
+        (tmp_path / 'm.yaml').write_text(f'{line}\n')
+        with pytest.raises(ModelError, match=problem) as caught:
+            OnnxModel(path)
+        assert '\n' not in str(caught.value) and 'm.yaml' in str(caught.value)
+
+
+def test_a_model_for_any_size_needs_one_and_one_for_a_size_takes_no_other(tmp_path):
+    refused('takes images of any size', model(tmp_path / 'm.onnx', ('n', 3, 'height', 'width')))
+    path = model(tmp_path / 'm.onnx')
+    refused('takes images of 8 x 8, which contradicts the size 9 x 9', path, given={'size': 9})
+    refused('2 values of mean or scale for 3 channels', path, given={'mean': [0.1, 0.2]})
+
+
+@pytest.mark.parametrize(
+    ('options', 'problem'),
+    [
+        ({'shape': (1, 4, 8, 8)}, r'its input is image tensor\(float\) \[1, 4, 8, 8\]; expected'),
+        ({'shape': (1, 192), 'operator': 'Abs'}, 'expected one float tensor'),
+        ({'shape': (8, 3, 8, 8), 'operator': 'Abs'}, 'expected one float tensor'),
+        ({'kind': onnx.TensorProto.DOUBLE, 'operator': 'Abs'}, r'tensor\(double\)'),
+    ],
+)
+def test_a_model_of_another_input_is_refused(tmp_path, options, problem):
+    refused(problem, model(tmp_path / 'm.onnx', **options))
+
+
+def test_what_is_no_model_is_refused(tmp_path):
+    path = tmp_path / 'm.onnx'
+    for content in (b'hello', b'', b'\x08', bytes(100), b'\xff' * 50):
+        path.write_bytes(content)
+        refused('ONNX model', path)
+    refused('no such file', tmp_path / 'absent.onnx')
+    os.mkfifo(tmp_path / 'pipe.onnx')
+    refused('is a pipe', tmp_path / 'pipe.onnx')
+
+
+def test_operators_of_its_own_are_refused(tmp_path):
+    refused('standard operators', model(tmp_path / 'm.onnx', operator='Mine', domain='my.own'))
+
+
+def test_a_vector_that_is_not_finite_is_refused(tmp_path):
+    refused('holds NaN', model(tmp_path / 'm.onnx', operator='Log'))
+
+
+def test_a_vector_whose_size_changes_is_told(tmp_path):
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [
+            helper.make_node('NonZero', ['image'], ['where']),
+            helper.make_node('Cast', ['where'], ['descriptor'], to=kind),
+        ],
+        'changing',
+        [helper.make_tensor_value_info('image', kind, (1, 1, 8, 8))],
+        [helper.make_tensor_value_info('descriptor', kind, None)],
+    )
+    opsets = [helper.make_opsetid('', 13)]
+    made_of = helper.make_model(graph, opset_imports=opsets, ir_version=8)
+    own = OnnxModel(saved(made_of, tmp_path / 'm.onnx'), given=NOTHING)
+    with pytest.raises(ModelError, match=r'numbers, and had .*; export it'):
+        own(np.eye(8, dtype=np.uint8))
+
+
+def test_a_missing_onnxruntime_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__('sys').modules, 'onnxruntime', None)
+    refused('pip install onnxruntime', tmp_path / 'm.onnx')
+
+
+def test_a_model_of_3_gb_is_refused_unread(tmp_path):
+    path = tmp_path / 'm.onnx'
+    with path.open('wb') as file:
+        file.truncate(3 << 30)
+    refused(r'3\.22e\+03 MB is more than max_file_mb, 256; .*set max_file_mb to 3221', path)
+    # So are weights beside it that are as large.
+    with_weights_in('w.bin', path)
+    with (tmp_path / 'w.bin').open('wb') as file:
+        file.truncate(3 << 30)
+    refused('max_file_mb', path)
+
+
+def test_weights_are_read_from_the_folder_of_the_model_alone(tmp_path):
+    folder = tmp_path / 'model'
+    folder.mkdir()
+    path = with_weights_in('w.bin', folder / 'm.onnx')
+    np.arange(192, dtype=np.float32).tofile(folder / 'w.bin')
+    own = OnnxModel(path, given=NOTHING)
+    assert own(np.zeros((8, 8), np.uint8)).tolist() == [*range(192)]
+    np.ones(192, np.float32).tofile(folder / 'w.bin')
+    assert OnnxModel(path, given=NOTHING).identity != own.identity
+    (folder / 'w.bin').rename(tmp_path / 'secret.bin')
+    refused("'w.bin', which is missing", path)
+    (folder / 'w.bin').symlink_to(tmp_path / 'secret.bin')
+    refused("'w.bin', outside its folder", path)
+    for outside in ('../secret.bin', str(tmp_path / 'secret.bin'), '/etc/passwd'):
+        refused('outside its folder', with_weights_in(outside, path))
+
+
+def test_a_model_replaced_on_disk_is_another_one(tmp_path):
+    path = made(tmp_path / 'net.onnx', 'hog', 32, 64)
+    before = OnnxModel(path)
+    kept = before(np.zeros((8, 8), np.uint8))
+    after = OnnxModel(made(path, 'random', 32, 64))
+    assert before.identity != after.identity
+    assert (before(np.zeros((8, 8), np.uint8)) == kept).all()
+
+
+def test_the_models_of_the_script_tell_images_apart_that_moved_little(tmp_path):
+    random = np.random.default_rng(3)
+    images = [cv2.resize(random.integers(0, 256, (12, 16, 3), np.uint8), (160, 120)) for _ in '12']
+    moved = np.roll(images[0], 4, axis=1)
+    for kind in ('hog', 'random'):
+        own = OnnxModel(made(tmp_path / f'{kind}.onnx', kind))
+        rows = np.array([own(one) for one in (*images, moved)])
+        assert rows.shape == (3, 512)
+        rows -= rows.mean(axis=0)
+        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+        assert rows[0] @ rows[2] > rows[0] @ rows[1]
+
+
+@given(strategies.binary(max_size=200))
+def test_the_outline_of_any_bytes_is_read_or_refused(data):
+    try:
+        assert external_files(data) == [*dict.fromkeys(external_files(data))]
+    except ValueError:
+        pass
+
+
+def test_names_of_files_are_found_wherever_tensors_are(tmp_path):
+    weights = onnx.TensorProto(name='w', data_type=1, dims=[1])
+    weights.external_data.add(key='location', value='deep.bin')
+    inner = onnx.helper.make_graph([], 'inner', [], [], [weights])
+    node = onnx.helper.make_node('If', ['x'], ['y'], then_branch=inner)
+    graph = onnx.helper.make_graph([node], 'outer', [], [])
+    assert external_files(onnx.helper.make_model(graph).SerializeToString()) == ['deep.bin']
+    assert ReadingConfig().keeps_color is False
