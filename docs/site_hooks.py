@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What mkdocs does not know: links to files of the repository, and the commands' help."""
 
+import argparse
 from contextlib import redirect_stdout, suppress
 from importlib import import_module
 import io
@@ -45,8 +46,10 @@ def commands() -> str:
         if name in NODES:
             continue
         command = import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
-        for own, about in getattr(command, 'COMMANDS', {}).items():
-            parts.append(_section(f'{name} {own}', about))
+        command.describe(parser := argparse.ArgumentParser())
+        for verbs in (one for one in parser._actions if one.nargs == argparse.PARSER):
+            for own in verbs.choices or {}:
+                parts.append(_section(f'{name} {own}', verbs.choices[own].description or ''))
     return '\n'.join(parts)
 
 
@@ -58,4 +61,6 @@ def _section(name: str, text: str) -> str:
             print(f'convseq {name} --help says more, where ROS is installed.')
         else:
             main([*name.split(), '--help'])
-    return f'## convseq {name}\n\n{text.capitalize()}.\n\n```text\n{told.getvalue()}```\n'
+    return (
+        f'## convseq {name}\n\n{text.capitalize().rstrip(".")}.\n\n```text\n{told.getvalue()}```\n'
+    )

@@ -123,6 +123,7 @@ def answers_of_the_core(recording, map_path, encoding, path, topics=()):
 def answers_of_the_node(recording, map_path, encoding, path, topics=()):
     python = [sys.executable, '-m']
     environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
+    model = encoding.descriptor_model
     node = subprocess.Popen(
         [
             *python,
@@ -134,8 +135,11 @@ def answers_of_the_node(recording, map_path, encoding, path, topics=()):
             f'image_mask:={encoding.image_mask}',
             '-p',
             f'image_rotation_deg:={encoding.image_rotation_deg}',
-            '-p',
-            f'descriptor_model:={encoding.descriptor_model}',
+            *(
+                ['-p', f'descriptor_model:={model}']
+                if (model := encoding.descriptor_model)
+                else []
+            ),
             '-p',
             f'result_file:={path}',
             '-p',

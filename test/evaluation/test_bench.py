@@ -5,13 +5,14 @@
 import csv
 import json
 
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
-from convseq_ros.results import COLUMNS
+from convseq_ros.results import COLUMNS, ResultWriter
+from convseq_ros.sources.folder import ImageFolder
 import cv2
 import numpy as np
 import pytest
@@ -83,18 +84,13 @@ def test_a_folder_is_read_back(street, quick, tmp_path):
         read_run(tmp_path)
 
 
-def test_the_recogniser_answers_as_replay_does(street, quick, tmp_path):
-    from convseq_ros.cli import main
-
+def test_the_recogniser_answers_as_one_that_reads_the_images(street, quick, tmp_path):
     run(street, quick, tmp_path / 'out', 'convseq')
     _, reference = street.open().drives(quick.encoding)
-    save_map(reference.reference_map, tmp_path / 'map.db')
-    options = (
-        '--image-size-px 128 --saliency-threshold 0.2 --min-length 2 --max-overlap-length 3 '
-        '--max-length 4 --rival-distance 3 --matching regional --search exhaustive --kernel numpy'
-    ).split()
-    paths = ['--map', f'{tmp_path}/map.db', '--output', f'{tmp_path}/replay.csv']
-    assert not main(['replay', str(street.folder / 'query'), *paths, *options])
+    recognizer = PlaceRecognizer(reference.reference_map, quick)
+    with ResultWriter(tmp_path / 'replay.csv') as writer:
+        for frame in ImageFolder(street.folder / 'query'):
+            writer.write(recognizer.process(frame), 0.0)
     replayed = rows(tmp_path / 'replay.csv')
     evaluated = rows(tmp_path / 'out' / 'street' / 'convseq' / 'frames.csv')
     # The map was built twice: its sessions have other ids.

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import convseq_ros
-from convseq_ros.cli import COMMANDS, main
+from convseq_ros.cli import COMMANDS, main, NODES
 from convseq_ros.config import core_parameters
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, TABLES
 from convseq_ros.node_config import NodeConfig
@@ -103,6 +103,8 @@ def commands() -> Iterator[str]:
     known = {f'--{item.name.replace("_", "-")}' for item in core_parameters()}
     for name in COMMANDS:
         yield f'convseq {name}'
+        if name in NODES:  # which have the options of every ROS program
+            continue
         module = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
         if hasattr(module, 'describe') and f'convseq {name}' not in CHANGING:
             module.describe(parser := argparse.ArgumentParser(add_help=False))
