@@ -107,7 +107,9 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
         assert np.array_equal(one.relative_pose is None, other.relative_pose is None)
         # Stored cells, by which a merge links, are rounded: the belief differs a little.
         assert one.confidence == pytest.approx(other.confidence, abs=1e-4)
-        rounded = {name: getattr(one, name) for name in ('confidence', 'localization')}
+        assert one.candidates[:1] == other.candidates[:1]
+        names = 'confidence', 'localization', 'candidates'
+        rounded = {name: getattr(one, name) for name in names}
         other = replace(other, relative_pose=one.relative_pose, anchor=one.anchor, **rounded)
         assert one == other
 
