@@ -105,7 +105,7 @@ def test_a_merged_map_answers_every_frame_as_one_built_in_one_go(maps, tmp_path,
     assert sum(one.accepted is not None for one in ours) >= PLACES
     for one, other in zip(ours, theirs, strict=True):
         assert np.array_equal(one.relative_pose is None, other.relative_pose is None)
-        # A merge links by stored cells, which are rounded: 3 of 90 links differ, the belief a little.
+        # A merge links by stored cells, which are rounded: 3 of 90 links differ, and the belief.
         assert one.confidence == pytest.approx(other.confidence, abs=1e-4)
         assert one.candidates[:1] == other.candidates[:1]
         names = 'confidence', 'localization', 'candidates'
