@@ -23,17 +23,17 @@ def signs(descriptors: Bits) -> Signs:
     return np.unpackbits(descriptors, axis=1).astype(np.float32) * 2 - 1
 
 
-def medians(descriptors: Signs, count: int, random: np.random.Generator) -> Signs:
+def medians(descriptors: Signs, count: int, rng: np.random.Generator) -> Signs:
     """
     Return so many centres at most, (k, 256), of which each bit is what most of their own have.
 
     The first are drawn as k-means++ does; no empty centre stays.
     """
-    centres = descriptors[[random.integers(len(descriptors))]]
+    centres = descriptors[[rng.integers(len(descriptors))]]
     nearest = _distances(descriptors, centres)[:, 0]
     while len(centres) < count and nearest.any():
         chances = nearest.astype(np.float64) ** 2
-        drawn = random.choice(len(descriptors), p=chances / chances.sum())
+        drawn = rng.choice(len(descriptors), p=chances / chances.sum())
         centres = np.append(centres, descriptors[[drawn]], axis=0)
         nearest = np.minimum(nearest, _distances(descriptors, centres[-1:])[:, 0])
     own = np.full(len(descriptors), -1)
