@@ -115,7 +115,7 @@ class AcceptanceConfig(Checked):
     acceptance_rule: str = parameter(
         'auto', 'How a match is accepted: belief needs a high probability after all frames so '
         'far, margin needs a higher score than the best rival, auto is belief with coherent '
-        'matching and margin with regional matching.',
+        'matching and margin with the others.',
         choices=('auto', 'belief', 'margin'),
     )
     min_confidence: float = parameter(

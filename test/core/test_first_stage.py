@@ -6,7 +6,6 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.encoding.first_stage import BuiltIn, vector_of
 from convseq_ros.core.linking import link_map
 from convseq_ros.core.map.edit import slices_of, write_slices
 from convseq_ros.core.map.format import row_crc
@@ -191,11 +190,6 @@ def test_without_a_model_the_built_in_vector_is_the_pair_score_too(frames):
     built = build_map(frames(), None, BY_VECTOR)
     assert built.global_descriptors.shape == (COUNT, 252)
     assert len(accepted(answers(PlaceRecognizer(built, BY_VECTOR), frames(1)))) > 0.6 * COUNT
-
-
-def test_the_built_in_descriptor_is_a_function_from_an_image_as_well(image, described):
-    assert (BuiltIn()(image(3)) == vector_of(described(3))).all()
-    assert BuiltIn.identity == ''
 
 
 @pytest.mark.parametrize(

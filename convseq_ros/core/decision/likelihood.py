@@ -29,7 +29,7 @@ class RATIO:
     Of the log of the likelihood ratio.
 
     Chosen with corridor, laps and Gardens Point in view. scripts/fit_observation.py prints a
-    logistic regression beside them: the constant is bolder.
+    logistic regression beside them; it was not fitted anew since rough scores came.
     """
 
     constant: float = -0.7  # without a lead

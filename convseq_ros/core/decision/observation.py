@@ -30,7 +30,7 @@ class OBSERVED:
     first_frames: int = 15
     first_listed: int = 400  # places, the likeliest by the newest frame alone
     # Of the listed places, so many are scored in full: the best by rough scores. On `laps`,
-    # 8 lose 5 % of the matches, and 16 change nothing.
+    # 8 lose 2 % of the matches, and 16 gain nothing.
     scored: int = 12
     first_scored: int = 30  # in the first frames
     predicted: int = 6  # places, the likeliest by what was believed before, and of these ...

@@ -12,7 +12,7 @@ import time
 from typing import Protocol
 
 from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.encoding.descriptor import cell_shape, describe, seen_cells
+from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
 from convseq_ros.core.encoding.regions import global_descriptor, global_descriptor_length, unit
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import ConfigError, ModelError
@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 HIDDEN = 128  # grey level, in all colours, of what a mask hides from a model
+_SHOWN = 13  # characters of an identity; a SHA-256 has 64
 _UNSAID = 'descriptor_model: the map has descriptors of a model; set it to the model, or give its '
 _UNSAID += 'function as `describe`'
 
@@ -35,19 +36,6 @@ class Describe(Protocol):
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
         """Return the vector; always as many numbers, all finite."""
-
-
-class BuiltIn:
-    """The global descriptor of the cells of an image."""
-
-    identity, wants_color = '', False
-
-    def __init__(self, encoding: EncodingConfig = EncodingConfig()) -> None:
-        self._encoding = encoding
-
-    def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float16]:
-        """Return the 252 numbers of an upright grey image (H, W)."""
-        return global_descriptor(describe(image, self._encoding).cells)
 
 
 def vector_of(descriptor: Descriptor) -> npt.NDArray[np.float16]:
@@ -153,6 +141,3 @@ class FirstStage:
         image = image.copy()
         image[hidden] = HIDDEN
         return image
-
-
-_SHOWN = 13  # characters of an identity; a SHA-256 has 64

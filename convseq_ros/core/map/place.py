@@ -81,9 +81,8 @@ class GrowingArray:
     def extend(self, rows: Any) -> None:
         """Add some rows."""
         end = self._count + len(rows)
-        if self._rows.shape[1:] == (0,) and len(
-            rows
-        ):  # the first row tells how many numbers there are
+        # The first row tells how many numbers there are.
+        if self._rows.shape[1:] == (0,) and len(rows):
             self._rows = np.empty((len(self._rows), len(rows[0])), self._rows.dtype)
         if end > len(self._rows):
             capacity = max(_FEWEST_ROWS, int(self._count * _GROWTH), end)
