@@ -82,7 +82,8 @@ class Fleet:
         for path in self.paths:
             names.append(str(path.resolve()))
             sizes.append(path.stat().st_size if path.is_file() else 1)
-        addresses = sorted(self.client.scheduler_info(n_workers=-1)['workers'])
+        # Where none is up at this moment, whichever starts first gets them all.
+        addresses = sorted(self.client.scheduler_info(n_workers=-1)['workers']) or ['']
         self._workers = [
             _Worker(self.client, some, where)
             for some, where in zip(
