@@ -21,11 +21,6 @@ def offered(client, *topics):
     return [client.node.create_publisher(kind, name, 10) for kind, name in topics]
 
 
-def settled(client, node):
-    """Wait until the finder has seen all that there is."""
-    client.wait_for(lambda: node._finder._looks >= topic_finder._LOOKS)
-
-
 def test_the_only_camera_is_found_with_what_is_beside_it(client, vpr, street, image, map_path):
     camera, *_ = offered(
         client,
