@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+
 @pytest.fixture
 def mask(tmp_path):
     """Return the path of a mask that hides the lower half, drawn at twice the images' size."""
