@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Without a named camera the node finds the only one, and names them if there are several."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node import topic_finder
 from nav_msgs.msg import Odometry
+import pytest
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 
