@@ -33,12 +33,6 @@ def test_a_bend_of_a_quarter_circle_replaces_each_corner():
     assert middle.yaw_rad == pytest.approx(math.pi / 4)
 
 
-def test_the_end_is_the_last_corner():
-    end = ROUTE.spot(ROUTE.length_m, 0.0, 0.0)
-    assert (end.x, end.y) == pytest.approx((60.0, 20.0))
-    assert math.remainder(end.yaw_rad - math.pi / 2, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_nothing_jumps_but_the_street_that_is_seen():
     step = 0.25
     spots = [ROUTE.spot(at, -1.5, 0.1) for at in np.arange(0, ROUTE.length_m, step)]
