@@ -109,6 +109,20 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
     return 0;
 }
 
+// Write the regions [count][32] of a reference that is laid out as bytes, times a scale.
+KERNEL(unpack_reference)(const int8_t *packed, intptr_t count, float scale, float *regions)
+{
+    for (intptr_t place = 0; place < count; place++) {
+        int half = place % COLUMNS / LANES, lane = place % LANES;
+        const int8_t *own = packed + place / COLUMNS * COLUMNS * NUMBERS + half * 4 * LANES;
+        for (int number = 0; number < NUMBERS; number++) {
+            int8_t byte = own[number / 4 * 8 * LANES + byte_place(lane, number % 4)];
+            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - OFFSET);
+        }
+    }
+    return 0;
+}
+
 // Add dot products in registers alone, 12 in every loop: the most that the processor can do.
 KERNEL(peak)(intptr_t loops, int32_t *found)
 {
