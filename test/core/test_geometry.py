@@ -8,7 +8,8 @@ from convseq_ros.core.geometry import numpy_kernels
 from convseq_ros.core.geometry.displacement import arranged, weights
 from convseq_ros.core.geometry.following import followed
 from convseq_ros.core.geometry.motion import MOTION
-from convseq_ros.core.geometry.verification import NOTHING, Verification, verify as verify_all
+from convseq_ros.core.geometry.verification import NOTHING, Verification
+from convseq_ros.core.geometry.verification import verify as verify_all
 import cv2
 import numpy as np
 import pytest
