@@ -95,7 +95,7 @@ def _tables(results: Path) -> Iterable[str]:
     yield '### Confidence'
     rows = pooled([told['as_shipped'] for run in decided if (told := run.summary['calibration'])])
     yield _table(
-        ('confidence', 'frames', 'mean confidence', 'best place is right'),
+        ('confidence', 'frames', 'mean confidence, %', 'best place is right, %'),
         (
             (
                 f'{row["low"]:g} to {row["high"]:g}',
@@ -136,18 +136,18 @@ def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
         yield _table(
             (
                 'method',
-                'right, of matched',
-                '95 %',
-                'matched',
-                'AUC-PR',
-                'recall at 100 % precision',
+                'right, %',
+                '95 % interval',
+                'of matched',
+                'AUC-PR, %',
+                'recall at 100 % precision, %',
             ),
             (
                 (
                     METHODS.get(run.method, (run.method,))[0],
                     _percent(run.summary['accuracy_matched']),
                     _percent(run.summary.get('accuracy_matched_low'))
-                    + ' to '
+                    + '-'
                     + _percent(run.summary.get('accuracy_matched_high')),
                     str(run.summary['matched_known']),
                     _percent(run.summary['auc_pr']),
@@ -169,7 +169,8 @@ def _first(run: Run) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return '-' if share is None else f'{100 * share:.1f} %'
+    """Return a number for a column that says `%`."""
+    return '?' if share is None else f'{100 * share:.1f}'
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
