@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The matcher: pair scores of queries with the references of a map (paper III-D)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
@@ -13,6 +14,7 @@ from convseq_ros.core.encoding.regions import Cells, Regions, unit
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
+from convseq_ros.core.map.place import Packed
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
@@ -33,7 +35,7 @@ class Features:
     """What is compared of a query."""
 
     approximate: Any  # by the chosen kernel
-    exact: Any  # by an exact one, which may be the same
+    exact: Callable[[], Any]  # by an exact one, made when it is asked for
     arranged: Arranged | None = None  # by the geometry
     rough: Any = None  # by the rough kernel
 
@@ -72,7 +74,8 @@ class Matcher:
             self._rough = FeatureCache(reference_map, rough, own, threads, _KEPT_ROUGH)
         self._to_verify: FeatureCache | None = None
         if verifies and exact.project:
-            pair = replace(exact, prepare=self._arranged, prepare_packed=None)
+            several = self._all_arranged if exact.make_regions else None
+            pair = replace(exact, prepare=self._arranged, prepare_packed=several)
             self._to_verify = FeatureCache(reference_map, pair, own, threads, _KEPT_TO_VERIFY)
 
     def reset(self) -> None:
@@ -88,7 +91,7 @@ class Matcher:
         asked = descriptor, self._least_bits, shown
         if (fast := self._fast.pair.extract(*asked)) is None:
             return None
-        exact = fast if self.exact else pair.extract(*asked)
+        exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
         geometry = arranged(shown[0]) if self._to_verify and shown else None
         return Features(fast, exact, geometry, self._rough and self._rough.pair.extract(*asked))
 
@@ -96,6 +99,13 @@ class Matcher:
         pair = self._exact.pair
         assert pair.project and pair.subtract
         return arranged(pair.subtract(pair.project(cells), background)[0])
+
+    def _all_arranged(
+        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
+    ) -> list[Arranged | None]:
+        assert self._exact.pair.make_regions
+        made = self._exact.pair.make_regions(packed, normalizes, background)
+        return [None if one is None else arranged(one) for one in made]
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -117,11 +127,11 @@ class Matcher:
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""
-        return self._exact.scores_of([(query.exact, indices) for query, indices in asked])
+        return self._exact.scores_of([(query.exact(), indices) for query, indices in asked])
 
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
-        return self._exact.shifts(query.exact, [index])[0]
+        return self._fast.shifts(query.approximate, [index])[0]
 
     def with_shift(self, query: Features, candidates: Candidates) -> Candidates:
         """Return at least one candidate, the first of them with its shift, if that is known."""
@@ -140,13 +150,12 @@ class Matcher:
         if query.arranged is None or self._to_verify is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
-        found = {}
-        for index, shift, reference in zip(
-            indices, shifts, self._to_verify.of(indices), strict=True
-        ):
-            found[index] = NOTHING
-            if shift is not None and reference is not None:
-                found[index] = verify(query.arranged, reference, shift)
+        read = zip(indices, shifts, self._to_verify.of(indices), strict=True)
+        shown = [one for one in read if one[1] is not None and one[2] is not None]
+        found = dict.fromkeys(indices, NOTHING)
+        if shown:
+            known, starts, references = zip(*shown, strict=True)
+            found |= zip(known, verify(query.arranged, references, starts), strict=True)
         return found
 
     def arranged(self, index: int) -> Arranged | None:
@@ -178,14 +187,14 @@ class DescriptorMatcher(Matcher):
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return the vector of a query at unit length, or None if it shows nothing."""
         vector = unit(vector_of(descriptor).astype(np.float32))
-        return Features(vector, vector) if vector.any() else None
+        return Features(vector, lambda: vector) if vector.any() else None
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return cosines of at least 0."""
         found = []
         for query, indices in asked:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            row = np.maximum(rows @ query.exact, 0.0)
+            row = np.maximum(rows @ query.approximate, 0.0)
             row[np.isin(indices, [*self._map.removed])] = np.nan
             found.append(row)
         return found

@@ -8,7 +8,7 @@ from convseq_ros.core.geometry import numpy_kernels
 from convseq_ros.core.geometry.displacement import arranged, weights
 from convseq_ros.core.geometry.following import followed
 from convseq_ros.core.geometry.motion import MOTION
-from convseq_ros.core.geometry.verification import NOTHING, verify
+from convseq_ros.core.geometry.verification import NOTHING, Verification, verify as verify_all
 import cv2
 import numpy as np
 import pytest
@@ -33,6 +33,10 @@ def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
         numbers, matrix, (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
     return arranged(unit(seen.reshape(side * side, -1)))
+
+
+def verify(query, reference, shift) -> Verification:
+    return verify_all(query, [reference], [shift])[0]
 
 
 def kernels():

@@ -149,7 +149,7 @@ class QueryBuffer:
         """What geometry says of the newest frame and the one before, if it is asked."""
         features = [one.features for one in self.outward[:2]]
         shown = [one.arranged for one in features if one and one.arranged]
-        return verify(shown[0], shown[1], (0.0, 0.0)) if len(shown) == 2 else None
+        return verify(shown[0], shown[1:], [(0.0, 0.0)])[0] if len(shown) == 2 else None
 
     @property
     def novelty(self) -> float:
@@ -160,7 +160,7 @@ class QueryBuffer:
         image is the same.
         """
         features = [one.features for one in self.outward[:2]]
-        shown = [one.arranged.numbers for one in features if one and one.arranged]
+        shown = [one.arranged.rows.ravel() for one in features if one and one.arranged]
         if len(shown) < 2 or not (
             lengths := float(np.linalg.norm(shown[0]) * np.linalg.norm(shown[1]))
         ):

@@ -3,7 +3,7 @@
 """Coherent pair scores, compiled: coherent.c."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 from convseq_ros.core.compiled import array, kernel, library, SIZE
@@ -20,7 +20,13 @@ from convseq_ros.core.similarity.kernels.panel import (
     ROWS,
     tiled,
 )
-from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
+from convseq_ros.core.similarity.kernels.references import (
+    alike,
+    pack,
+    pack_all,
+    Reference,
+    regions_all,
+)
 from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
 import numpy as np
@@ -91,7 +97,7 @@ def _pair(
     window: npt.NDArray[np.float64] = WINDOW,
 ) -> PairScore:
     """Return the pair score by bytes, if there is a scale, or by floats."""
-    return coherent_pair(
+    pair = coherent_pair(
         f'{name} {library().variant}',
         not scale,
         (normalized, project, less_background),
@@ -101,6 +107,7 @@ def _pair(
         partial(pack_all, scale=scale, step=step),
         step,
     )
+    return replace(pair, make_regions=regions_all)
 
 
 def float32() -> PairScore:

@@ -17,9 +17,8 @@ Packed = tuple[Panel, npt.NDArray[np.int32] | None]
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _pack_reference = kernel('pack_reference', array('f4'), SIZE, FLOAT, INT, array('i1'))
 
-# Regions of a query and of a reference in a tile; of a query's bytes the width, and how many times
-# each is taken; what is added to a reference's.
-ROWS, COLUMNS, _WIDTH, _TIMES, _OFFSET, _ = numbers('shape', 6)
+# Regions of a query and of a reference in a tile; what is added to a reference's bytes.
+ROWS, COLUMNS, _OFFSET = numbers('shape', 3)
 
 
 def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
@@ -39,8 +38,7 @@ def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Packed:
     """Return regions (G, 32), times a scale, as signed bytes."""
     whole = np.clip(np.rint(tiled(regions, ROWS) * np.float32(scale)), -127, 127)
     start = (origin - _OFFSET) * whole.sum(axis=1)
-    packed = (whole * _TIMES).astype(f'i{_WIDTH}').view(np.int8)
-    return packed, start.astype(np.int32)
+    return whole.astype(np.int8), start.astype(np.int32)
 
 
 def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:

@@ -71,6 +71,45 @@ def pack_all(
 
     Of rows and columns of regions, one of each `step` is taken.
     """
+    room, panels, shown = _prepared(packed, normalizes, background, scale, step)
+    made = [panels[one] for one in np.flatnonzero(shown)]
+    if not made:
+        return [None] * len(packed)
+    if not scale:
+        for regions in (panel[:room].view(np.float32) for panel in made):
+            regions[:] = reference_floats(_regions(regions, len(packed[0]), step))
+    blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
+    begin = room // 4 if blocks.size else 0
+    found = iter(
+        [
+            Reference(panel, address(panel), begin, length)
+            for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
+        ]
+    )
+    return [next(found) if any_ else None for any_ in shown]
+
+
+def regions_all(
+    packed: Sequence[Packed], normalizes: bool, background: Regions | None
+) -> list[Regions | None]:
+    """Return the regions (N, 32) of references, from packed cells; None without gradient."""
+    _, panels, shown = _prepared(packed, normalizes, background, 0.0, 1)
+    return [
+        _regions(panel.view(np.float32), len(packed[0]), 1) if any_ else None
+        for panel, any_ in zip(panels, shown, strict=True)
+    ]
+
+
+def _regions(numbers: npt.NDArray[np.float32], size: int, step: int) -> Regions:
+    """Return the regions that a panel begins with, before they are laid out in blocks."""
+    side = rounded_up(size - REGION.span + 1, step) // step
+    return numbers[: side**2 * REGION.numbers].reshape(-1, REGION.numbers)
+
+
+def _prepared(
+    packed: Sequence[Packed], normalizes: bool, background: Regions | None, scale: float, step: int
+) -> tuple[int, list[Panel], npt.NDArray[np.int8]]:
+    """Return how many bytes the regions of a panel take, the panels, and which show something."""
     size, shown = len(packed[0]), np.empty(len(packed), np.int8)
     side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
     if background is not None:
@@ -82,26 +121,12 @@ def pack_all(
         behind = (-(-side // block)) ** 2 * REGION.numbers * 4
     cells = [np.ascontiguousarray(one) for one in packed]
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
-    where = addresses(panels)
     _prepare(
         addresses(cells), len(packed), size, step, PACKED_UNIT, own.middle, own.side,
-        own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
+        own.saturation if normalizes else 0.0, *axes(), background, block, scale,
+        addresses(panels), shown,
     )  # fmt: skip
-    made = [panels[one] for one in np.flatnonzero(shown)]
-    if not made:
-        return [None] * len(packed)
-    if not scale:
-        for regions in (panel[:room].view(np.float32) for panel in made):
-            regions[:] = reference_floats(regions.reshape(-1, REGION.numbers)[: side**2])
-    blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
-    begin = room // 4 if behind else 0
-    found = iter(
-        [
-            Reference(panel, address(panel), begin, length)
-            for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
-        ]
-    )
-    return [next(found) if any_ else None for any_ in shown]
+    return room, panels, shown
 
 
 def alike(
