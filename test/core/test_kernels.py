@@ -11,15 +11,14 @@ from convseq_ros.config import MatchingConfig
 from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.regions import paper_regions, projected_regions
+from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.coherent import CoherentQuery
 from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, less_background
+from convseq_ros.core.similarity.kernels.numpy_coherent import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -202,38 +201,6 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         assert found[0] == pytest.approx(1)
         bare = references.pack(regions, None, 0.0)
         assert references.alike(wide, [packed[1], bare], where) is None
-
-
-@pytest.mark.parametrize('side', [3, 7, 32])
-def test_8_bit_scores_are_those_of_whole_numbers(side):
-    needs_library()
-    from convseq_ros.core.similarity.kernels.regional import _REFERENCE_SCALE, _SCALE
-
-    kernel = chosen_kernels(MatchingConfig(matching='regional', kernel='int8'))[0]
-    query, reference = drawn(side, side), drawn(1, side).cells
-    found, _ = compared(kernel, query, [reference])
-    own = np.rint(paper_regions(query.cells) * np.float32(_SCALE))
-    other = np.rint(paper_regions(reference) * np.float32(_REFERENCE_SCALE))
-    best = (own[query.salient] @ other.T).max(axis=1)
-    assert found[0] == np.float32(min(best.sum() / (len(best) * _SCALE * _REFERENCE_SCALE), 1.0))
-
-
-def test_of_equal_counterparts_the_first_is_taken():
-    needs_library()
-    from convseq_ros.core.similarity.kernels.coherent import _compared, _float_query
-    from convseq_ros.core.similarity.kernels.references import pack
-
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        # Whole numbers: every sum is exact, and many are equal.
-        own, other = rng.integers(-1, 2, (2, 900, 32)).astype(np.float32)
-        own[:, 4:] = 0
-        index = np.sort(rng.permutation(900)[:100])
-        query = CoherentQuery(own[index], index, 30)
-        (scores, shifts), _ = _compared(_float_query(query), None, [pack(other, None, 0.0)])
-        expected, shift = coherent_score(query, other)
-        assert scores[0] == pytest.approx(expected, abs=1e-6)
-        assert tuple(shifts[0]) == shift
 
 
 @pytest.fixture(scope='module')
