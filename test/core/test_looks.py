@@ -186,20 +186,6 @@ def test_a_way_that_is_driven_again_and_again_stops_growing_and_is_recognised(dr
     assert all(isinstance(one, Anchor) and one.stamp_ns < 90 * SECOND for one in anchors[20:])
 
 
-def test_what_is_removed_is_not_matched_any_more_and_keeps_its_index(drive, path, image):
-    drive(0, ROUND)
-    drive(1, ROUND, 0)
-    config = make_config({'image_size_px': 128})
-    session = Session(path, config)
-    whole = session.recognizer.reference_map
-    stamps = [place.stamp_ns for place in whole.places]
-    whole.removed.update(range(ROUND))
-    for place in range(ROUND):
-        match = session.recognizer.process(Frame(9 * DAY + place * SECOND, image(place, 1)))
-        assert not match.accepted or match.accepted.reference_index >= ROUND
-    assert [place.stamp_ns for place in whole.places] == stamps
-
-
 def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):
     frames = [
         Frame((day * 200 + at) * SECOND, image(at, day)) for day in range(3) for at in range(ROUND)
