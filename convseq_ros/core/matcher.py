@@ -106,11 +106,7 @@ class Matcher:
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores` does for several queries, with all references read in one go."""
-        found = self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
-        if removed := [*self._map.removed]:  # they show nothing any more
-            for (_, indices), row in zip(asked, found, strict=True):
-                row[np.isin(indices, removed)] = np.nan
-        return found
+        return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
         """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
@@ -183,9 +179,7 @@ class DescriptorMatcher(Matcher):
         found = []
         for query, indices in asked:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            row = np.maximum(rows @ query.approximate, 0.0)
-            row[np.isin(indices, [*self._map.removed])] = np.nan
-            found.append(row)
+            found.append(np.maximum(rows @ query.approximate, 0.0))
         return found
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
