@@ -10,17 +10,9 @@ def cosine_scores(
     queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
     """
-    Return the cosine of every query with every reference.
+    Return the cosine of every query (Q, D) with every reference (R, D), in [-1, 1]: (Q, R).
 
-    Parameters
-    ----------
-    queries, references : ndarray of float32, shape (Q, D) and (R, D)
-        Descriptors of any length but zero; one that is zero scores 0.
-
-    Returns
-    -------
-    ndarray of float32, shape (Q, R)
-        In [-1, 1].
+    Descriptors need not have unit length; a zero vector scores 0.
 
     """
     return _unit(queries) @ _unit(references).T

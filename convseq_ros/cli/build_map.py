@@ -157,13 +157,8 @@ def build(
 
     Warnings and a bar of progress go to standard error; or warnings alone to whom to `tell`.
 
-    Raises
-    ------
-    SourceError
-        If the recording cannot be read or holds no readable image; a new map is then not made.
-    MapError
-        If the map cannot be written.
-
+    SourceError if the recording cannot be read or holds no readable image; a new map is then not
+    made. MapError if the map cannot be written.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading

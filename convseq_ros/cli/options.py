@@ -108,10 +108,7 @@ def chosen_config(
     """
     Return the configuration that file and options ask for, or else a command, or the defaults.
 
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a name is unknown or a value is not allowed.
+    ConfigError if the file cannot be read, a name is unknown or a value is not allowed.
 
     """
     reading = chosen_reading(chosen)

@@ -31,11 +31,7 @@ def own_domain() -> int:
 
     Whoever asks for one in the same way, on the same network, gets another one.
 
-    Raises
-    ------
-    ConvseqError
-        If all of them are claimed.
-
+    ConvseqError if all of them are claimed.
     """
     for number in range(_HIGHEST_DOMAIN):
         domain = 1 + (os.getpid() + number) % _HIGHEST_DOMAIN
@@ -69,15 +65,7 @@ def need_ros(what: str = '') -> None:
 
 
 def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
-    """
-    Replace this process by a node's, which loses no large images.
-
-    Raises
-    ------
-    ConvseqError
-        If ROS, or what else it needs, is not installed.
-
-    """
+    """Replace this process by a node's; ConvseqError if ROS, or what it needs, is missing."""
     if module.endswith('watch') and find_spec('rich') is None:
         raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
     need_ros()

@@ -74,15 +74,7 @@ class Method:
 
 
 def make_method(name: MethodName, config: Config) -> Method:
-    """
-    Return the method that a name asks for.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, or an option or argument does not fit.
-
-    """
+    """Return the method of a name; ConfigError if there is none, or an option does not fit."""
     if name.kind not in KINDS:
         raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
     kind = KINDS[name.kind]
