@@ -22,7 +22,9 @@ from convseq_ros.node.cameras import CameraSubscriptions, ImageMessage, QUEUE_BY
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.fleet_answers import open_fleet
+from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
+from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
 from convseq_ros.node.progress_log import ProgressLog
@@ -30,10 +32,8 @@ from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
-from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.onnx_model import open_model
@@ -95,11 +95,13 @@ class VprNode(ManagedNode):
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self, config, self._config.reading, topics)
-        self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
+        self._frame_context = FrameContext(self, config, self._config.reading, topics)
+        self._answers = MatchPublishers(
+            self, config, lambda: self._frame_context.odometry.frame_id
+        )
         self._recognition = Recognition(
             session,
-            self._surroundings,
+            self._frame_context,
             self._results,
             self._publish,
             self._statistics,
@@ -119,7 +121,7 @@ class VprNode(ManagedNode):
         if fleet := open_fleet(self, config, self._config, topics):
             undone.callback(fleet.close)
         self._fleet = fleet
-        self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
+        self._localization = LocalizationTopics(self, config, self._situation, self._images.advice)
         self._diagnostics = Diagnostics(
             self,
             self._statistics,
@@ -151,7 +153,7 @@ class VprNode(ManagedNode):
         if not self._is_open:
             return
         self._is_open = self._listening = False
-        self._whereabouts.give_up()
+        self._localization.give_up()
         if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
         elif self._ready:
@@ -193,7 +195,7 @@ class VprNode(ManagedNode):
                 raise
 
     def _follow(self, topics: dict[str, str]) -> None:
-        self._surroundings.follow(topics)
+        self._frame_context.follow(topics)
         self._images.follow(topics['image'])
 
     def _on_warm(self) -> None:
@@ -205,7 +207,7 @@ class VprNode(ManagedNode):
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
         estimate = self._answers.publish(frame, match, recognizer, duration_ms)
-        self._whereabouts.update(match, estimate)
+        self._localization.update(match, estimate)
         if self._fleet and recognizer is self._recognition.session.recognizer:
             self._fleet.put(frame)
 
@@ -232,7 +234,7 @@ class VprNode(ManagedNode):
 
         def apply() -> None:
             self._recognition.configure(config)
-            self._answers.config = self._whereabouts.config = node_config
+            self._answers.config = self._localization.config = node_config
 
         self._worker.between_items(apply)
 
@@ -257,7 +259,7 @@ class VprNode(ManagedNode):
         return response
 
     def _situation(self) -> Situation:
-        session, odometry = self._recognition.session, self._surroundings.odometry
+        session, odometry = self._recognition.session, self._frame_context.odometry
         return Situation(
             ready=self._ready,
             enabled=self._enabled and (self._listening or not self._ready),
@@ -270,10 +272,10 @@ class VprNode(ManagedNode):
                 'lost_by_middleware': self._images.lost,
                 'clock_jumps': session.cameras.resets,
                 'result_rows_lost': self._results.lost,
-                'camera_info': self._surroundings.camera.known,
+                'camera_info': self._frame_context.camera.known,
                 'frames_without_pose': odometry.missing,
-                'frames_without_depth': self._surroundings.depth.missing,
-                'depth_unreadable': self._surroundings.depth.unreadable,
+                'frames_without_depth': self._frame_context.depth.missing,
+                'depth_unreadable': self._frame_context.depth.unreadable,
             },
             fleet=self._fleet,
             model_problem=self._recognition.model_problem,

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from convseq_ros.node import odometry as module
+from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.reading_config import ReadingConfig
 from sensor_msgs.msg import Image

@@ -5,7 +5,7 @@
 import sys
 from types import SimpleNamespace
 
-from convseq_ros.node.surroundings import Mount
+from convseq_ros.node.frame_context import Mount
 import pytest
 
 pytest.importorskip('rclpy')

@@ -38,8 +38,8 @@ def test_the_only_camera_is_found_with_what_is_beside_it(client, vpr, street, im
     node = vpr(map_path=map_path)
     client.wait_for(camera.get_subscription_count)
     assert node._images.topic == '/front/image_raw'
-    assert node._surroundings.odometry._subscription.topic == '/wheels/odom'
-    assert node._surroundings.camera._subscription.topic == '/front/camera_info'
+    assert node._frame_context.odometry._subscription.topic == '/wheels/odom'
+    assert node._frame_context.camera._subscription.topic == '/front/camera_info'
     client.wait_until_known_to('/vpr_node')
     camera.publish(image(street[0], 1))
     client.wait_for(lambda: node._statistics.processed == 1)
