@@ -18,7 +18,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
-from convseq_ros.node.cameras import CameraSubscriptions, ImageMessage, QUEUE_BYTES
+from convseq_ros.node.cameras import image_subscriptions, ImageMessage, QUEUE_BYTES
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.fleet_answers import open_fleet
@@ -85,8 +85,8 @@ class VprNode(ManagedNode):
 
     def _open_work(self, undone: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
-        self._images = CameraSubscriptions(self, config, self._on_image)
-        topics = self._images.topics if config.image_topics else []
+        self._images = image_subscriptions(self, config, self._on_image)
+        topics = [one.topic for one in self._images] if config.image_topics else []
         path = Path(config.map_path) if config.map_path else None
         session = Session(path, self._config, sources=topics, describe=open_model(self._config))
         undone.callback(session.close)
@@ -121,16 +121,12 @@ class VprNode(ManagedNode):
         if fleet := open_fleet(self, config, self._config, topics):
             undone.callback(fleet.close)
         self._fleet = fleet
-        self._localization = LocalizationTopics(self, config, self._situation, self._images.advice)
+        self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
-            self,
-            self._statistics,
-            self._situation,
-            self._images.advice,
-            config.diagnostics_period_s,
+            self, self._statistics, self._situation, self._advice, config.diagnostics_period_s
         )
         self._progress = ProgressLog(
-            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
+            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
         self._finder = TopicFinder(self, self._follow, not topics)
         self._warm = self.create_guard_condition(self._on_warm)
@@ -138,14 +134,16 @@ class VprNode(ManagedNode):
     def listen(self) -> None:
         """Take in images from now on."""
         self._listening = True
-        self._images.start()
+        for one in self._images:
+            one.start()
         self._maps.announce()
-        self.get_logger().info(f'listening to {self._images.topic}')
+        self.get_logger().info(f'listening to {self._topic}')
 
     def pause(self) -> None:
         """Take in no images for now."""
         self._listening = False
-        self._images.stop()
+        for one in self._images:
+            one.stop()
         self.get_logger().info('not listening')
 
     def close_work(self) -> None:
@@ -196,7 +194,7 @@ class VprNode(ManagedNode):
 
     def _follow(self, topics: dict[str, str]) -> None:
         self._frame_context.follow(topics)
-        self._images.follow(topics['image'])
+        self._images[0].follow(topics['image'])
 
     def _on_warm(self) -> None:
         self._ready = True
@@ -258,18 +256,29 @@ class VprNode(ManagedNode):
         response.success, response.message = True, 'enabled' if request.data else 'disabled'
         return response
 
+    @property
+    def _topic(self) -> str:
+        """The topics of the cameras, with spaces between."""
+        return ' '.join(one.topic for one in self._images)
+
+    def _lost(self) -> int:
+        return sum(one.lost for one in self._images)
+
+    def _advice(self) -> str:
+        return '; '.join(one.advice() for one in self._images)
+
     def _situation(self) -> Situation:
         session, odometry = self._recognition.session, self._frame_context.odometry
         return Situation(
             ready=self._ready,
             enabled=self._enabled and (self._listening or not self._ready),
             session=session,
-            topic=self._images.topic,
+            topic=self._topic,
             dropped=self._worker.dropped,
             odometry_heard=odometry.heard,
             further={
                 'queue': self._worker.waiting,
-                'lost_by_middleware': self._images.lost,
+                'lost_by_middleware': self._lost(),
                 'clock_jumps': session.cameras.resets,
                 'result_rows_lost': self._results.lost,
                 'camera_info': self._frame_context.camera.known,
