@@ -5,7 +5,7 @@
 import threading
 from unittest.mock import Mock
 
-from convseq_ros.node import odometry as module
+from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
