@@ -63,7 +63,7 @@ def test_the_page_of_commands_has_every_option_of_every_command(monkeypatch):
     sections = re.split(r'(?m)^## convseq ', hooks['commands']())
     for name in COMMANDS:
         told = ' '.join(one for one in sections if one.split()[:1] == [name])
-        assert told
+        assert told and '(; ' not in told
         if name not in NODES:  # which need ROS to say it
             command = importlib.import_module(f'convseq_ros.cli.{name.replace("-", "_")}')
             parser = argparse.ArgumentParser()

@@ -22,11 +22,6 @@ def texture(seed, shift_px=0):
     return (wide[:512, shift_px : shift_px + 512] * 255).astype(np.uint8)
 
 
-def cosine(one, other, mean):
-    one, other = one - mean, other - mean
-    return one @ other / np.linalg.norm(one) / np.linalg.norm(other)
-
-
 def test_it_is_the_cosine_transform_of_the_leading_axes():
     cells = describe(texture(0)).cells
     image = projected_regions(cells).reshape(30, 30, 32)
@@ -46,17 +41,6 @@ def test_it_is_the_cosine_transform_of_the_leading_axes():
         for axis in range(12)
     ]
     assert found == pytest.approx(expected, abs=2e-4)
-
-
-def test_an_image_shifted_by_two_cells_still_looks_alike():
-    here = global_descriptor(describe(texture(0)).cells).astype(float)
-    shifted = global_descriptor(describe(texture(0, 32)).cells).astype(float)
-    others = np.array(
-        [global_descriptor(describe(texture(seed)).cells) for seed in range(1, 9)], float
-    )
-    mean = others.mean(axis=0)
-    alike = cosine(here, shifted, mean)
-    assert alike > 0.5 > max(cosine(here, other, mean) for other in others) + 0.1
 
 
 @pytest.mark.parametrize(('size', 'length'), [(64, 48), (96, 180), (128, 252), (1024, 252)])
@@ -101,11 +85,6 @@ def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
     found, other = alike(drawn(1), shifted(drawn(1), 0, right), drawn(2))
     left = 1 - abs(right) / 30
     assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
-
-
-def test_an_image_that_moved_farther_is_unlike():
-    assert alike(drawn(1), shifted(drawn(1), 0, 15))[0] < 0.1
-    assert alike(drawn(1), shifted(drawn(1), 6, 0))[0] < 0.1
 
 
 @settings(max_examples=20, deadline=None)

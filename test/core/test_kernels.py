@@ -17,7 +17,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
 from convseq_ros.core.similarity.kernels import numpy_halves
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_coherent import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -227,7 +227,7 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.5)
         for kernel in ('numpy', 'int8')
     )
-    for query in queries[::6]:
+    for query in queries[::16]:
         expected = definition.scores(definition.extract(query), everywhere)
         features = fast.extract(query)
         scores = fast.scores(features, everywhere)
@@ -269,7 +269,7 @@ import numpy as np
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_halves import products
 
 def told(*found):
@@ -369,20 +369,29 @@ def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypa
 @pytest.mark.parametrize('kernel', ['int8', 'float32'])
 def test_rough_scores_are_those_of_the_definition(kernel, image):
     described = [describe(image(place)) for place in (3, 3, 8)]
-    pairs = [rough_kernel(MatchingConfig(kernel=name)) for name in (kernel, 'numpy')]
+    pairs = [chosen_kernels(MatchingConfig(kernel=name))[0] for name in (kernel, 'numpy')]
     background = projected_regions(described[2].cells)
     found = []
     for pair in pairs:
         shown = pair.subtract(pair.project(described[0].cells), background)
-        query = pair.extract(described[0], 0.0, shown)
+        query = pair.extract_rough(described[0], 0.0, shown)
         references = [pair.prepare(one.cells, background) for one in described]
-        found.append(pair.compare(query, references[:2])[0])
+        found.append(pair.compare_rough(query, references[:2])[0])
     assert found[1][0] > 0.9
     assert np.allclose(*found, atol=0.02 if kernel == 'int8' else 1e-5)
 
 
+@pytest.mark.parametrize('kernel', ['int8', 'float32', 'numpy'])
+def test_regions_of_a_reference_come_back(kernel, image):
+    pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
+    cells = describe(image(3)).cells
+    regions = pair.subtract(pair.project(cells), None)[0]
+    found = pair.regions_of(pair.prepare(cells, None))
+    assert np.allclose(found, regions, atol=0.6 / 160 if kernel == 'int8' else 1e-7)
+
+
 def test_rough_references_are_the_same_one_by_one_and_all_at_once(image):
-    pair = rough_kernel(MatchingConfig(kernel='int8'))
+    pair = chosen_kernels(MatchingConfig(kernel='int8'))[0]
     cells = [describe(image(place)).cells for place in range(3)]
     background = projected_regions(cells[2])
     one_by_one = [pair.prepare(unpack_cells(pack_cells(one)), background) for one in cells[:2]]

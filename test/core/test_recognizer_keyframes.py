@@ -142,15 +142,6 @@ def test_a_stop_and_dropped_frames_leave_the_keyframes_in_step(third_places, ima
     assert Reason.WARMING_UP not in {match.reason for match in matches[20:]}
 
 
-def test_where_the_scene_decides_a_blank_frame_is_uninformative_and_no_place():
-    config = replace(ONLINE, keyframes=KeyframeConfig())
-    grown = ReferenceMap(SMALL, keyframes=config.keyframes)
-    blank = Frame(0, np.full((48, 64), 128, np.uint8))
-    match = PlaceRecognizer(grown, config).process(blank)
-    assert (match.status, match.reason) == (Status.SKIPPED, Reason.UNINFORMATIVE)
-    assert len(grown) == 0
-
-
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
 def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
     recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)

@@ -84,11 +84,6 @@ def test_closures_are_drawn_as_lio_sam_does():
     assert all(marker.action == Marker.ADD and marker.color.a == 1 for marker in (nodes, edges))
 
 
-def test_lists_without_points_are_removed():
-    assert [marker.action for marker in closure_markers(HEADER, [])] == [Marker.DELETE] * 2
-    assert places_marker(HEADER, map_of(None).places).action == Marker.DELETE
-
-
 def test_places_are_dots_as_large_as_fits():
     places = places_marker(HEADER, map_of(pose(0), None, pose(0.6), pose(1.2)).places)
     assert (places.ns, places.type) == ('places', Marker.POINTS)
@@ -128,17 +123,6 @@ def test_only_news_is_drawn():
     assert xs(viewer.extract(REJECTED, reference_map, None, None)['places']) == [0, *range(10)]
     viewer.publisher.get_subscription_count.return_value = 2
     assert len(viewer.extract(REJECTED, reference_map, None, None)) == 4
-
-
-def test_another_map_has_no_closures_yet_and_there_are_never_too_many(monkeypatch):
-    monkeypatch.setattr('convseq_ros.node.markers._MOST_CLOSURES', 3)
-    viewer, reference_map = Viewer(), map_of(pose(0))
-    for x in range(5):
-        drawn = viewer.extract(ACCEPTED, reference_map, estimate(x), None)
-    assert xs(drawn['loop_nodes']) == [2, 3, 4]
-    drawn = viewer.extract(ACCEPTED, map_of(pose(9)), estimate(9), None)
-    assert xs(drawn['loop_nodes']) == [9]
-    assert xs(drawn['places']) == [9]
 
 
 def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):

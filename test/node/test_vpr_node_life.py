@@ -88,7 +88,7 @@ def test_a_signal_in_the_middle_of_saving_waits_a_moment_and_crashes_nothing(
     assert ('stopped before a map was saved' in errors) != is_saved
 
 
-@pytest.mark.parametrize('pause_s', [0.0, 0.02, 0.1])
+@pytest.mark.parametrize('pause_s', [0.0, 0.05])
 def test_a_second_signal_while_it_ends_changes_nothing(client, start, map_path, pause_s):
     process = start('vpr_node', map_path=map_path)
     # The first publisher appears while the node is still being made.

@@ -41,13 +41,6 @@ def test_nothing_jumps_but_the_street_that_is_seen():
         assert abs(math.remainder(one.yaw_rad - other.yaw_rad, 2 * math.pi)) < 1.1 * step / 5.0
 
 
-def test_a_lane_to_the_left_lies_to_the_left():
-    middle, left = (ROUTE.spot(20.0, offset, 0.0) for offset in (0.0, 1.0))
-    assert (left.x - middle.x, left.y - middle.y) == pytest.approx((0.0, 1.0))
-    north = [ROUTE.spot(75.0, offset, 0.0) for offset in (0.0, 1.0)]
-    assert (north[1].x - north[0].x, north[1].y - north[0].y) == pytest.approx((-1.0, 0.0))
-
-
 @pytest.mark.parametrize('distance', [5.0, 52.0, 75.0, 110.0, 170.0])
 def test_the_place_in_the_street_is_the_place_in_the_world(distance):
     spot = ROUTE.spot(distance, -1.5, 0.2)
