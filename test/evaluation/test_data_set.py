@@ -16,14 +16,8 @@ def test_paths_start_at_the_file(street):
 
 
 def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(tmp_path):
-    assert {
-        'alderley',
-        'campus_loop',
-        'corridor',
-        'gardens_point_day_day',
-        'gardens_point_day_night',
-        'nordland',
-    } <= set(ready_made())
+    names = 'alderley campus_loop corridor gardens_point_day_day gardens_point_day_night nordland'
+    assert {*names.split()} <= set(ready_made())
     for name in ready_made():
         data_set = open_data_set(name, tmp_path)
         if data_set.query.simulated:
