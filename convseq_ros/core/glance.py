@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Glance = npt.NDArray[np.float32]  # (2, 48, 64) of length 1, hence the same in a dimmer light
 
+_AREA = cv2.INTER_AREA  # each pixel is the mean of those that it covers
+
 
 @constants
 class GLANCE:
@@ -28,8 +30,13 @@ class GLANCE:
 
 def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
     """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
-    size = GLANCE.width_px, GLANCE.height_px
-    small = np.sqrt(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    size = width, height = GLANCE.width_px, GLANCE.height_px
+    # Halves are made ten times as fast as other shares.
+    while min(gray.shape[0] // height, gray.shape[1] // width) >= 8 and not any(
+        side % 2 for side in gray.shape
+    ):
+        gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=_AREA)
+    small = np.sqrt(cv2.resize(gray, size, interpolation=_AREA), dtype=np.float32)
     edges: Glance = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
     length = float(np.linalg.norm(edges))
     if length < GLANCE.least_edge * edges.size**0.5:
