@@ -25,6 +25,9 @@ class GLANCE:
     share: float = 0.9  # of the least distance that was safe lately, below which all is near
     surprise: float = 0.7  # of that distance is safe if a far frame comes before any near one
     beside: float = 0.25  # of that distance lies a frame at most from one that shows the same
+    # Twice the distance of any of 262 pairs of images that are 98.5 % alike: with noise, in 3 % to
+    # all of the light, up to 4 pixels apart.
+    moved: float = 0.7
     still: float = 4.0  # distance by which frames differ at most, by how unlike they may be
 
 
