@@ -163,30 +163,12 @@ def test_identical_images_are_all_inliers():
     assert found.strength == pytest.approx(found.inliers, rel=1e-3)
 
 
-def test_one_half_that_is_flat_leaves_the_other():
-    half = scene(9)
-    half[:, :30] = 0
-    whole = verify(view(scene(9)), view(scene(9)), (0, 0))
-    found = verify(view(half), view(scene(9)), (0, 0))
-    assert 0.3 < found.inliers / whole.inliers < 0.65
-
-
 @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
 def test_what_shows_nothing_verifies_nothing(value):
     nothing = arranged(np.full((SIDE**2, 32), value, np.float32))
     for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
         with np.errstate(invalid='ignore'):
             assert verify(*pair, (0.0, 0.0)) == NOTHING
-
-
-@pytest.mark.parametrize('shift', [(29, 0), (-40, 0), (0, 90), (-29, 29)])
-def test_images_that_hardly_overlap_verify_next_to_nothing(shift):
-    assert verify(view(scene(1)), view(scene(1)), shift).inliers < 20
-
-
-def test_an_answer_is_repeatable():
-    pair = view(scene(10)), view(scene(11))
-    assert len({verify(*pair, (1.0, -1.0)) for _ in range(3)}) == 1
 
 
 def test_the_way_back_is_verified_alike():

@@ -74,11 +74,6 @@ def test_where_keypoints_do_not_agree_cells_answer(street, whole):
     assert pose.position_m == plain.position_m and 'max_image_mpx' in whole.images.problem
 
 
-def test_a_map_without_poses_gives_no_metres(street, whole):
-    bare = changed(whole, lambda _, jpeg: jpeg, poses=False)
-    assert measured(bare, street[1][9], 11).position_m is None
-
-
 def test_the_robots_own_body_has_no_keypoints(street, whole):
     """A bonnet that is painted over the same place of all images says: the same pose."""
 

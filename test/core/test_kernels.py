@@ -227,7 +227,7 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.5)
         for kernel in ('numpy', 'int8')
     )
-    for query in queries[::6]:
+    for query in queries[::16]:
         expected = definition.scores(definition.extract(query), everywhere)
         features = fast.extract(query)
         scores = fast.scores(features, everywhere)

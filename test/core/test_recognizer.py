@@ -95,16 +95,6 @@ def test_without_a_map_every_frame_says_so():
     assert PlaceRecognizer(ReferenceMap()).process(Frame(0, image(0))).reason is Reason.NO_MAP
 
 
-def test_the_order_of_processing_two_recognisers_does_not_matter(reference_map):
-    one, two = PlaceRecognizer(reference_map), PlaceRecognizer(reference_map)
-    images = [image(place) for place in range(6)]
-    interleaved = [
-        (one.process(Frame(index, each)), two.process(Frame(index, each)))
-        for index, each in enumerate(images)
-    ]
-    assert all(first == second for first, second in interleaved)
-
-
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
     recognizer = PlaceRecognizer(reference_map, FIXED)
     run(recognizer, [image(place) for place in range(4)])

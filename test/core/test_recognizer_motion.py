@@ -97,29 +97,6 @@ def test_after_a_long_gap_the_sequence_starts_anew(reference_map, drive):
     assert matches[18].best.reference_index == 33
 
 
-def test_a_map_that_grows_recognises_the_second_lap(drive):
-    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    laps = [*range(PLACES)] * 2
-    matches = drive(PlaceRecognizer(grown, ONLINE), laps)
-    assert [match.reason for match in matches[:10]] == [Reason.RECENT] * 10
-    assert len(grown) == 2 * PLACES
-    assert not any(match.accepted for match in matches[:PLACES])
-    for index, match in enumerate(matches[PLACES + 12 :], 12):
-        assert match.accepted.reference_index == index
-        assert match.accepted.reference_stamp_ns == index * STEP_NS
-
-
-def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively(drive):
-    answers = []
-    for search in ('shortlist', 'exhaustive'):
-        config = replace(ONLINE, matching=MatchingConfig(matching='coherent', search=search))
-        matches = drive(
-            PlaceRecognizer(ReferenceMap(SMALL, keyframes=EVERY_FRAME), config), [*range(30)] * 2
-        )
-        answers.append([match.best and match.best.reference_index for match in matches[42:]])
-    assert answers[0] == answers[1]
-
-
 def test_a_clock_that_jumps_back_begins_another_session(drive):
     grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     recognizer = PlaceRecognizer(grown, ONLINE)

@@ -79,11 +79,6 @@ def test_the_same_image_is_at_the_same_spot(street, made):
     assert made(street[0][11], 11, bare).direction is None
 
 
-def test_a_map_made_on_the_spot_tells_no_metres(street, made):
-    still = [replace(one, pose=street[0][0].pose) for one in street[0]]
-    assert made(street[1][9], 11, still).position_m is None
-
-
 def test_distortion_is_taken_out(street, made):
     """An image that is distorted, with its camera's coefficients, is at the same spot."""
     query = street[1][9]

@@ -14,10 +14,8 @@ from convseq_ros.node.conversions import (
     match_header,
     stamp_from_ns,
     stamp_to_ns,
-    status_message,
 )
 from convseq_ros.sources.images import decode_image
-from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given, strategies
 import numpy as np
 import pytest
@@ -94,14 +92,3 @@ def test_a_picture_comes_back(encoding):
     message = image_message(picture, match_header(MATCH, 'camera'))
     assert message.encoding == encoding
     assert np.array_equal(decode_image(message), gray)
-
-
-def test_a_status_is_readable():
-    values = {'queue': 3, 'rate_hz': 9.87654, 'map_path': '/a.db'}
-    status = status_message(DiagnosticStatus.WARN, 'vpr_node: x', 'slow', values)
-    assert (status.level, status.message) == (DiagnosticStatus.WARN, 'slow')
-    assert {item.key: item.value for item in status.values} == {
-        'queue': '3',
-        'rate_hz': '9.877',
-        'map_path': '/a.db',
-    }

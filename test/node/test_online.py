@@ -173,25 +173,6 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
 
 
-@pytest.mark.parametrize('name', ['mistyped.db', 'empty.db'])
-def test_a_mistyped_path_leaves_the_map_in_use(client, vpr, street, image, tmp_path, name):
-    path = tmp_path / 'new.db'
-    (tmp_path / 'empty.db').touch()
-    node = vpr(map_path=path, **ONLINE)
-    indices = client.listen(Int32, '/vpr_node/match_index')
-    drive(client.camera(Image), street, image, range(7))
-    client.wait_for(lambda: len(indices) == 7)
-    answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(tmp_path / name))
-    assert answer.result in (
-        LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST, LoadMap.Response.RESULT_INVALID_MAP_DATA
-    )  # fmt: skip
-    assert node._recognition.session.path == path
-    assert client.call(Trigger, '/vpr_node/save_map').success
-    assert len(open_map(path)) == 7
-    assert not (tmp_path / 'empty.db').stat().st_size
-    assert not (tmp_path / 'mistyped.db').exists()
-
-
 def test_a_second_node_on_the_same_map_is_told_at_the_start(vpr, tmp_path):
     vpr(map_path=tmp_path / 'new.db', **ONLINE)
     with pytest.raises(MapError, match=r'new.db: another program adds to this map'):

@@ -77,14 +77,6 @@ def test_the_command_line_is_obeyed(declared):
     assert node.get_parameter('fixed_length').value == 3
 
 
-def test_a_parameter_file_for_all_nodes_is_obeyed(declared, tmp_path):
-    path = tmp_path / 'all.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    min_margin: 0.25\n    queue_size: 7\n')
-    node = declared('--params-file', str(path))
-    assert node.config.acceptance.min_margin == 0.25
-    assert node.node_config.queue_size == 7
-
-
 @pytest.mark.parametrize('text', ['1', '1.0'])
 def test_a_whole_number_will_do_for_a_float(declared, text):
     node = declared('-p', f'min_margin:={text}')

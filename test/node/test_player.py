@@ -140,11 +140,6 @@ def test_odometry_and_camera_info_are_played_between_the_images(
     assert stamps_of(message for message in heard if isinstance(message, CameraInfo)) == [early_ns]
 
 
-def test_start_leaves_out_the_beginning(client, start, recording):
-    messages = hear(client, start, Image, '/image', recording, '--start', 1.95, '--rate', 10)
-    assert stamps_of(messages) == [START_NS + index * STEP_NS for index in (7, 8, 9)]
-
-
 def test_the_clock_runs_with_the_images_at_the_rate(client, start, recording):
     clock = []
     client.node.create_subscription(

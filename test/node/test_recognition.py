@@ -138,26 +138,6 @@ def test_the_old_map_is_let_go_at_once(setup, image, gray):
     setup.results.close()
 
 
-def test_a_frame_with_an_invalid_size_is_no_harder_than_others(setup, image, gray):
-    for number, (field, value) in enumerate(
-        [('height', 0), ('width', 2**31), ('step', 3), ('data', b'')]
-    ):
-        message = image(gray, 1)
-        setattr(message, field, value)
-        setup.handle(message, number)
-    assert [match.reason for _, match, _ in setup.published] == [Reason.UNREADABLE] * 4
-    setup.results.close()
-
-
-def test_a_frame_knows_its_pose_and_its_camera(setup, image, gray):
-    setup.handle(image(gray, 1), 4)
-    frame = setup.published[0][0]
-    assert (frame.pose, frame.camera) == (POSE, CAMERA)
-    setup.surroundings.pose_at.assert_called_once_with(5 * STEP_NS)
-    setup.surroundings.camera_for.assert_called_once_with('/image', 60, 80)
-    setup.results.close()
-
-
 def test_a_map_that_cannot_be_written_is_counted_and_frames_are_answered(
     setup, image, gray, monkeypatch
 ):

@@ -137,13 +137,6 @@ def test_reset_starts_the_sequence_anew(client, vpr, drive, map_path):
     assert [drive(place) for place in (4, 5)] == [-1, 5]
 
 
-def test_a_backward_jump_of_the_clock_starts_the_sequence_anew(client, vpr, drive, map_path):
-    node = vpr(map_path=map_path)
-    assert [drive(place, 100 + place) for place in (1, 2, 3)] == [-1, 2, 3]
-    assert [drive(place, place) for place in (1, 2, 3)] == [-1, 2, 3]
-    assert node._situation().further['clock_jumps'] == 1
-
-
 def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
     client, vpr, drive, map_path, street, image
 ):

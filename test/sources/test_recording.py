@@ -146,13 +146,6 @@ def test_images_that_cannot_be_decoded_are_frames_with_a_problem(recorder, layou
     assert [frame.stamp_ns for frame in frames] == [row[1] - 5_000_000 for row in rows]
 
 
-def test_compressed_depth_is_a_frame_with_a_problem(recorder, pictures):
-    row = ('/depth', 1, recorder.compressed(pictures[0], 1, name='16UC1; compressedDepth png'))
-    (frame,) = open_source(recorder.write('mcap folder', [row]))
-    assert frame.gray is None
-    assert 'compressedDepth' in frame.problem
-
-
 @pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'mcap without chunks'])
 def test_frames_stream_without_reading_the_rest(recorder, storage, pictures, monkeypatch):
     recording = open_source(recorder.write(storage, recorder.drive(pictures)))
