@@ -139,7 +139,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         with connected(Cluster(workers=workers)) as client:
             client.run(resident_mb)  # all are there
             jobs = {
-                path.name: (path, maps / f'{path.name}.db', *[''] * 4, Config())
+                path.name: (path, maps / f'{path.name}.db', Config())
                 for path in sorted((folder / 'recordings').iterdir())
             }
             # Once for imports and kernels of each worker.

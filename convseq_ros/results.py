@@ -101,23 +101,8 @@ class ResultWriter:
     Rows stream to `<path>.part`, which takes its name when the work is done: a table under its own
     name is complete, and after an error or a crash the rows so far are in the part file; a cut of
     the power may take those of the last second. The next writer renames it to `<path>.1.part`, or
-    the next number that is free.
-
-    Parameters
-    ----------
-    path : Path
-        The table; an existing one is replaced at the end.
-
-    Attributes
-    ----------
-    kept : Path or None
-        Where the rows of a run are that did not end.
-
-    Raises
-    ------
-    OSError
-        If the part file cannot be written, or another program writes it.
-
+    the next number that is free; `kept` is that path, None if every run ended. OSError if the part
+    file cannot be written, or another program writes it.
     """
 
     def __init__(self, path: Path) -> None:

@@ -9,11 +9,13 @@ import json
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
 from convseq_ros.cli.options import (
-    add_annotations,
+    add_images,
     add_max_looks,
     add_parameters,
+    chosen_images,
     chosen_reading,
     given,
 )
@@ -58,14 +60,8 @@ class Built:
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
-    parser.add_argument('map', type=Path, help='map file to make')
-    parser.add_argument(
-        '--topic',
-        default='',
-        help='image topic, if there are several; of several cameras, in quotes with spaces '
-        'between: each makes a session, and so are those of --camera-info',
-    )
-    add_annotations(parser)
+    parser.add_argument('map', type=Path, help='map file to make; each camera makes a session')
+    add_images(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
     parser.add_argument('--session', help='what to call it; by default as the recording')
     parser.add_argument(
@@ -108,17 +104,13 @@ def run(chosen: argparse.Namespace) -> int:
     built = build(
         chosen.recording,
         chosen.map,
-        topic=chosen.topic,
-        odom=chosen.odom,
-        camera_info=chosen.camera_info,
-        poses=chosen.poses,
-        depth=chosen.depth,
+        chosen_settings(chosen),
         append=chosen.append,
         session=chosen.session,
         pose_frame=chosen.pose_frame,
-        config=chosen_settings(chosen),
         links=not chosen.no_links,
         max_looks=chosen.max_looks,
+        **chosen_images(chosen),
     )
     if chosen.json:
         print(json.dumps(asdict(built)))
@@ -138,36 +130,28 @@ def run(chosen: argparse.Namespace) -> int:
 def build(
     recording: Path,
     path: Path,
+    config: Config = Config(),
     *,
-    topic: str = '',
-    odom: str = '',
-    camera_info: str = '',
-    poses: Path | None = None,
-    depth: str = '',
     append: bool = False,
     session: str | None = None,
     pose_frame: str | None = None,
-    config: Config = Config(),
     links: bool = True,
     max_looks: int = 0,
     tell: Callable[[str], None] | None = None,
+    **images: Any,
 ) -> Built:
     """
-    Build a map file, or add to one; several topics make a session each, one after the other.
+    Build a map file, or add to one, of `images` as `open_each_camera` takes them.
 
-    Warnings and a bar of progress go to standard error; or warnings alone to whom to `tell`.
+    Several topics make a session each, one after the other. Warnings and a bar of progress go to
+    standard error; or warnings alone to `tell`.
 
-    Raises
-    ------
-    SourceError
-        If the recording cannot be read or holds no readable image; a new map is then not made.
-    MapError
-        If the map cannot be written.
-
+    SourceError if the recording cannot be read or holds no readable image; a new map is then not
+    made. MapError if the map cannot be written.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading
-    sources = open_each_camera(recording, topic, odom, camera_info, poses, reading, depth)
+    sources = open_each_camera(recording, reading=reading, **images)
     started, say = time.monotonic(), tell or _warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
@@ -208,7 +192,7 @@ def build(
         str(path),
         frames,
         added,
-        len(builder.reference_map) - builder.left_out,
+        len(builder.reference_map) - builder.removed,
         unreadable,
         with_pose,
         time.monotonic() - started,

@@ -9,12 +9,10 @@ import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
-from convseq_ros.cli.demo_drives import drawn_drives, Drives, given_drives
-from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.demo_drives import drawn_drives, Drives, given_drives, make_empty, side_topics
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.cli.output_folder import make_empty
+from convseq_ros.cli.processes import recognise_live
 from convseq_ros.cli.replay import replay
-from convseq_ros.cli.side_topics import side_topics
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -63,12 +61,8 @@ def run(chosen: argparse.Namespace) -> int:
         drives = drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(
-        drives.reference,
-        map_path,
-        odom=side_topics(drives.reference, config.reading).odom,
-        config=config,
-    )
+    odom = side_topics(drives.reference, config.reading).odom
+    build(drives.reference, map_path, config, odom=odom)
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query, config.reading)
@@ -165,7 +159,8 @@ def _draw(
         (
             queries[int(each['query_index'])],
             references[int(each['reference_index'])],
-            f'query {each["query_index"]}  ->  reference {each["reference_index"]}',
+            f'query {each["query_index"]}',
+            f'reference {each["reference_index"]}',
             _right(each, drives.truth),
         )
         for each in shown

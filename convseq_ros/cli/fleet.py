@@ -11,7 +11,7 @@ from threading import Event
 from uuid import uuid4
 
 from convseq_ros.cli import fleet_build
-from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
+from convseq_ros.cli.fleet_build import add_cluster, chosen_cluster
 from convseq_ros.cli.map_link import add_outputs, make_outputs
 from convseq_ros.cli.options import chosen_config
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen, warn

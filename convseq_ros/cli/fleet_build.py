@@ -3,28 +3,59 @@
 """Build a map of each recording in a folder: `convseq fleet build FOLDER -o MAPS`."""
 
 import argparse
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 import json
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
-from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
+from convseq_ros.cli.options import add_images, chosen_images
 from convseq_ros.cli.terminal import progress
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
+from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
-from convseq_ros.errors import ConvseqError, MapError, SourceError
-from convseq_ros.fleet.cluster import connected, done
+from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
+from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 
-# Recording, map, four topics, settings, whether with links.
-Job = tuple[Path, Path, str, str, str, str, Config, bool]
+
+def add_cluster(parser: argparse.ArgumentParser) -> None:
+    """Declare the cluster's options."""
+    group = parser.add_argument_group('cluster')
+    group.add_argument(
+        '--workers',
+        type=int,
+        metavar='N',
+        help='workers on this machine (as many as it has cores); not with a scheduler',
+    )
+    group.add_argument(
+        '--scheduler',
+        default='',
+        metavar='tcp://HOST:PORT',
+        help='a running scheduler of Dask, whose workers see the same files, instead; on another '
+        'machine tls://HOST:PORT, with the certificates in the configuration of Dask',
+    )
+
+
+def chosen_cluster(chosen: argparse.Namespace) -> Cluster:
+    """Return the cluster that is asked for; FleetError if that makes no sense."""
+    workers = chosen.workers
+    if workers is not None and chosen.scheduler:
+        raise FleetError('--workers is for this machine; a scheduler has its own')
+    if workers is not None and workers < 1:
+        raise FleetError(f'--workers {workers}: needs at least 1')
+    return Cluster(chosen.scheduler, workers or usable_cores())
+
+
+Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build_one`
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
@@ -38,25 +69,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         metavar='MAPS',
         help='folder for the maps, made if there is none; finished maps in it are kept',
     )
-    parser.add_argument(
-        '--topic',
-        default='',
-        help='image topic, if there are several; of several cameras, in quotes with spaces '
-        'between: each makes a session, and so are those of --camera-info',
-    )
-    parser.add_argument('--odom', default='', metavar='TOPIC', help='topic that gives poses')
-    parser.add_argument(
-        '--camera-info',
-        default='',
-        metavar='TOPIC|FILE',
-        help='topic or file that describes the camera',
-    )
-    parser.add_argument(
-        '--depth',
-        default='',
-        metavar='TOPIC',
-        help='depth images registered to the camera, of several to the first',
-    )
+    add_images(parser, poses=False)
     add_no_links(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
     add_cluster(parser)
@@ -66,7 +79,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Build what is not there yet, and say what came of each recording."""
     cluster, config = chosen_cluster(chosen), chosen_settings(chosen)
-    links = not chosen.no_links
     maps = _maps(chosen.folder, chosen.output)
     kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
     chosen.output.mkdir(parents=True, exist_ok=True)
@@ -78,8 +90,8 @@ def run(chosen: argparse.Namespace) -> int:
         except MapError as error:
             failed[str(path)] = str(error)
             continue
-        topics = chosen.topic, chosen.odom, chosen.camera_info, chosen.depth
-        jobs[str(path)] = recording.resolve(), path.resolve(), *topics, config, links
+        job = recording.resolve(), path.resolve(), config, not chosen.no_links
+        jobs[str(path)] = *job, chosen_images(chosen)
     started, built = time.monotonic(), dict[str, Built]()
     if jobs:
         try:
@@ -121,27 +133,14 @@ def run(chosen: argparse.Namespace) -> int:
 def build_one(
     recording: Path,
     path: Path,
-    topic: str,
-    odom: str,
-    camera_info: str,
-    depth: str,
     config: Config,
     links: bool = True,
+    images: Mapping[str, Any] | None = None,
 ) -> tuple[Built, list[str]]:
     """Build a map, which is there whole or not at all; return what was built, and warnings."""
     warnings: list[str] = []
     with replaced(path) as part:
-        built = build(
-            recording,
-            part,
-            topic=topic,
-            odom=odom,
-            camera_info=camera_info,
-            depth=depth,
-            config=config,
-            links=links,
-            tell=warnings.append,
-        )
+        built = build(recording, part, config, links=links, tell=warnings.append, **(images or {}))
     return built, [f'{recording.name}: {one}' for one in warnings]
 
 

@@ -4,23 +4,64 @@
 
 import argparse
 from datetime import datetime, UTC
+from importlib import metadata
 from itertools import groupby, pairwise
 import json
 import math
 from operator import attrgetter
+import os
 from pathlib import Path
+import platform
 import sys
 from typing import Any
 
-from convseq_ros.cli.installation import describe_installation
+from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
 from convseq_ros.cli.terminal import printable
+from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+import cv2
+import numpy as np
+
+
+def describe_installation() -> dict[str, str | int]:
+    """Return versions, kernels and processor, by name; texts, and the number of cores."""
+    found = library()
+    return {
+        'convseq_ros': __version__,
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'opencv': cv2.__version__,
+        'rclpy': _version_of('rclpy'),
+        'kernels': found.variant or f'numpy: {found.problem}',
+        'machine': platform.machine(),
+        'processor': _processor(),
+        'cores': os.cpu_count() or 0,
+        'system': platform.platform(),
+        'ros': os.environ.get('ROS_DISTRO', ''),
+        'rmw': os.environ.get('RMW_IMPLEMENTATION', ''),
+    }
+
+
+def _version_of(package: str) -> str:
+    for name in (package, f'ros-{package}'):  # of apt's, and of PyPI's
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return ''
+
+
+def _processor() -> str:
+    """Return the name that Linux has for the processor; empty if it has none, as on ARM."""
+    with open('/proc/cpuinfo', encoding='utf-8', errors='replace') as file:
+        named = (line.partition(':')[2].strip() for line in file if line.startswith('model name'))
+        return next(named, '')
 
 
 def describe(parser: argparse.ArgumentParser) -> None:

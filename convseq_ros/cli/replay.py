@@ -15,7 +15,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.options import add_annotations, add_config, chosen_config
+from convseq_ros.cli.options import add_config, add_images, chosen_config, chosen_images
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.terminal import progress
 from convseq_ros.cli.viewing import Viewer
@@ -45,27 +45,14 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def add_replay(parser: argparse.ArgumentParser) -> None:
     """Declare what is common to every way to replay."""
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('result.csv'),
-        help='table to write (result.csv); FILE.mcap gets what the node would publish (needs ROS)',
-    )
-    parser.add_argument(
-        '--view',
-        type=Path,
-        nargs='?',
-        const=Path(),
-        metavar='FILE.rrd',
-        help='open the viewer of rerun, or write a file for it',
-    )
-    parser.add_argument(
-        '--topic',
-        default='',
-        help='image topic, if there are several; of several cameras, in quotes with spaces '
-        'between, the first alone adds to a map, and so are those of --camera-info',
-    )
-    add_annotations(parser)
+    # A table of options reads better in few lines.
+    # fmt: off
+    parser.add_argument('--output', type=Path, default=Path('result.csv'), help='table to write '
+        '(result.csv); FILE.mcap gets what the node would publish (needs ROS)')
+    parser.add_argument('--view', type=Path, nargs='?', const=Path(), metavar='FILE.rrd',
+        help='open the viewer of rerun, or write a file for it')
+    # fmt: on
+    add_images(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     add_config(parser)
 
@@ -99,17 +86,8 @@ def replay_chosen(
 ) -> dict[str, Any]:
     """Replay a recording in the map of a name; do something after each frame; return a summary."""
     first = cameras.first
-    source = in_order(
-        open_each_camera(
-            chosen.recording,
-            chosen.topic,
-            chosen.odom,
-            chosen.camera_info,
-            chosen.poses,
-            first.config.reading,
-            chosen.depth,
-        )
-    )
+    reading = first.config.reading
+    source = in_order(open_each_camera(chosen.recording, reading=reading, **chosen_images(chosen)))
     way_m = first.reference_map.keyframes.keyframe_distance_m
     if way_m and not (chosen.odom or chosen.poses):
         warn(

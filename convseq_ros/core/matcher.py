@@ -4,28 +4,26 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
-from convseq_ros.core.encoding.regions import Cells, Regions, unit
+from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
-from convseq_ros.core.map.place import Packed
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 1000  # references whose features are kept beside a shortlist; 30 MB
-_KEPT_ROUGH = 4000  # references of which the rough kernel's features are kept; 48 MB
+_KEPT = 2000  # references whose features are kept beside a shortlist; 80 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
@@ -37,15 +35,15 @@ class Features:
     approximate: Any  # by the chosen kernel
     exact: Callable[[], Any]  # by an exact one, made when it is asked for
     arranged: Arranged | None = None  # by the geometry
-    rough: Any = None  # by the rough kernel
+    rough: Any = None  # for rough scores
 
 
 class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    Features of `kept` references, or of all, stay in memory: 30 kB each by the 8-bit kernel, about
-    120 kB by others. ConfigError if the machine cannot run the kernel asked for.
+    Features of `kept` references, or of all, stay in memory: 40 kB each by the 8-bit kernel, about
+    150 kB by others. ConfigError if the machine cannot run the kernel asked for.
     """
 
     def __init__(
@@ -69,14 +67,8 @@ class Matcher:
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
-        self._rough: FeatureCache | None = None
-        if (rough := rough_kernel(matching)) and verifies:
-            self._rough = FeatureCache(reference_map, rough, own, threads, _KEPT_ROUGH)
-        self._to_verify: FeatureCache | None = None
-        if verifies and exact.project:
-            several = self._all_arranged if exact.make_regions else None
-            pair = replace(exact, prepare=self._arranged, prepare_packed=several)
-            self._to_verify = FeatureCache(reference_map, pair, own, threads, _KEPT_TO_VERIFY)
+        self._verifies = verifies and fast.regions_of is not None
+        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(self._arranged)
 
     def reset(self) -> None:
         self._background.reset()
@@ -92,20 +84,21 @@ class Matcher:
         if (fast := self._fast.pair.extract(*asked)) is None:
             return None
         exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
-        geometry = arranged(shown[0]) if self._to_verify and shown else None
-        return Features(fast, exact, geometry, self._rough and self._rough.pair.extract(*asked))
+        if not self._verifies:
+            return Features(fast, exact)
+        rough = self._fast.pair.extract_rough
+        assert shown and rough
+        return Features(fast, exact, arranged(shown[0]), rough(*asked))
 
-    def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
-        pair = self._exact.pair
-        assert pair.project and pair.subtract
-        return arranged(pair.subtract(pair.project(cells), background)[0])
+    def arranged(self, index: int) -> Arranged | None:
+        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
+        return self._kept_arranged(index)
 
-    def _all_arranged(
-        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
-    ) -> list[Arranged | None]:
-        assert self._exact.pair.make_regions
-        made = self._exact.pair.make_regions(packed, normalizes, background)
-        return [None if one is None else arranged(one) for one in made]
+    def _arranged(self, index: int) -> Arranged | None:
+        regions_of, (reference,) = self._fast.pair.regions_of, self._fast.of([index])
+        if not (self._verifies and regions_of) or reference is None:
+            return None
+        return arranged(regions_of(reference))
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -113,17 +106,13 @@ class Matcher:
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores` does for several queries, with all references read in one go."""
-        found = self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
-        if removed := [*self._map.removed]:  # they show nothing any more
-            for (_, indices), row in zip(asked, found, strict=True):
-                row[np.isin(indices, removed)] = np.nan
-        return found
+        return self._fast.scores_of([(query.approximate, indices) for query, indices in asked])
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
         """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
-        if self._rough is None or query.rough is None:
+        if query.rough is None:
             return None
-        return self._rough.scores_of([(query.rough, indices)])[0]
+        return self._fast.scores_of([(query.rough, indices)], are_rough=True)[0]
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""
@@ -147,20 +136,16 @@ class Matcher:
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of a query and some references; nothing if it is not asked."""
-        if query.arranged is None or self._to_verify is None:
+        if query.arranged is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
-        read = zip(indices, shifts, self._to_verify.of(indices), strict=True)
+        read = zip(indices, shifts, map(self.arranged, indices), strict=True)
         shown = [one for one in read if one[1] is not None and one[2] is not None]
         found = dict.fromkeys(indices, NOTHING)
         if shown:
             known, starts, references = zip(*shown, strict=True)
             found |= zip(known, verify(query.arranged, references, starts), strict=True)
         return found
-
-    def arranged(self, index: int) -> Arranged | None:
-        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
-        return self._to_verify.of([index])[0] if self._to_verify else None
 
     def warm_up(self) -> None:
         """Make what is compared of all references, if it is kept, so that no frame is late."""
@@ -170,9 +155,9 @@ class Matcher:
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for cache in (self._fast, self._exact, self._rough, self._to_verify):
-                if cache:
-                    cache.clear()
+            for kept in (self._fast, self._exact):
+                kept.clear()
+            self._kept_arranged.cache_clear()
 
 
 class DescriptorMatcher(Matcher):
@@ -194,9 +179,7 @@ class DescriptorMatcher(Matcher):
         found = []
         for query, indices in asked:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            row = np.maximum(rows @ query.approximate, 0.0)
-            row[np.isin(indices, [*self._map.removed])] = np.nan
-            found.append(row)
+            found.append(np.maximum(rows @ query.approximate, 0.0))
         return found
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:

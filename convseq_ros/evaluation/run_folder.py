@@ -207,11 +207,8 @@ def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[
     """
     Return what `write_exports` wrote, set by set.
 
-    Raises
-    ------
-    SourceError
-        If a file is none, its protocol is of another version, or two files of one set are not of
-        the same images: such figures cannot be compared.
+    SourceError if a file is none, its protocol is of another version, or two files of one set are
+    not of the same images: such figures cannot be compared.
 
     """
     found: dict[str, list[Mapping[str, Any]]] = {}
@@ -254,15 +251,7 @@ def read_table(path: Path, reading: ReadingConfig) -> list[dict[str, str]]:
 
 
 def read_run(folder: Path, reading: ReadingConfig = ReadingConfig()) -> list[Run]:
-    """
-    Return every method on every set in a folder, by name, whose files are not too large.
-
-    Raises
-    ------
-    SourceError
-        If the folder holds no results, or damaged ones.
-
-    """
+    """Return every method on every set in a folder, by name; SourceError if none, or damaged."""
     runs = []
     for path in sorted(folder.glob('*/*/summary.json')):
         try:

@@ -3,9 +3,9 @@
 """A fleet of maps that workers hold, seen as one map."""
 
 from bisect import bisect_right
-from collections import OrderedDict
+from collections import deque, OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import accumulate, count
 from pathlib import Path
 import time
@@ -15,11 +15,45 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
-from convseq_ros.core.sequence.centred import usual_of
+from convseq_ros.core.sequence.centred import Usual, usual_of
+from convseq_ros.core.sequence.coarse_scores import DriveMean
+from convseq_ros.core.similarity.kernels.numpy_halves import Floats
+from convseq_ros.core.types import Descriptor, Indices
 from convseq_ros.errors import FleetError
-from convseq_ros.fleet.scores import FleetScores
-from convseq_ros.fleet.shard import About, Answer, Call, Holder, merged, Question
+from convseq_ros.fleet.shard import About, Answer, Call, Holder, KEPT, merged, Question
 import numpy as np
+
+
+class FleetScores:
+    """Asks all shards, by the direction of the newest frame; of a camera, by its number."""
+
+    def __init__(
+        self, ask: Callable[[Question], Answer], usual: Usual, both: bool, camera: int
+    ) -> None:
+        self._ask, self._usual, self._both, self._camera = ask, usual, both, camera
+        self._mean, self._drive, self._frame = DriveMean(len(usual.mean)), 0, 0
+        self._directions = deque[Floats](maxlen=KEPT)
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._mean.reset()
+        self._directions.clear()
+        self._drive, self._frame = self._drive + 1, 0
+
+    def update(self, descriptor: Descriptor, _usable: int) -> None:
+        """Take in a query, each once; it may show every place, as fleets do not grow."""
+        self._directions.append(self._mean.update(descriptor, self._usual))
+        self._frame += 1
+
+    def best(self, along: int, newest: int, passed: Sequence[range] = ()) -> Indices:
+        """Return what `Coarse` says; who lacks frames of the drive is told them."""
+        drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
+        asked = Question(self._usual, self._both, *drive, last, along, newest, passed)
+        answer = self._ask(asked)
+        if answer.lacks:
+            answer = self._ask(replace(asked, directions=[*self._directions]))
+        return np.union1d(answer.along.places, answer.newest.places)
+
 
 _TRIES = 3  # of a question, each with a new worker
 _LOOKED_AT_EVERY_S = 0.25  # whether a worker lives, while it is waited for

@@ -27,19 +27,15 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def open_work(self) -> None:
         """Open files and make topics and services; ConvseqError or OSError if that fails."""
-        raise NotImplementedError
 
     def listen(self) -> None:
         """Take in images from now on."""
-        raise NotImplementedError
 
     def pause(self) -> None:
         """Take in none, and keep what was seen."""
-        raise NotImplementedError
 
     def close_work(self) -> None:
         """Finish the work at hand and close the files."""
-        raise NotImplementedError
 
     def manage(self) -> None:
         """Offer `~/change_state` and the other services of a managed node."""
@@ -78,11 +74,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return _DONE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Be finished."""
         return self.on_cleanup(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew after what nobody foresaw."""
         return self.on_cleanup(state)
 
     # rclpy's own lets the error of a transition that is not possible end the executor.

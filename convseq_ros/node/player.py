@@ -181,12 +181,10 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('recording', type=Path, metavar='RECORDING')
     result.add_argument('--topic', default='', help='image topic of the recording, if several')
-    result.add_argument(
-        '--image-topic',
-        default='/image',
-        metavar='NAME',
-        help='topic to publish on; compressed images go to NAME/compressed (default: /image)',
-    )
+    # A table of options reads better in few lines.
+    # fmt: off
+    result.add_argument('--image-topic', default='/image', metavar='NAME', help='topic to publish '
+        'on; compressed images go to NAME/compressed (default: /image)')
     for what in _SIDES:
         result.add_argument(
             '--' + what.replace('_', '-'),
@@ -194,25 +192,16 @@ def parser() -> argparse.ArgumentParser:
             metavar='TOPIC',
             help=f'also publish this {_SIDES[what].__name__} topic of the recording, on `{what}`',
         )
-    result.add_argument(
-        '--rate', type=_positive, default=1.0, metavar='FACTOR', help='speed (default: 1)'
-    )
-    result.add_argument(
-        '--start', type=_seconds, default=0.0, metavar='S', help='leave out the first S seconds'
-    )
+    result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
+        help='speed (default: 1)')
+    result.add_argument('--start', type=_seconds, default=0.0, metavar='S',
+        help='leave out the first S seconds')
     result.add_argument('--loop', action='store_true', help='start again at the end')
-    result.add_argument(
-        '--best-effort',
-        action='store_true',
-        help='publish as many camera drivers do; images may be lost (default: reliable)',
-    )
-    result.add_argument(
-        '--wait-subscribers',
-        type=_seconds,
-        default=10.0,
-        metavar='S',
-        help='wait up to S seconds for a subscriber; 0: do not wait (default: 10)',
-    )
+    result.add_argument('--best-effort', action='store_true', help='publish as many camera '
+        'drivers do; images may be lost (default: reliable)')
+    result.add_argument('--wait-subscribers', type=_seconds, default=10.0, metavar='S',
+        help='wait up to S seconds for a subscriber; 0: do not wait (default: 10)')
+    # fmt: on
     for item in parameters(ReadingConfig):
         result.add_argument(
             '--' + item.name.replace('_', '-'),

@@ -4,21 +4,69 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from threading import Event, Thread
 import time
 import traceback
-from typing import Any, Protocol
+from typing import Any
 
 from convseq_ros.config import Config
+from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
-from convseq_ros.core.types import Camera, Frame, Match, Pose
+from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, ImageError, ModelError
 from convseq_ros.node.diagnostics import Statistics
-from convseq_ros.node.map_linking import MapLinking
+from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.result_log import ResultLog
-from convseq_ros.sources.depth import Depth
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image
+
+_PATIENCE_S = 5.0  # for the place at hand, at the end
+
+
+class MapLinking:
+    """
+    Looks up the places of a map in what comes before them, in a thread of its own.
+
+    It rests as long as it works, so that half of a core stays for the answers. A map that grows
+    keeps the links in its file, another one in memory. Of a map that has all its links, nothing is
+    done.
+    """
+
+    def __init__(self, session: Session, logger: Any) -> None:
+        self._session, self._logger, self._end = session, logger, Event()
+        self._thread = Thread(target=self._run, name='linking', daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Leave the rest; what is linked stays linked."""
+        self._end.set()
+        self._thread.join(_PATIENCE_S)
+
+    def _run(self) -> None:
+        try:
+            self._link()
+        except ConvseqError as error:
+            self._logger.error(f'linking: {error}')
+        except Exception:
+            # The map answers without links, too.
+            self._logger.error(traceback.format_exc())
+
+    def _link(self) -> None:
+        recognizer, path = self._session.recognizer, self._session.path
+        whole = recognizer.reference_map
+        if not (count := sum(map(len, not_linked(whole)))):
+            return
+        self._logger.info(f'linking {count} places of {path}, which was made without links')
+        began_s, tenths = time.monotonic(), 0
+        for done, _ in enumerate(link_map(whole, recognizer.config), 1):
+            if 10 * done // count > tenths:
+                tenths = 10 * done // count
+                self._logger.info(f'linking {path}: {10 * tenths} %, {len(whole.links)} links')
+            if self._end.wait(time.monotonic() - began_s):
+                return
+            began_s = time.monotonic()
+
 
 _LOG_PERIOD_S = 5.0
 
@@ -36,19 +84,6 @@ class Arrival:
     number: int  # how many came before it, those among them that were dropped, too
 
 
-class Surroundings(Protocol):
-    """What is known of a frame besides its image."""
-
-    def pose_at(self, stamp_ns: int) -> Pose | None:
-        """Return where it was taken; may wait for a moment."""
-
-    def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
-        """Return its depth image; may wait for a moment."""
-
-    def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
-        """Return the camera that takes the images of a topic, of a size in pixels."""
-
-
 class Recognition:
     """
     Answers frame after frame; no frame, however broken, stops it, and no full disk.
@@ -61,7 +96,7 @@ class Recognition:
     def __init__(
         self,
         session: Session,
-        surroundings: Surroundings,
+        context: FrameContext,
         results: ResultLog,
         publish: Publish,
         statistics: Statistics,
@@ -69,7 +104,7 @@ class Recognition:
         ros_is_up: Callable[[], bool],
     ) -> None:
         self.session = session
-        self._surroundings = surroundings
+        self._context = context
         self._results = results
         self._publish = publish
         self._statistics = statistics
@@ -122,8 +157,8 @@ class Recognition:
 
     def _answer(self, arrival: Arrival) -> None:
         cameras = self.session.cameras
-        pose = self._surroundings.pose_at(arrival.stamp_ns)
-        depth_m = self._surroundings.depth_at(arrival.topic, arrival.stamp_ns)
+        pose = self._context.pose_at(arrival.stamp_ns)
+        depth_m = self._context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
         try:
@@ -172,5 +207,5 @@ class Recognition:
             self._statistics.unreadable += 1
             self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
-        camera = self._surroundings.camera_for(topic, *gray.shape)
+        camera = self._context.camera_for(topic, *gray.shape)
         return Frame(stamp_ns, gray, topic, camera=camera, color=color)

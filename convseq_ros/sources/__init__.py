@@ -4,13 +4,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf, SeveralCameras
 from convseq_ros.sources.annotated import Source as Source
-from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
@@ -45,7 +46,7 @@ def open_annotated(
     topic: str = '',
     odom: str = '',
     camera_info: str = '',
-    poses: Path | None = None,
+    poses: Path | str | None = None,
     reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
 ) -> Source:
@@ -65,7 +66,7 @@ def open_annotated(
     pose_at: PoseAt | None = None
     frame = ''
     if poses:
-        pose_at = read_pose_file(poses, len(source), reading)
+        pose_at = read_pose_file(Path(poses), len(source), reading)
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
         track = PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None)
@@ -94,30 +95,31 @@ def _depth_of(
 def open_each_camera(
     path: Path,
     topics: str = '',
-    odom: str = '',
     camera_info: str = '',
-    poses: Path | None = None,
-    reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+    **poses: Any,
 ) -> list[Source]:
     """
     Open what `open_annotated` does, once for each of the topics if there are several.
 
-    `camera_info` then names as many, or none; SourceError if it does not, or if a topic is there
-    twice. `depth` is of the first.
+    `camera_info` then names as many, or none; `depth` is of the first, and `odom` or `poses` hold
+    for each.
+    SourceError if the numbers differ, or a topic is there twice.
     """
-    names, infos = topics.split(), camera_info.split()
-    if len(names) < 2:
-        return [open_annotated(path, topics, odom, camera_info, poses, reading, depth)]
+    names, infos = topics.split() or [''], camera_info.split()
+    if len(names) == 1:
+        infos = [camera_info]
     if len(set(names)) < len(names):
         raise SourceError(f'--topic {topics!r}: names a camera twice; name each once')
     if infos and len(infos) != len(names):
         raise SourceError(
             f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
         )
+    depths = [depth, *[''] * (len(names) - 1)]
     return [
-        open_annotated(path, name, odom, info, poses, reading, depth if name == names[0] else '')
-        for name, info in zip(names, infos or [''] * len(names), strict=True)
+        open_annotated(path, name, camera_info=info, depth=own, reading=reading, **poses)
+        for name, info, own in zip(names, infos or [''] * len(names), depths, strict=True)
     ]
 
 

@@ -16,24 +16,12 @@ CameraOf = Callable[[int, int], Camera]  # from an image's height and width in p
 
 
 class Source(Protocol):
-    """
-    A stream of frames that can be read more than once.
+    """A stream of frames that can be read more than once."""
 
-    Attributes
-    ----------
-    name, topic : str
-        Of the folder or recording, and of the image topic; empty for a folder.
-    warnings : list of str
-        What a user should know, one line each; grows while the source is read.
-    pose_frame : str
-        What the poses of its frames are in, if others may be in the same; else empty.
-
-    """
-
-    name: str
-    topic: str
-    warnings: list[str]
-    pose_frame: str
+    name: str  # of the folder or recording
+    topic: str  # of the images; empty for a folder
+    warnings: list[str]  # for the user, one line each; grows while the source is read
+    pose_frame: str  # what the poses of its frames are in, if others may be in the same; else ''
 
     def __len__(self) -> int:
         """Frames expected, as an index or a directory tells."""

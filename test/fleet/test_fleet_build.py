@@ -93,7 +93,7 @@ def test_a_folder_that_cannot_be_meant_is_refused(tmp_path, capsys, names, probl
 def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
     died = tmp_path / 'died'
     jobs = {
-        name: (recordings / name, tmp_path / f'{name}.db', *[''] * 4, Config())
+        name: (recordings / name, tmp_path / f'{name}.db', Config())
         for name in ('drive_0', 'drive_1')
     }
 

@@ -4,14 +4,11 @@
 
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.types import Camera
-from convseq_ros.node import odometry as module
+from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from nav_msgs.msg import Odometry
+import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -57,7 +54,7 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     node, seen = frames
     odom = client.camera(Odometry, '/odom', qos)
     info = client.camera(CameraInfo, '/camera_info', qos)
-    surroundings = node._surroundings
+    surroundings = node._frame_context
 
     def heard():
         for x in (0, 1, 2):
@@ -91,10 +88,10 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
     node, seen = frames
     info = client.camera(CameraInfo, '/camera_info')
     info.publish(camera_info())
-    client.wait_for(lambda: node._surroundings.camera.known)
+    client.wait_for(lambda: node._frame_context.camera.known)
     for _ in range(3):
         info.publish(camera_info(width=0))
-    client.wait_for(lambda: not node._surroundings.camera.known)
+    client.wait_for(lambda: not node._frame_context.camera.known)
     client.camera(Image).publish(image(street[0], SECOND))
     client.wait_for(lambda: seen)
     assert seen[0].camera is None

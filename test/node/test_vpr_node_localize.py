@@ -5,19 +5,16 @@
 from itertools import pairwise
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import map_services, whereabouts
+from convseq_ros.node import localization, map_services
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
 import numpy as np
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
@@ -143,7 +140,7 @@ def test_by_the_margin_the_newest_frame_alone_tells(client, vpr, map_path, show)
 def test_many_who_wait_take_no_threads_and_too_many_are_told(
     client, vpr, map_path, show, ask, monkeypatch
 ):
-    monkeypatch.setattr(whereabouts, '_MOST_CALLS', 5)
+    monkeypatch.setattr(localization, '_MOST_CALLS', 5)
     vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
     show(3)
     before = threading.active_count()

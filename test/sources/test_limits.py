@@ -21,7 +21,7 @@ from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positio
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
-from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.images import decode_image
 from convseq_ros.sources.pose_file import read_pose_file
 import cv2

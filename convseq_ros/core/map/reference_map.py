@@ -64,7 +64,6 @@ class ReferenceMap:
         # Where the camera was on the robot, of sessions that do not know; None: where it is now.
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
-        self.removed = set[int]()  # places that are not matched any more
         self.problem = ''  # in one line: what is wrong with the file, and can be done without
         self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
 

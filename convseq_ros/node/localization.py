@@ -34,7 +34,7 @@ class _Known:
     remark: str  # on that pose, or why there is none
 
 
-class Whereabouts:
+class LocalizationTopics:
     """
     Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`.
 
