@@ -68,6 +68,8 @@ def _frames(
     reading = recognizer.config.reading
     frames = []
     for number, path in enumerate(images, 1):
+        if path.is_dir():
+            raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
         try:
             gray, color = gray_and_color(read_picture(path, reading), reading)
         except ConvseqError as error:
