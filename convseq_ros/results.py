@@ -72,7 +72,6 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
 
 
 def _relative(pose: RelativePose | None) -> dict[str, str | None]:
-    """Return what is measured of the query's base in the reference's."""
     position: tuple[float | None, ...] = (None,) * 3
     turn: tuple[float | None, ...] = (None,) * 4
     sigma_m = sigma_rad = None
@@ -159,7 +158,6 @@ class ResultWriter:
             raise
 
     def abandon(self) -> None:
-        """Leave the rows so far in the part file."""
         self._end.set()
         self._news.set()
         with suppress(OSError):

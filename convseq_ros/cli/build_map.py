@@ -20,7 +20,7 @@ from convseq_ros.cli.options import (
     given,
 )
 from convseq_ros.cli.recording_info import describe_recording, quoted
-from convseq_ros.cli.terminal import progress
+from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -58,7 +58,6 @@ class Built:
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument('map', type=Path, help='map file to make; each camera makes a session')
     add_images(parser)
@@ -152,7 +151,7 @@ def build(
     model = open_model(config)
     reading = with_first_stage(config, model).reading
     sources = open_each_camera(recording, reading=reading, **images)
-    started, say = time.monotonic(), tell or _warn
+    started, say = time.monotonic(), tell or warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
     interrupted = False
@@ -199,10 +198,6 @@ def build(
         path.stat().st_size,
         interrupted,
     )
-
-
-def _warn(problem: str) -> None:
-    print(f'warning: {problem}', file=sys.stderr)
 
 
 def _why_no_pose(chosen: argparse.Namespace) -> str:

@@ -33,7 +33,6 @@ _COMPARED = (
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         '--data',
         type=Path,

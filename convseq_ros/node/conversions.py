@@ -51,7 +51,6 @@ _FIELD_TYPES = {
 
 
 def stamp_to_ns(stamp: Time) -> int:
-    """Return a stamp in nanoseconds."""
     return int(stamp.sec) * _NS + int(stamp.nanosec)
 
 
@@ -135,13 +134,11 @@ def loop_closure_index_message(query_index: int, accepted: Candidate) -> Int64Mu
 
 
 def point_message(position: tuple[float, float, float]) -> Point:
-    """Return a position."""
     x, y, z = position
     return Point(x=x, y=y, z=z)
 
 
 def pose_only_message(pose: Pose) -> PoseMessage:
-    """Return a pose."""
     x, y, z, w = pose.orientation
     return PoseMessage(
         position=point_message(pose.position), orientation=Quaternion(x=x, y=y, z=z, w=w)

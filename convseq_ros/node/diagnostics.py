@@ -39,12 +39,10 @@ class Statistics:
     reasons: Counter[str] = field(default_factory=Counter)
 
     def arrived(self, arrival_ns: int) -> None:
-        """Count a message."""
         self.received += 1
         self.last_arrival_ns = arrival_ns
 
     def answered(self, match: Match, arrival_ns: int, duration_ms: float) -> None:
-        """Count an answer."""
         self.processed += 1
         self.reasons[match.reason.value] += 1
         self.last_match = match
@@ -69,50 +67,40 @@ class Situation:
 
     @property
     def map_size(self) -> int:
-        """Places in the map."""
         return len(self.session.recognizer.reference_map)
 
 
+@dataclass(eq=False)
 class Diagnostics:
-    """
-    Publishes a status at a steady pace, whatever the node's clock does.
+    """Publishes a status at a steady pace, whatever the node's clock does."""
 
-    `situation` returns how the node is, `advice` says why no images may come.
-    """
+    node: Node
+    statistics: Statistics
+    situation: Callable[[], Situation]  # how the node is
+    advice: Callable[[], str]  # why no images may come
+    period_s: float
 
-    def __init__(
-        self,
-        node: Node,
-        statistics: Statistics,
-        situation: Callable[[], Situation],
-        advice: Callable[[], str],
-        period_s: float,
-    ) -> None:
-        self._node = node
-        self._statistics = statistics
-        self._situation = situation
-        self._advice = advice
+    def __post_init__(self) -> None:
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
-        self._publisher = advertise(node, DiagnosticArray, '/diagnostics')
-        self._timer = node.create_timer(
-            period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.node.create_timer(self.period_s, self._publish, clock=clock)
 
     def _publish(self) -> None:
-        situation = self._situation()
+        situation = self.situation()
         received_hz, processed_hz, dropped_now = self._rates(situation)
         level, text = self._state(situation, dropped_now)
-        values = _values(self._statistics, situation)
+        values = _values(self.statistics, situation)
         values |= {'received_hz': received_hz, 'processed_hz': processed_hz}
-        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: place recognition'
+        name = f'{self.node.get_fully_qualified_name().lstrip("/")}: place recognition'
         message = DiagnosticArray(status=[status_message(level, name, text, values)])
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self.node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
     def _rates(self, situation: Situation) -> tuple[float, float, int]:
         now_ns = time.monotonic_ns()
-        counts = self._statistics.received, self._statistics.processed, situation.dropped
+        counts = self.statistics.received, self.statistics.processed, situation.dropped
         then_ns, *before = self._last
         received, processed, dropped = (new - old for new, old in zip(counts, before, strict=True))
         self._last = (now_ns, *counts)
@@ -125,7 +113,7 @@ class Diagnostics:
         silence = self._silence(situation)
         if not situation.map_size and not situation.session.is_growing:
             return DiagnosticStatus.ERROR, (
-                f'no map; call {self._node.get_fully_qualified_name()}/load_map or set map_path'
+                f'no map; call {self.node.get_fully_qualified_name()}/load_map or set map_path'
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
@@ -137,7 +125,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, silence
         if self._has_twin():
             return DiagnosticStatus.WARN, (
-                f'another node is named {self._node.get_fully_qualified_name()}; end it, or '
+                f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
                 'rename one: -r __node:=NAME'
             )
         if situation.model_problem:
@@ -165,21 +153,21 @@ class Diagnostics:
         return DiagnosticStatus.OK, 'recognising places'
 
     def _has_twin(self) -> bool:
-        names = self._node.get_node_names_and_namespaces()
-        return names.count((self._node.get_name(), self._node.get_namespace())) > 1
+        names = self.node.get_node_names_and_namespaces()
+        return names.count((self.node.get_name(), self.node.get_namespace())) > 1
 
     def _cannot_keep(self, situation: Situation) -> bool:
         """Return whether what the map gains is not written, or what another one had gained."""
-        before, self._unkept = self._unkept, self._statistics.unkept
+        before, self._unkept = self._unkept, self.statistics.unkept
         return self._unkept > before or situation.session.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""
-        silent_s = (time.monotonic_ns() - self._statistics.last_arrival_ns) / 1e9
+        silent_s = (time.monotonic_ns() - self.statistics.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
             return ''
-        text = f'no images for {silent_s:.0f} s: {self._advice()}'
-        self._node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+        text = f'no images for {silent_s:.0f} s: {self.advice()}'
+        self.node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
         return text
 
 

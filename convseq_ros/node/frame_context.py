@@ -95,7 +95,6 @@ class Odometry:
 
     @property
     def heard(self) -> bool:
-        """Whether there was any."""
         return self._track.last_stamp_ns is not None
 
     def _has_reached(self, stamp_ns: int) -> bool:
@@ -230,7 +229,6 @@ class CameraDescription:
 
     @property
     def known(self) -> bool:
-        """Whether the camera is calibrated."""
         return self._camera is not None
 
     def for_image(self, height: int, width: int) -> Camera | None:

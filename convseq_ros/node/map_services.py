@@ -62,7 +62,6 @@ class MapServices:
         offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
-        """Log which map is in use."""
         session = self._recognition.session
         count = len(session.recognizer.reference_map)
         if session.is_growing:

@@ -3,6 +3,7 @@
 """Publishes a recording or a folder of pictures to a live topic, with /clock."""
 
 import argparse
+from collections.abc import Callable
 import math
 from pathlib import Path
 import sys
@@ -17,7 +18,7 @@ if __name__ == '__main__':
 from convseq_ros.config import make_group
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist, Timeline
+from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source, Source
@@ -109,16 +110,16 @@ class Player(Node):
                 time.sleep(_TICK_S)
 
     def _play_once(self) -> None:
-        sent, timeline = 0, None
+        sent, now_ns = 0, None
         for cue in self._playlist:
             is_image = cue.what == IMAGE
             if is_image and self._sent and not sent:
-                timeline = Timeline(cue.stamp_ns, self._options.rate)
+                now_ns = self._time_from(cue.stamp_ns)
             elif is_image and not sent:
                 # All that follows waits for what is lost at the beginning, up to 3 s.
                 self._acknowledge_sides()
                 self._say_time(cue.stamp_ns)
-            while timeline and (left_s := self._tick(timeline, cue.stamp_ns)) > 0:
+            while now_ns and (left_s := self._tick(now_ns(), cue.stamp_ns)) > 0:
                 time.sleep(min(left_s, _TICK_S))
             if not self.context.ok():
                 return
@@ -127,7 +128,7 @@ class Player(Node):
             if self._sent == 1 and is_image:
                 # A subscriber that we know need not know us yet: time begins when it has answered.
                 self._acknowledge()
-                timeline = Timeline(cue.stamp_ns, self._options.rate)
+                now_ns = self._time_from(cue.stamp_ns)
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
@@ -139,14 +140,18 @@ class Player(Node):
         if self._large and self._sent % _UNACKNOWLEDGED == 0:
             self._acknowledge()
 
-    def _tick(self, timeline: Timeline, stamp_ns: int) -> float:
+    def _tick(self, now_ns: int, stamp_ns: int) -> float:
         """Publish the time and return how many seconds are left until a stamp."""
         if not self.context.ok():
             return 0.0
-        now_ns = timeline.now_ns()
         self._say_time(now_ns)
         left_ns: float = (stamp_ns - now_ns) / self._options.rate
         return left_ns / 1e9
+
+    def _time_from(self, begin_ns: int) -> Callable[[], int]:
+        """Return what gives the time of the recording while it is played, from a stamp on."""
+        started_ns, rate = time.monotonic_ns(), self._options.rate
+        return lambda: begin_ns + round((time.monotonic_ns() - started_ns) * rate)
 
     def _say_time(self, now_ns: int) -> None:
         self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))
@@ -174,7 +179,6 @@ def _progress(sent: int, total: int, loop: bool) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
     result = argparse.ArgumentParser(
         prog='convseq play',
         description='Publish the images of a recording, or of a folder of pictures, and /clock.',

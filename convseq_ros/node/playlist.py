@@ -3,10 +3,10 @@
 """What a player publishes, in order of time."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 import heapq
 from pathlib import Path
 import struct
-import time
 from typing import NamedTuple
 
 from convseq_ros.errors import SourceError
@@ -32,27 +32,22 @@ class Cue(NamedTuple):
     message: bytes | Image
 
 
+@dataclass(eq=False)
 class Playlist:
     """
     The images of a source, from `start_s` on, with the messages of other topics between them.
 
-    `sides` names the topics of the recording at `path` for `ODOM` and `CAMERA_INFO`, if they are
-    played as well. SourceError if one of them is not there.
+    SourceError if one of these topics is not there.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        path: Path,
-        sides: dict[str, str],
-        start_s: float,
-        reading: ReadingConfig = ReadingConfig(),
-    ) -> None:
-        self._source, self._reading = source, reading
-        self._path = path
-        self._sides = sides
-        self._start_s = start_s
-        for what in sides:
+    source: Source
+    path: Path
+    sides: dict[str, str]  # topics of the recording for `ODOM` and `CAMERA_INFO`, if played
+    start_s: float
+    reading: ReadingConfig = ReadingConfig()
+
+    def __post_init__(self) -> None:
+        for what in self.sides:
             self._messages(what)
 
     @property
@@ -71,23 +66,21 @@ class Playlist:
         images = self._images()
         begin_ns: int | None = None
         for first in images:
-            begin_ns = begin_ns or first.stamp_ns + round(self._start_s * 1e9)
+            begin_ns = begin_ns or first.stamp_ns + round(self.start_s * 1e9)
             if first.stamp_ns >= begin_ns:
                 break
         else:
-            raise SourceError(
-                f'{self._source.name}: no images from --start {self._start_s:g} s on'
-            )
+            raise SourceError(f'{self.source.name}: no images from --start {self.start_s:g} s on')
         rest = (cue for cue in images if cue.stamp_ns >= begin_ns)
-        sides = [_from(self._side(what), first.stamp_ns - _LEAD_NS) for what in self._sides]
+        sides = [_from(self._side(what), first.stamp_ns - _LEAD_NS) for what in self.sides]
         yield from heapq.merge(*sides, _after(first, rest), key=lambda cue: cue.stamp_ns)
 
     def _images(self) -> Iterator[Cue]:
-        if isinstance(self._source, Recording):
-            for message in self._source.messages():
+        if isinstance(self.source, Recording):
+            for message in self.source.messages():
                 yield Cue(message.stamp_ns, IMAGE, _stamped(message))
             return
-        for frame in self._source:
+        for frame in self.source:
             if frame.gray is not None:
                 stamp = stamp_from_ns(frame.stamp_ns)
                 image = image_message(frame.gray, Header(stamp=stamp))
@@ -99,24 +92,7 @@ class Playlist:
                 yield Cue(message.stamp_ns, what, _stamped(message))
 
     def _messages(self, what: str) -> Iterator[RawMessage]:
-        return messages_of(self._path, self._sides[what], *_SIDES[what], self._reading)[1]
-
-
-class Timeline:
-    """
-    The time of the recording while it is played, from `begin_ns` on.
-
-    `rate` is how many seconds of the recording are in a second.
-    """
-
-    def __init__(self, begin_ns: int, rate: float) -> None:
-        self._begin_ns = begin_ns
-        self._rate = rate
-        self._started_ns = time.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Return the time of the recording."""
-        return self._begin_ns + round((time.monotonic_ns() - self._started_ns) * self._rate)
+        return messages_of(self.path, self.sides[what], *_SIDES[what], self.reading)[1]
 
 
 def _after(first: Cue, rest: Iterator[Cue]) -> Iterator[Cue]:

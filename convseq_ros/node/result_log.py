@@ -37,7 +37,6 @@ class ResultLog:
                 logger.warning(f'{self._writer.kept}: rows of a run that did not end')
 
     def write(self, match: Match, duration_ms: float) -> None:
-        """Append a row."""
         with self._lock:
             if self._failed:
                 self.lost += 1

@@ -132,7 +132,6 @@ class VprNode(ManagedNode):
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
-        """Take in images from now on."""
         self._listening = True
         for one in self._images:
             one.start()
@@ -140,14 +139,12 @@ class VprNode(ManagedNode):
         self.get_logger().info(f'listening to {self._topic}')
 
     def pause(self) -> None:
-        """Take in no images for now."""
         self._listening = False
         for one in self._images:
             one.stop()
         self.get_logger().info('not listening')
 
     def close_work(self) -> None:
-        """Finish the frame at hand and close the files."""
         if not self._is_open:
             return
         self._is_open = self._listening = False
@@ -165,7 +162,6 @@ class VprNode(ManagedNode):
         self._ready = False
 
     def destroy_node(self) -> None:
-        """Finish the frame at hand, close the files and leave the graph."""
         self.close_work()
         super().destroy_node()
 

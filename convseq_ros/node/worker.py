@@ -44,7 +44,6 @@ class Worker(Generic[Item]):
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def put(self, item: Item, size: int = 0) -> None:
@@ -65,17 +64,14 @@ class Worker(Generic[Item]):
 
     @property
     def dropped(self) -> int:
-        """Items that were dropped, for whatever cause."""
         return self.drops.total()
 
     @property
     def waiting(self) -> int:
-        """Items in the queue."""
         return len(self._items)
 
     @property
     def is_stopping(self) -> bool:
-        """Whether it begins nothing any more."""
         return self._stopping
 
     def stop(self, timeout_s: float) -> bool:

@@ -16,7 +16,6 @@ _MAGIC = b'#ROSBAG V2.0\n'
 
 
 def index(path: Path, limits: RecordingLimits) -> Index:
-    """Return what the index of a file says."""
     with _opened(path, limits) as reader:
         topics = {
             name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
@@ -71,7 +70,6 @@ def _bounded_reader() -> type:
                 raise ValueError('its index lists a chunk more than once')
 
         def read_chunk(self) -> Any:
-            """Read the head of a chunk."""
             chunk = super().read_chunk()
 
             def bounded(data: bytes) -> bytes:

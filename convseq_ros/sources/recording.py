@@ -81,7 +81,6 @@ class Recording:
             yield Frame(message.stamp_ns, gray, self.topic, color=color)
 
     def topics_of(self, types: tuple[str, ...]) -> list[str]:
-        """Return the topics of these types that have messages, by name."""
         return sorted(
             topic.name
             for topic in self._topics.values()

@@ -112,7 +112,7 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
 
 def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
     setup.ros_is_up.return_value = False
-    setup.recognition._publish = Mock(side_effect=RuntimeError('context is invalid'))
+    setup.recognition.publish = Mock(side_effect=RuntimeError('context is invalid'))
     setup.handle(image(gray, 1), 0)
     setup.results.close()
     assert not setup.logger.error.called
