@@ -6,8 +6,7 @@ Print how well maps are linked, how far they grow, and what their links do for p
 Usage: python scripts/links.py --data FOLDER [--part laps town round poses size], some 30 minutes
 for all; FOLDER holds `laps`. `laps`: links of the map of a circuit that is driven in laps, and
 its recall, with the truth of laps.py. `town`: a drawn way passed in the evening, by day and at
-night, in one session and in three. `round`: a drawn round, driven 34 times in online mode; what
-has too many looks goes when a map is opened.
+night, in one session and in three. `round`: a drawn round, driven 34 times in online mode.
 `poses`: a drawn town whose odometry drifts by 2 %, solved. `size`: a map of 10,000 keyframes. Of
 drawn ways, right is within 5 m of where the camera is.
 """
@@ -152,15 +151,14 @@ def of_round(_data: Path, rounds: int = 34, max_looks: int = 8) -> None:
     """Print how a map grows that a robot drives the same round with again and again."""
     config = make_config({'mode': 'online', 'max_looks': max_looks, 'exclusion_s': 6.0})
     route, true, first = ring(60.0, 40.0, 3), dict[int, Pose](), 0
-    print('| round | light | right of keyframes | false | opened with | added | left | times |')
-    print('|---|---|---|---|---|---|---|---|')
+    print('| round | light | right of keyframes | false | added | left | times one round |')
+    print('|---|---|---|---|---|---|---|')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'round.db')
         for number in range(rounds):
             some = np.random.default_rng(number).choice(LIGHTS)
             light = LIGHTS[number] if number < len(LIGHTS) else str(some)
             session, found = Session(path, config), list[bool | None]()
-            opened = len(session.recognizer.reference_map)
             for frame, pose in driven(route, number, light):
                 true[frame.stamp_ns] = pose
                 match = session.recognizer.process(frame)
@@ -173,8 +171,8 @@ def of_round(_data: Path, rounds: int = 34, max_looks: int = 8) -> None:
             places, later = len(open_map(path)), found[BEGINNING:]
             first = first or places
             right = f'{later.count(True)} of {len(later)}'
-            row = number + 1, light, right, found.count(False), opened, session.added, places
-            print('| ' + ' | '.join(map(str, row)) + f' | {opened / first:.1f} |', flush=True)
+            row = number + 1, light, right, found.count(False), session.added, places
+            print('| ' + ' | '.join(map(str, row)) + f' | {places / first:.1f} |', flush=True)
 
 
 def of_poses(_data: Path) -> None:

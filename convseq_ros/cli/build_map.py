@@ -191,7 +191,7 @@ def build(
         str(path),
         frames,
         added,
-        len(builder.reference_map) - builder.left_out,
+        len(builder.reference_map) - builder.removed,
         unreadable,
         with_pose,
         time.monotonic() - started,

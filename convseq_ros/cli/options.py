@@ -26,12 +26,14 @@ def add_parameters(
     group = parser.add_argument_group(title)
     for item in known:
         unit = f' [{item.unit}]' if item.unit else ''
+        default = f'default {item.default}' if item.default != '' else 'empty by default'
+        about = f'{item.bounds}{unit}; {default}' if item.bounds else default
         group.add_argument(
             '--' + item.name.replace('_', '-'),
             dest=item.name,
             metavar='VALUE',
             default=argparse.SUPPRESS,
-            help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
+            help=f'{item.doc} ({about})'.replace('%', '%%'),
         )
 
 

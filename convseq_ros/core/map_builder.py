@@ -14,7 +14,6 @@ from convseq_ros.core.encoding.first_stage import Describe, FirstStage, with_fir
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import AnyOrder, FrameGate
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.edit import bound
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -50,14 +49,12 @@ class MapBuilder:
         describe: Describe | None = None,
     ) -> None:
         config = with_first_stage(config, describe)
-        self._path, self._max_looks = path, max_looks
-        self.left_out = 0  # places of the map, at the end, for its limit
         online = replace(config.online, mode='online', max_looks=max_looks)
         config = replace(config, online=online)
         settings = config.encoding, config.keyframes
         self._autosave = NoAutosave()
         if path:
-            self._autosave = autosave = Autosave(path, *settings, append, keeps_empty=False)
+            self._autosave = autosave = Autosave(path, *settings, append, False, max_looks)
             self.reference_map = autosave.reference_map
         else:
             self.reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
@@ -79,6 +76,11 @@ class MapBuilder:
     def added(self) -> int:
         """Places that were added."""
         return len(self.reference_map) - self._mapping.session_start
+
+    @property
+    def removed(self) -> int:
+        """Places that went at the end, for the limit."""
+        return self._autosave.removed
 
     def process(self, frame: Frame) -> bool:
         """Take in the next frame; return whether it became a place. Unreadable ones never do."""
@@ -104,8 +106,6 @@ class MapBuilder:
 
     def __exit__(self, *_: object) -> None:
         self._autosave.close()
-        if self._path and self._max_looks:
-            self.left_out = bound(self._path, self._max_looks)
 
 
 def build_map(

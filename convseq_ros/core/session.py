@@ -13,8 +13,6 @@ from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
-from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.looks import surplus
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -50,12 +48,12 @@ class Session:
         if path is None:
             reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
         elif self.is_growing:
-            settings = path, encoding, config.keyframes, None if make else True
+            max_looks = config.online.max_looks
+            settings = path, encoding, config.keyframes, None if make else True, True, max_looks
             autosave = Autosave(*settings)
-            if surplus(autosave.reference_map, config.online.max_looks):
-                autosave.close()
+            if autosave.has_surplus:  # since a crash, or of a higher limit
                 try:
-                    bound(path, config.online.max_looks)
+                    autosave.close()
                 except MapError as error:  # as of a disk that is full: the map works as it is
                     self._problem = f'max_looks is ignored: {error}'
                 autosave = Autosave(*settings)

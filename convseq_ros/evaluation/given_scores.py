@@ -59,10 +59,10 @@ class GivenScores(Matcher):
 
     def extract(self, _descriptor: Descriptor) -> Features | None:
         row = self._rows[self.frame]
-        return Features(row, row) if np.isfinite(row).any() else None
+        return Features(row, lambda: row) if np.isfinite(row).any() else None
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Scores]:
-        return [query.exact[indices] for query, indices in asked]
+        return [query.approximate[indices] for query, indices in asked]
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
         """Return the candidates: no shift is given."""

@@ -80,24 +80,6 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert 52 in coarse.best(3, 0)
 
 
-def test_the_mean_follows_a_map_that_grows(described):
-    rng = np.random.default_rng(0)
-    growing, packed = ReferenceMap(), pack_cells(described(0).cells)
-    numbers = growing.global_descriptors.shape[1]
-    coarse, query = CoarseScores(growing), described(3)
-    for count in range(1, 500):
-        growing.add(Place(count), packed, known_descriptor=rng.normal(0.2, 0.1, numbers))
-        coarse.update(query)
-    fresh = CoarseScores(growing)
-    fresh.update(query)
-    for name in ('mean', 'variance'):
-        assert getattr(coarse._usual, name) == pytest.approx(getattr(fresh._usual, name), abs=5e-3)
-    references, _, _ = standardised(growing.global_descriptors.astype(float))
-    made, fresh_made = coarse._centred._nearness.view, fresh._centred._nearness.view
-    assert fresh_made == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
-    assert made == pytest.approx(fresh_made, rel=0.05)
-
-
 def test_references_at_the_mean_tell_nothing(described):
     lonely = ReferenceMap()
     for index in range(3):

@@ -49,27 +49,6 @@ def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
     assert track.sums == pytest.approx(brute_force(rows, own, both), abs=1e-4)
 
 
-def after(first, both, starts=(0,)):
-    """Return the sums after a first row, and one without scores."""
-    track = Track(both)
-    for row in (first, [0.0] * len(first)):
-        track.update(np.array(row, np.float32), np.array(starts))
-    return track.sums.tolist()
-
-
-def test_a_place_has_most_of_the_best_of_three_before_it_and_those_after_it_if_asked():
-    one = [0, 0, 0, 0, 1, 0, 0, 0, 0]
-    assert after(one, False) == pytest.approx([0, 0, 0, 0, 0.8, 0.8, 0.8, 0.8, 0])
-    assert after(one, True) == pytest.approx([0, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8, 0])
-
-
-@pytest.mark.parametrize('both', [False, True])
-def test_nothing_is_passed_on_from_one_session_to_another(both):
-    one = [0, 0, 0, 0, 1, 0, 0, 0, 0]
-    assert after(one, both, (0, 4, 5)) == pytest.approx([0, 0, 0, 0, 0.8, 0, 0, 0, 0])
-    assert after(one, both, (0, 2, 6))[:2] == [0, 0] and after(one, both, (0, 6))[6:] == [0, 0, 0]
-
-
 def test_after_a_reset_nothing_is_left():
     track = Track(False)
     track.update(np.ones(5, np.float32), np.zeros(1, np.int64))

@@ -5,10 +5,11 @@
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
-from convseq_ros.core.geometry.displacement import arranged, weights
+from convseq_ros.core.geometry.displacement import arranged
 from convseq_ros.core.geometry.following import followed
 from convseq_ros.core.geometry.motion import MOTION
-from convseq_ros.core.geometry.verification import NOTHING, verify
+from convseq_ros.core.geometry.verification import NOTHING, Verification
+from convseq_ros.core.geometry.verification import verify as verify_all
 import cv2
 import numpy as np
 import pytest
@@ -35,6 +36,10 @@ def view(numbers, row=15.0, column=15.0, zoom=1.0, side=SIDE):
     return arranged(unit(seen.reshape(side * side, -1)))
 
 
+def verify(query, reference, shift) -> Verification:
+    return verify_all(query, [reference], [shift])[0]
+
+
 def kernels():
     yield pytest.param(numpy_kernels, id='numpy')
     if available():
@@ -44,18 +49,6 @@ def kernels():
 
 
 each = pytest.mark.parametrize('kernel', list(kernels()))
-
-
-def test_weights_are_a_mean_over_neighbours():
-    found = weights()
-    assert found.sum() == pytest.approx(1)
-    assert found[3] / found[2] == pytest.approx(np.exp(0.5))
-    assert list(found) == list(found[::-1])
-
-
-def test_regions_are_arranged_without_loss():
-    regions = unit(scene(1, SIDE).reshape(-1, 32))
-    assert np.array_equal(arranged(regions).regions, regions)
 
 
 @each

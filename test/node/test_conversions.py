@@ -4,21 +4,14 @@
 
 from dataclasses import replace
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.map.place import Place
-from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node.conversions import (
     candidates_from_message,
     candidates_message,
     image_message,
-    loop_closure_index_message,
     loop_closure_message,
     match_header,
-    pose_message,
     stamp_from_ns,
     stamp_to_ns,
     status_message,
@@ -27,6 +20,7 @@ from convseq_ros.sources.images import decode_image
 from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given, strategies
 import numpy as np
+import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
@@ -91,21 +85,6 @@ def test_a_loop_closure_is_two_times_in_seconds():
     assert len(data) == 2
     assert data[0] == pytest.approx(1_700_000_000.123_456_789, abs=3e-7)
     assert data[0] - data[1] == pytest.approx(60.0, abs=5e-7)
-
-
-def test_a_loop_closure_index_is_query_and_reference():
-    assert loop_closure_index_message(11, CANDIDATES[0]).data.tolist() == [11, 7]
-
-
-def test_a_pose_is_the_references_at_the_time_of_the_query():
-    covariance = np.arange(36.0).reshape(6, 6)
-    message = pose_message(MATCH, PoseEstimate(POSE, covariance), 'site')
-    pose = message.pose.pose
-    assert (pose.position.x, pose.position.y, pose.position.z) == POSE.position
-    turn = pose.orientation
-    assert (turn.x, turn.y, turn.z, turn.w) == POSE.orientation
-    assert message.header == match_header(MATCH, 'site')
-    assert message.pose.covariance.tolist() == list(range(36))
 
 
 @pytest.mark.parametrize('encoding', ['mono8', 'bgr8'])

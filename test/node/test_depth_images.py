@@ -5,14 +5,11 @@
 import threading
 from unittest.mock import Mock
 
-import numpy as np
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.reading_config import ReadingConfig
+import numpy as np
+import pytest
 from sensor_msgs.msg import Image
 
 SECOND, MS = 1_000_000_000, 1_000_000

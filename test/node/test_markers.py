@@ -5,10 +5,6 @@
 from dataclasses import replace
 from unittest.mock import Mock
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
@@ -20,6 +16,7 @@ from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.map_topics import MapTopics, path_message
 from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
 import numpy as np
+import pytest
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 

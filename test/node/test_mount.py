@@ -8,8 +8,6 @@ from types import SimpleNamespace
 from convseq_ros.node.frame_context import Mount
 import pytest
 
-pytest.importorskip('rclpy')
-
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103
 
 

@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the node are those of config.py, checked at start and when set."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import Config, core_parameters, SequenceConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.parameters import declare, KNOWN
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
+import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 

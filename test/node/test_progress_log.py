@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log says what was done, and what was dropped and why."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node import progress_log
+import pytest
 from sensor_msgs.msg import Image
 
 SECOND = 1_000_000_000

@@ -26,8 +26,6 @@ from convseq_ros.parameter import parameters
 from convseq_ros.results import COLUMNS
 import pytest
 
-pytest.importorskip('rclpy')
-
 KEPT = Path(__file__).resolve().parents[1] / 'golden' / 'public_surface.json'
 STABLE, MAY_CHANGE = 'stable', 'may change'
 # Everything that is not named here is stable.

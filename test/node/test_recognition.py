@@ -9,10 +9,6 @@ import time
 from unittest.mock import Mock
 import weakref
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -24,6 +20,7 @@ from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.results import read_results
 import numpy as np
+import pytest
 from sensor_msgs.msg import CompressedImage
 
 STEP_NS = 100_000_000

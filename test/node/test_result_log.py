@@ -5,14 +5,11 @@
 import errno
 from unittest.mock import Mock
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.result_log import ResultLog
 from convseq_ros.results import read_results, ResultWriter
+import pytest
 
 
 def match(index):

@@ -4,14 +4,11 @@
 
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.types import Camera
 from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
 from nav_msgs.msg import Odometry
+import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Without a named camera the node finds the only one, and names them if there are several."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node import topic_finder
 from nav_msgs.msg import Odometry
+import pytest
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 
@@ -19,11 +16,6 @@ def quick(monkeypatch):
 def offered(client, *topics):
     """Return publishers; all are there before the node is."""
     return [client.node.create_publisher(kind, name, 10) for kind, name in topics]
-
-
-def settled(client, node):
-    """Wait until the finder has seen all that there is."""
-    client.wait_for(lambda: node._finder._looks >= topic_finder._LOOKS)
 
 
 def test_the_only_camera_is_found_with_what_is_beside_it(client, vpr, street, image, map_path):

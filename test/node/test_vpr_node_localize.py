@@ -5,10 +5,6 @@
 from itertools import pairwise
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -18,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
 import numpy as np
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32

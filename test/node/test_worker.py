@@ -7,11 +7,8 @@ import time
 from types import SimpleNamespace
 import weakref
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node.worker import Worker
+import pytest
 
 LIMIT_S = 10
 

@@ -8,7 +8,9 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.edit import bound
 from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.looks import surplus
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 
@@ -22,6 +24,7 @@ class NoAutosave:
     committed = 0  # places that are safe in a file
     committed_s: float | None = None  # monotonic time at which the file grew last
     is_failing = False  # whether what was added last could not be written
+    removed = 0  # places that went when it was closed
 
     def save(self) -> None:
         """Do nothing."""
@@ -43,8 +46,8 @@ class Autosave(NoAutosave):
     and goes on in memory; it writes again once its file is back as it was.
 
     `append` as of `MapWriter`; a file that was made and got no place goes at the end unless it
-    `keeps_empty`. MapError if the map has another owner, cannot be written, or is refused by
-    `MapWriter`.
+    `keeps_empty`. At the end no place has more than `max_looks`; 0 is no limit. MapError if the
+    map has another owner, cannot be written, or is refused by `MapWriter`.
     """
 
     def __init__(
@@ -54,8 +57,9 @@ class Autosave(NoAutosave):
         keyframes: KeyframeConfig,
         append: bool | None = None,
         keeps_empty: bool = True,
+        max_looks: int = 0,
     ) -> None:
-        self._path, self._keeps_empty = path, keeps_empty
+        self._path, self._keeps_empty, self._max_looks = path, keeps_empty, max_looks
         with ExitStack() as opened:
             opened.enter_context(MapLock(path))
             self._writer = MapWriter(path, encoding, keyframes, append)
@@ -107,6 +111,13 @@ class Autosave(NoAutosave):
             if not (self.committed or self._keeps_empty) and self._writer.is_new:
                 self._refuse_replaced()
                 self._path.unlink()
+        if self.has_surplus:
+            self.removed = bound(self._path, self._max_looks)
+
+    @property
+    def has_surplus(self) -> bool:
+        """Whether some place has more than `max_looks`."""
+        return bool(surplus(self.reference_map, self._max_looks))
 
     def _run(self) -> None:
         while self._news.wait() and not self._end.is_set():

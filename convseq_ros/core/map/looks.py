@@ -32,46 +32,45 @@ class Looks:
     def __init__(self, reference_map: ReferenceMap, max_looks: int) -> None:
         self._map, self._most = reference_map, max_looks
         self._of = dict[int, list[int]]()  # stretches that are kept, by the first one of a place
-        self.surplus = list[int]()
-        if max_looks and len(reference_map.links):
-            for start, end in pairwise(
-                [*reference_map.bounds.starts.tolist(), len(reference_map)]
-            ):
-                for stretch in range(start, end, LOOK.stretch):
-                    self._judge(stretch)
+        self.surplus = list[int]()  # places that the map does without
+        if not max_looks or not len(reference_map.links):
+            return
+        for start, end in pairwise([*reference_map.bounds.starts.tolist(), len(reference_map)]):
+            for stretch in range(start, end, LOOK.stretch):
+                first = {place: self._first(place) for place in self._places(stretch)}
+                looks = [place for place in first if first[place] < stretch]
+                if 2 * len(looks) > len(first):  # else it shows more that is new
+                    shown = reference_map.global_descriptors[looks[0]]
+                    gone = self._take(stretch, first[looks[0]], shown)
+                    self.surplus += self._places(gone) if gone is not None else ()
 
     def has_room(self, known: int, descriptor: npt.NDArray[np.float16]) -> bool:
-        """
-        Return whether a further stretch is kept that begins at a place, with a descriptor (m,).
+        """Return whether a stretch is kept that begins now at a place, with a descriptor (m,)."""
+        new = len(self._map)
+        return self._take(new, self._first(known), descriptor) != new
 
-        If another one goes for it, its places are `removed` from the map from now on.
-        """
-        first = self._first(known)
-        own, new = self._own(first), len(self._map)
-        if len(own) >= self._most > 0:
-            at = self._to_go(own, first, descriptor)
-            if at is None or at == len(own):
-                return False
-            self._map.removed.update(self._places(own.pop(at)))
-        own.append(new)
-        return True
-
-    def _judge(self, stretch: int) -> None:
-        """Take in a stretch of the map, and have one go if its place has more."""
-        of_places = {place: self._first(place) for place in self._places(stretch)}
-        looks = [place for place, first in of_places.items() if first < stretch]
-        if 2 * len(looks) <= len(of_places):
-            return  # it shows more that is new
-        first, descriptor = of_places[looks[0]], self._map.global_descriptors[looks[0]]
-        own = self._own(first)
-        if len(own) < self._most:
-            own.append(stretch)
-        elif (at := self._to_go(own, first, descriptor, self._stays(stretch))) is not None:
-            own.append(stretch)
-            self.surplus += self._places(own.pop(at))
-
-    def _own(self, first: int) -> list[int]:
-        return self._of.setdefault(self._stretch(first), [self._stretch(first)])
+    def _take(
+        self, stretch: int, first: int, descriptor: npt.NDArray[np.float16]
+    ) -> int | None:
+        """Keep a further stretch of a place, with its first look; return which one goes for it."""
+        own = self._of.setdefault(self._stretch(first), [self._stretch(first)])
+        own.append(stretch)
+        if not 0 < self._most < len(own):
+            return None
+        shown = [
+            min(self._places(one), key=lambda place: abs(self._first(place) - first))
+            for one in own[:-1]
+        ]
+        rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+        stay = np.array([not at or self._stays(one) for at, one in enumerate(own)])
+        similar = rows @ rows.T
+        similar[np.triu_indices(len(rows))] = -np.inf
+        similar[np.ix_(stay, stay)] = -np.inf
+        later, sooner = divmod(int(similar.argmax()), len(rows))
+        if not np.isfinite(similar[later, sooner]):
+            return None
+        return own.pop(sooner if stay[later] else later)
 
     def _stretch(self, place: int) -> int:
         start, _ = self._map.bounds.span(place)
@@ -95,29 +94,6 @@ class Looks:
                 passed = max(bounds.span(there)[0], there - off)
                 return self._first(passed) if passed < place else place
         return place
-
-    def _to_go(
-        self,
-        stretches: list[int],
-        first: int,
-        descriptor: npt.NDArray[np.float16],
-        stays: bool = False,
-    ) -> int | None:
-        """Return which of some looks of a place, and a further one, goes; None if none may."""
-        shown = [
-            min(self._places(one), key=lambda place: abs(self._first(place) - first))
-            for one in stretches
-        ]
-        rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
-        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
-        stay = np.array([*(not at or self._stays(one) for at, one in enumerate(stretches)), stays])
-        similar = rows @ rows.T
-        similar[np.triu_indices(len(rows))] = -np.inf
-        similar[np.ix_(stay, stay)] = -np.inf
-        later, sooner = divmod(int(similar.argmax()), len(rows))
-        if not np.isfinite(similar[later, sooner]):
-            return None
-        return sooner if stay[later] else later
 
 
 def surplus(reference_map: ReferenceMap, max_looks: int) -> list[int]:

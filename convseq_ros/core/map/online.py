@@ -90,8 +90,7 @@ class OnlineMap(PreloadedMap):
         Add a frame to the map, and link it as it was recognised, unless it could not be read.
 
         Where its place has all looks, and it is most like one of them, nothing is added for a
-        stretch, as long as it is recognised; else one of them is not matched any more, and goes
-        when the map is opened next.
+        stretch, as long as it is recognised; else one of them goes when the map is closed.
         """
         if frame.gray is None or self._passes_over(known_as(_match), descriptor):
             return

@@ -64,7 +64,6 @@ class ReferenceMap:
         # Where the camera was on the robot, of sessions that do not know; None: where it is now.
         self.usual_mount: Pose | None = None
         self.links = Links(self.bounds.around)
-        self.removed = set[int]()  # places that are not matched any more
         self.problem = ''  # in one line: what is wrong with the file, and can be done without
         self.images = KeptImages(self.pictures, are_kept=read_pictures is not None)
 
@@ -166,7 +165,7 @@ class ReferenceMap:
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; those that are stored are read in one go."""
-        count = len(self)
+        count, indices = len(self), [int(index) for index in indices]  # SQLite has none of NumPy
         for index in indices:
             if not 0 <= index < count:
                 raise IndexError(f'reference {index} of {count}')

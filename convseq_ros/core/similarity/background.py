@@ -15,6 +15,8 @@ from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.reference_map import ReferenceMap
 import numpy as np
 
+_READ_AT_ONCE = 16  # places of the sample, for 1 MB of cells
+
 
 @constants
 class BACKGROUND:
@@ -75,10 +77,13 @@ class Background(NoBackground):
         count = len(self._map)
         if count < max(BACKGROUND.fewest_places, 2 * self._averaged):
             return False
-        sample = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
-        read = self._map.cells_of(np.unique(sample).tolist())
-        shown = [self._project(self.normalize(one)) for one in read if one.any()]
-        self.of_map = np.mean(shown, axis=0) if shown else None
+        spread = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
+        sample, total, shown = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
+        for start in range(0, len(sample), _READ_AT_ONCE):
+            for cells in self._map.cells_of(sample[start : start + _READ_AT_ONCE]):
+                if cells.any():
+                    total, shown = total + self._project(self.normalize(cells)), shown + 1
+        self.of_map = total / np.float32(shown) if shown else None
         self._averaged = count
         return True
 

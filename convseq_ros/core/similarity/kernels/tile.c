@@ -8,7 +8,7 @@
 #define INLINE static inline __attribute__((always_inline))
 
 // Add dot products of bytes. A product is exact, so all processors find the same.
-INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words sums[ROWS][2])
+INLINE void add_byte_dots(const int8_t *query, const int8_t *block, Words sums[ROWS][2])
 {
     // Else the compiler keeps the address of every number, and runs out of registers.
     __asm__("" : "+r"(query));
@@ -22,6 +22,43 @@ INLINE void add_byte_dots(const QueryNumber *query, const int8_t *block, Words s
             sums[row][1] = dot(sums[row][1], right, own);
         }
     }
+}
+
+// Write dot products of bytes, above their labels, of regions that are unit vectors. Taken 160
+// times these add up to 163 ** 2 at most, in any order: so 16 bits hold all sums.
+INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_t *start,
+                          const int32_t *labels, Words words[ROWS][2])
+{
+#ifdef SMALL_SUMS
+    (void)start; // a reference's bytes have no offset
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        words[row][0] = words[row][1] = splat(0);
+    __asm__("" : "+r"(query));
+#pragma GCC unroll 8
+    for (int step = 0; step < STEPS; step++) {
+        Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
+#pragma GCC unroll 16
+        for (int row = 0; row < ROWS; row++) {
+            QueryStep own = query_step(query + row * NUMBERS, step);
+            words[row][0] = add_twos(words[row][0], left, own);
+            words[row][1] = add_twos(words[row][1], right, own);
+        }
+    }
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        for (int half = 0; half < 2; half++) // 2 ** 15 is too large for 16 bits, its negative not
+            words[row][half] = splat(labels[row + half]) - added(words[row][half], INT16_MIN);
+#else
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        words[row][0] = words[row][1] = splat(start[row]);
+    add_byte_dots(query, block, words);
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        for (int half = 0; half < 2; half++)
+            words[row][half] = labelled(words[row][half], labels[row + half]);
+#endif
 }
 
 // Write dot products of floats, which all processors add alike.
@@ -47,10 +84,8 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// Regions of a query and of a reference in a tile; how a query's bytes lie, see panel.py; how many
-// products a step of a tile adds to a vector of sums.
-SHOWN const int32_t CALL(shape)[] = {
-    ROWS, COLUMNS, sizeof(QueryNumber), QUERY_SCALE, OFFSET, LANES * NUMBERS / STEPS};
+// Regions of a query and of a reference in a tile; what is added to a reference's bytes.
+SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, OFFSET};
 
 // Lay out the regions [count][32] of a reference as bytes, above an origin, which sums make up for.
 KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
@@ -74,20 +109,41 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
     return 0;
 }
 
+// Write the regions [count][32] of a reference that is laid out as bytes, times a scale.
+KERNEL(unpack_reference)(const int8_t *packed, intptr_t count, float scale, float *regions)
+{
+    for (intptr_t place = 0; place < count; place++) {
+        int half = place % COLUMNS / LANES, lane = place % LANES;
+        const int8_t *own = packed + place / COLUMNS * COLUMNS * NUMBERS + half * 4 * LANES;
+        for (int number = 0; number < NUMBERS; number++) {
+            int8_t byte = own[number / 4 * 8 * LANES + byte_place(lane, number % 4)];
+            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - OFFSET);
+        }
+    }
+    return 0;
+}
+
 // Add dot products in registers alone, 12 in every loop: the most that the processor can do.
 KERNEL(peak)(intptr_t loops, int32_t *found)
 {
-    QueryNumber numbers[NUMBERS] = {1, 2, 3, 4};
+    int8_t numbers[NUMBERS] = {1, 2, 3, 4};
     Words sums[12] = {0}, reference = splat(0x02010201);
     QueryStep query = query_step(numbers, 0);
     for (intptr_t loop = 0; loop < loops; loop++)
 #pragma GCC unroll 12
         for (int one = 0; one < 12; one++) {
             __asm__ volatile("" : REGISTER(reference)); // every product is made
+#ifdef SMALL_SUMS
+            sums[one] = add_twos(sums[one], reference, query);
+#else
             sums[one] = dot(sums[one], reference, query);
+#endif
         }
     for (int one = 1; one < 12; one++)
         sums[0] += sums[one];
+#ifdef SMALL_SUMS
+    sums[0] = added(sums[0], 1);
+#endif
     *found = sums[0][0];
     return 0;
 }
