@@ -4,22 +4,80 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
+import threading
 from threading import Event, Thread
 import time
 import traceback
 from typing import Any
 
-from convseq_ros.config import Config
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConvseqError, ImageError, ModelError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.results import ResultWriter
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image
+
+
+class ResultLog:
+    """
+    Writes a row for every frame until that fails; says so once and counts what is `lost`.
+
+    To none if the path is empty; ConfigError if the file cannot be made.
+    """
+
+    def __init__(self, path: str, logger: Any) -> None:
+        self.lost = 0
+        self._path = path
+        self._logger = logger
+        self._lock = threading.Lock()
+        self._failed = False
+        self._writer: ResultWriter | None = None
+        if path:
+            try:
+                self._writer = ResultWriter(Path(path))
+            except OSError as error:
+                raise ConfigError(
+                    f'result_file: {path} cannot be written ({error.strerror}); '
+                    'choose another or leave it empty'
+                ) from None
+            if self._writer.kept:
+                logger.warning(f'{self._writer.kept}: rows of a run that did not end')
+
+    def write(self, match: Match, duration_ms: float) -> None:
+        with self._lock:
+            if self._failed:
+                self.lost += 1
+            elif self._writer:
+                try:
+                    self._writer.write(match, duration_ms)
+                except OSError as error:
+                    self._give_up(self._writer, match, error)
+
+    def close(self) -> None:
+        """Give the file its name; rows that come later are left out."""
+        with self._lock:
+            if self._writer:
+                try:
+                    self._writer.close()
+                except OSError as error:
+                    self._logger.error(f'{self._path}: not completed ({error.strerror})')
+            self._writer = None
+
+    def _give_up(self, writer: ResultWriter, match: Match, error: OSError) -> None:
+        self._logger.error(
+            f'{self._path}: {error.strerror}; going on without rows from frame '
+            f'{match.query_index} on'
+        )
+        self._failed = True
+        self.lost += 1
+        self._writer = None
+        writer.abandon()
+
 
 _PATIENCE_S = 5.0  # for the place at hand, at the end
 
@@ -134,12 +192,6 @@ class Recognition:
         except (ConvseqError, OSError) as error:
             self.statistics.unkept += 1
             self.logger.error(str(error))
-
-    def configure(self, config: Config) -> None:
-        self.session.cameras.configure(config)
-
-    def reset(self) -> None:
-        self.session.cameras.reset()
 
     def _answer(self, arrival: Arrival) -> None:
         cameras = self.session.cameras

@@ -9,8 +9,7 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.inflate import inflate, RecordingLimits
-from convseq_ros.sources.raw_message import RawMessage, typestore
-from convseq_ros.sources.topics import Index, Topic
+from convseq_ros.sources.topics import Index, RawMessage, Topic, typestore
 
 _MAGIC = b'#ROSBAG V2.0\n'
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log says what was done, and what was dropped and why."""
 
-from convseq_ros.node import progress_log
+from convseq_ros.node import diagnostics as progress_log
 import pytest
 from sensor_msgs.msg import Image
 

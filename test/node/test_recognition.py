@@ -16,8 +16,7 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.diagnostics import Statistics
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results
 import numpy as np
 import pytest
