@@ -18,6 +18,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+# Which other files an ONNX file has its weights in. Only the outline of the protobuf is read:
+# fields that lead to a tensor's `external_data`, by their numbers in onnx.proto.
 MOST_FIELDS = 5_000_000  # that are looked at; a large network has some 100,000
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _WIDTH = {_FIXED64: 8, _FIXED32: 4}

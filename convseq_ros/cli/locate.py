@@ -25,7 +25,6 @@ import cv2
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         'images', type=Path, nargs='+', help='one image, or the last few of a drive in order'
     )

@@ -14,7 +14,6 @@ from convseq_ros.evaluation.table import format_table, summary_rows
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     # A table of options reads better in few lines.
     # fmt: off
     parser.add_argument('result', type=Path, nargs='+', metavar='RESULT', help='folder that '

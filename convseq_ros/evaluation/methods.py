@@ -76,7 +76,6 @@ class Method:
     config: Config
 
     def rows(self, material: Material) -> PairScores:
-        """Return the pair scores of a data set."""
         return self.kind.rows(material, self.name, self.config)
 
     def measured(self, material: Material, found: Recognition) -> PairScores:

@@ -13,7 +13,7 @@ from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
 from convseq_ros.sources.inflate import RecordingLimits
-from convseq_ros.sources.raw_message import one_line, RawMessage, typestore
+from convseq_ros.sources.topics import one_line, RawMessage, typestore
 
 _FORMATS: dict[str, tuple[Any, str]] = {
     '.mcap': (mcap_file, 'mcap recover'),
