@@ -15,9 +15,9 @@ from convseq_ros.cli.fleet_options import add_cluster, chosen_cluster
 from convseq_ros.cli.terminal import progress
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.writer import replaced
 from convseq_ros.errors import ConvseqError, MapError, SourceError
 from convseq_ros.fleet.cluster import connected, done
 from convseq_ros.onnx_model import open_model
