@@ -57,22 +57,12 @@ class Acknowledged:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """
-    What a program does.
+    """What a program does, given the map's path and how many places are added at once."""
 
-    Parameters
-    ----------
-    prepare : callable
-        Makes the files that it finds, given the map's path and how many places are added at once.
-    act : callable
-        What it does; it acknowledges what must be there from then on.
-    check : callable
-        Raises AssertionError if something does not hold, given what was acknowledged.
-
-    """
-
-    prepare: Callable[[Path, list[int]], None]
+    prepare: Callable[[Path, list[int]], None]  # makes the files that it finds
+    # What it does; it acknowledges what must be there from then on.
     act: Callable[[Path, list[int], Acknowledged], None]
+    # Raises AssertionError if something does not hold, given what was acknowledged.
     check: Callable[[Path, list[int], int], None]
 
 
