@@ -10,8 +10,8 @@ import signal
 
 from convseq_ros.cli import fleet, main
 from convseq_ros.config import Config
-from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.writer import replaced
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import done
 import numpy as np
