@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 2000  # references whose features are kept beside a shortlist; 80 MB
+_KEPT = 1500  # references whose features are kept beside a shortlist; 60 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
