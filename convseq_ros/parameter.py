@@ -52,29 +52,14 @@ RETIRED_CHOICES = {
 }
 
 
-def parameter(
-    default: Value,
-    doc: str,
-    *,
-    unit: str = '',
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple[str, ...] = (),
-    dynamic: bool = False,
-) -> Any:
-    """Declare one parameter; `dynamic` ones may change while a node runs."""
-    metadata = {
-        'doc': doc,
-        'unit': unit,
-        'low': low,
-        'high': high,
-        'choices': choices,
-        'dynamic': dynamic,
-    }
-    return field(default=default, metadata=metadata)
+_CONSTANT: Mapping[str, Any] = {
+    'doc': '', 'unit': '', 'low': None, 'high': None, 'choices': (), 'dynamic': False,
+}  # fmt: skip
 
 
-_CONSTANT: Mapping[str, Any] = parameter(0, '').metadata
+def parameter(default: Value, doc: str, **about: Any) -> Any:
+    """Declare one parameter by what `Parameter` says of it."""
+    return field(default=default, metadata={**_CONSTANT, 'doc': doc, **about})
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +74,7 @@ class Parameter:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
-    dynamic: bool
+    dynamic: bool  # whether it may change while a node runs
 
     def check(self, value: object) -> Value:
         """
