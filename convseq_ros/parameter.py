@@ -77,11 +77,7 @@ class Parameter:
     dynamic: bool  # whether it may change while a node runs
 
     def check(self, value: object) -> Value:
-        """
-        Return the value in this parameter's type; a whole number is taken as a float.
-
-        ConfigError if the type is wrong or the value is out of bounds.
-        """
+        """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if type(value) is not self.type:

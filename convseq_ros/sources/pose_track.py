@@ -91,11 +91,7 @@ class PoseTrack:
 
 
 def pose_from_message(pose: Any) -> Pose | None:
-    """
-    Return a geometry_msgs/Pose, from rclpy or from a recording, with a unit quaternion.
-
-    None if a value is not finite or the quaternion is zero.
-    """
+    """Return a geometry_msgs/Pose, normalised; None if it is not finite or its quaternion zero."""
     at, turn = pose.position, pose.orientation
     position = (float(at.x), float(at.y), float(at.z))
     orientation = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
