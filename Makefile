@@ -32,7 +32,7 @@ SHARED := --numprocesses=2 --dist=worksteal
 # Ubuntu's versions of NumPy, OpenCV and scikit-image may compute other numbers. All the rest,
 # such as command lines, packaging and the node's life, cannot depend on them and is tested once;
 # among these files are tests of the same kind, which have the mark `once`.
-NUMERICAL := test/core test/baselines test/sources/test_images.py test/sources/test_video.py \
+NUMERICAL := test/core test/baselines test/sources/test_images.py \
 	test/sources/test_folder.py test/evaluation/test_metrics.py \
 	test/evaluation/test_ranking.py test/evaluation/test_truth.py test/test_parity.py
 

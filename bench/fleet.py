@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 from convseq_ros import Config, Frame
-from convseq_ros.cli.fleet_build import build_one
+from convseq_ros.cli.fleet import build_one
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -139,7 +139,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         with connected(Cluster(workers=workers)) as client:
             client.run(resident_mb)  # all are there
             jobs = {
-                path.name: (path, maps / f'{path.name}.db', *[''] * 4, Config())
+                path.name: (path, maps / f'{path.name}.db', Config())
                 for path in sorted((folder / 'recordings').iterdir())
             }
             # Once for imports and kernels of each worker.

@@ -20,11 +20,8 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     """
     Return the mapping in a YAML file.
 
-    Raises
-    ------
-    ConfigError
-        If there is none, or the file is too large, nested too deeply, or refers to its own parts,
-        which ROS does not read either: a few lines can stand for terabytes.
+    ConfigError if there is none, or the file is too large, nested too deeply, or refers to its own
+    parts, which ROS does not read either: a few lines can stand for terabytes.
 
     """
     try:
@@ -70,10 +67,7 @@ def read_array(
     """
     Return an array of plain numbers from a .npy file, or from a .npz file under its name.
 
-    Raises
-    ------
-    SourceError
-        If there is none, it holds less than it declares, or it declares too much.
+    SourceError if there is none, it holds less than it declares, or it declares too much.
 
     """
     refuse_irregular(path)

@@ -93,13 +93,9 @@ class Parameter:
 
     def check(self, value: object) -> Value:
         """
-        Return the value in this parameter's type.
+        Return the value in this parameter's type; a whole number is taken as a float.
 
-        Raises
-        ------
-        ConfigError
-            If the type is wrong or the value is out of bounds; whole numbers are taken as floats.
-
+        ConfigError if the type is wrong or the value is out of bounds.
         """
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
@@ -163,15 +159,7 @@ class Checked:
 
 
 def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
-    """
-    Refuse names that no parameter has.
-
-    Raises
-    ------
-    ConfigError
-        Naming the first unknown one and the nearest known one.
-
-    """
+    """Raise a ConfigError that names the first unknown parameter and the nearest known one."""
     known = list(known)
     for name in names:
         if name not in known:

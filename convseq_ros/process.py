@@ -29,15 +29,9 @@ _later: Callable[[], None] | None = None
 
 def run(module: str, code: int, text: str = '') -> int:
     """
-    Import a module and return what its `main` returns; needs nothing but Python itself.
+    Import a module, which may take long, and return what its `main` returns.
 
-    Parameters
-    ----------
-    module : str
-        Whose import may take long.
-    code, text : int, str
-        Of a process that a signal ends before it is handed over.
-
+    `code` and `text` are those of a process that a signal ends before it is handed over.
     """
     stand(code, text)
     # Whoever became this process by `execve` had them wait.
@@ -102,16 +96,10 @@ def ignore() -> None:
 
 def fast_dds(profile: str) -> dict[str, str]:
     """
-    Return the variable with which a process uses one of our profiles.
+    Return the environment variable with which a process uses one of our profiles.
 
-    Empty if the user has chosen settings, or ours are not installed.
-
-    Parameters
-    ----------
-    profile : str
-        `LARGE_IMAGES`, to lose no large images, nor what is sent beside them, or `QUICK_START`, to
-        find others at once. The first does what the second does, too.
-
+    Empty if the user has chosen settings, or ours are not installed. `LARGE_IMAGES` loses no large
+    images, nor what is sent beside them, and finds others at once, as `QUICK_START` does.
     """
     beside = Path(__file__).resolve().parents[1]
     prefix = beside.parent.parent.parent

@@ -28,6 +28,7 @@ METHODS = {
     'hog': ('HOG, single images', 'hog'),
 }
 _MEANS = 'said', 'right'
+_PUBLISHED = 'vprbench-'
 LONG = 'street_hour'  # 3,600 frames: only when it is named
 
 
@@ -95,7 +96,7 @@ def _tables(results: Path) -> Iterable[str]:
     yield '### Confidence'
     rows = pooled([told['as_shipped'] for run in decided if (told := run.summary['calibration'])])
     yield _table(
-        ('confidence', 'frames', 'mean confidence', 'best place is right'),
+        ('confidence', 'frames', 'mean confidence, %', 'best place is right, %'),
         (
             (
                 f'{row["low"]:g} to {row["high"]:g}',
@@ -123,39 +124,44 @@ def pooled(tables: Iterable[Sequence[Mapping[str, float]]]) -> list[dict[str, fl
 
 
 def _accuracy(runs: Sequence[Run]) -> Iterable[str]:
-    """Yield a table for each set; of published scores, single images alone."""
+    """Yield a table for each set, and what its published scores come to, single images alone."""
+    columns = (
+        'method',
+        'right, %',
+        '95 % interval',
+        'of matched',
+        'AUC-PR, %',
+        'recall at 100 % precision, %',
+    )
     for name in dict.fromkeys(run.set for run in runs):
-        own = [run for run in runs if run.set == name]
-        own = [run for run in own if not run.method.endswith(('-dynamic', '-k10'))]
-        own.sort(key=lambda run: [*METHODS, run.method].index(run.method))
-        about = own[0].about_set()
+        of_set = {run.method: run for run in runs if run.set == name}
+        own = {name: of_set[name] for name in METHODS if name in of_set}
+        about = next(iter(own.values())).about_set()
         yield (
             f'**{about["title"] or name}**: {about["queries"]} queries, '
             f'{about["references"] or about["queries"]} references.'
         )
-        yield _table(
-            (
-                'method',
-                'right, of matched',
-                '95 %',
-                'matched',
-                'AUC-PR',
-                'recall at 100 % precision',
-            ),
-            (
-                (
-                    METHODS.get(run.method, (run.method,))[0],
-                    _percent(run.summary['accuracy_matched']),
-                    _percent(run.summary.get('accuracy_matched_low'))
-                    + ' to '
-                    + _percent(run.summary.get('accuracy_matched_high')),
-                    str(run.summary['matched_known']),
-                    _percent(run.summary['auc_pr']),
-                    _percent(run.summary['recall_at_100_precision']),
-                )
-                for run in own
-            ),
+        yield _table(columns, ([METHODS[name][0], *_best(one)] for name, one in own.items()))
+        others = {name: run for name, run in of_set.items() if name.startswith(_PUBLISHED)}
+        shares = ', '.join(
+            f'{name.removeprefix(_PUBLISHED)} {_percent(run.summary["accuracy_matched"])}'
+            for name, run in others.items()
+            if not name.endswith(('-dynamic', '-k10'))
         )
+        if shares:
+            yield f'By scores that VPR-Bench published, single images right, in %: {shares}.'
+
+
+def _best(run: Run) -> list[str]:
+    told = run.summary
+    low, high = told.get('accuracy_matched_low'), told.get('accuracy_matched_high')
+    return [
+        _percent(told['accuracy_matched']),
+        f'{_percent(low)}-{_percent(high)}',
+        str(told['matched_known']),
+        _percent(told['auc_pr']),
+        _percent(told['recall_at_100_precision']),
+    ]
 
 
 def _counts(runs: Iterable[Run]) -> list[str]:
@@ -169,7 +175,8 @@ def _first(run: Run) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return '-' if share is None else f'{100 * share:.1f} %'
+    """Return a number for a column that says `%`."""
+    return '?' if share is None else f'{100 * share:.1f}'
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

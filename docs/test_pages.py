@@ -27,6 +27,7 @@ PAGES = REPOSITORY / 'docs'
 BLOCK = re.compile(r'(?:<!-- ([^\n]*?) -->\n)?```bash\n(.*?)```|<!-- (Ctrl-C) -->', re.DOTALL)
 NOT_RUN = 'not run here: '
 LISTENS_S, ENDS_S = 60, 20
+FIRST = 'tutorials/first_map.md'  # makes what the other pages use
 
 
 class Block(NamedTuple):
@@ -57,7 +58,7 @@ def accepted(path: Path) -> int:
 
 TASKS = {
     'map and recognise two recordings, and live with a bag': Task(
-        'tutorials/first_map.md',
+        FIRST,
         3,
         lambda clone: accepted(clone / 'result.csv') > 100 and accepted(clone / 'live.csv') > 50,
     ),
@@ -185,6 +186,8 @@ def follow(clone: Path, page: str, terminals: Terminals) -> None:
 @pytest.mark.parametrize('name', TASKS)
 def test_a_first_time_user_is_done_in_time(name, clone, terminals, record_property):
     task = TASKS[name]
+    if task.page != FIRST and not (clone / 'street.db').exists():  # this page alone was asked for
+        follow(clone, FIRST, terminals)
     started_s = time.monotonic()
     follow(clone, task.page, terminals)
     took_s = time.monotonic() - started_s

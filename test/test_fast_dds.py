@@ -28,13 +28,6 @@ def test_the_processes_of_a_demo_carry_large_images(tmp_path):
     assert Path(environment(tmp_path)[VARIABLE]).name == LARGE_IMAGES
 
 
-@pytest.mark.parametrize('profile', [LARGE_IMAGES, QUICK_START])
-def test_both_say_that_a_node_is_there_once_it_listens(profile):
-    text = Path(fast_dds(profile)[VARIABLE]).read_text(encoding='utf-8')
-    assert '<bytesPerPeriod>1000000000</bytesPerPeriod>' in text
-    assert '<periodMillisecs>1000</periodMillisecs>' in text  # one costs 1.5 % of a core
-
-
 @pytest.mark.parametrize(
     ('module', 'profile'),
     [

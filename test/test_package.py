@@ -169,22 +169,6 @@ def test_manifest_is_that_of_an_ament_python_package():
     assert not warnings
 
 
-@pytest.mark.parametrize(
-    'path', sorted((REPOSITORY / 'launch').glob('*.py')), ids=lambda path: path.name
-)
-def test_launch_file_compiles(path):
-    compile(path.read_text(), path.name, 'exec')
-
-
-def test_launch_file_describes_one_node():
-    pytest.importorskip('launch_ros')
-    namespace: dict = {}
-    path = REPOSITORY / 'launch' / 'vpr.launch.py'
-    exec(compile(path.read_text(), path.name, 'exec'), namespace)
-    entities = namespace['generate_launch_description']().entities
-    assert [type(entity).__name__ for entity in entities].count('Node') == 1
-
-
 def test_pip_installs_what_ros2_run_executes(manifest):
     try:
         distribution = metadata.distribution('convseq_ros')
@@ -207,10 +191,6 @@ def test_pip_installs_what_ros2_run_executes(manifest):
 def test_one_wheel_serves_every_python():
     tags = metadata.distribution('convseq_ros').read_text('WHEEL') or ''
     assert re.search(r'^Tag: py3-none-\w+$', tags, re.MULTILINE)
-
-
-def test_colcon_recognises_the_build_type(workspace):
-    assert '(ros.ament_python)' in colcon(workspace, 'list').stdout
 
 
 def test_colcon_installs_what_ros2_run_executes(workspace):
@@ -256,11 +236,6 @@ def test_the_robot_block_of_the_readme_works(workspace):
             if 'listening to /camera/image_raw' in line:
                 node.send_signal(signal.SIGINT)
     assert node.returncode == 0
-
-
-def test_colcon_sets_the_package_up_for_the_ament_index(workspace):
-    hooks = workspace / 'install' / 'convseq_ros' / 'share' / 'convseq_ros' / 'hook'
-    assert (hooks / 'ament_prefix_path.sh').is_file()
 
 
 def test_nothing_of_the_repository_but_the_package_is_installed():

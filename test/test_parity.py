@@ -88,14 +88,9 @@ def recording(drive, tmp_path_factory):
             stamp_ns -= 25 * STEP_NS if index >= JUMP else 0
             stamp = kinds['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
             pixels = np.zeros_like(gray) if index == BLACK else gray
+            header, shape = kinds['std_msgs/msg/Header'](stamp, 'camera'), (240, 320)
             message = kinds['sensor_msgs/msg/Image'](
-                kinds['std_msgs/msg/Header'](stamp, 'camera'),
-                240,
-                320,
-                'mono8',
-                0,
-                320,
-                pixels.ravel(),
+                header, *shape, 'mono8', 0, 320, pixels.ravel()
             )
             if index == UNREADABLE:
                 message = replace(message, step=3)
@@ -104,7 +99,7 @@ def recording(drive, tmp_path_factory):
     return path
 
 
-def answers_of_the_core(recording, map_path, encoding, path, topics=()):
+def answers_of_the_core(recording, map_path, encoding, path, topics):
     config = Config(encoding=encoding)
     model = open_model(config)
     config = with_first_stage(config, model)
@@ -120,34 +115,22 @@ def answers_of_the_core(recording, map_path, encoding, path, topics=()):
     return read_results(path)
 
 
-def answers_of_the_node(recording, map_path, encoding, path, topics=()):
+def answers_of_the_node(recording, map_path, encoding, path, topics):
     python = [sys.executable, '-m']
     environment = os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)}
-    model = encoding.descriptor_model
+    parameters = {
+        'map_path': map_path, 'result_file': path, 'queue_size': 1000, 'max_wait_s': 0.0,
+        'image_mask': encoding.image_mask, 'image_rotation_deg': encoding.image_rotation_deg,
+        'descriptor_model': encoding.descriptor_model, 'image_topics': ' '.join(topics),
+    }  # fmt: skip
+    given = [
+        word
+        for name, value in parameters.items()
+        if value != ''
+        for word in ('-p', f'{name}:={value}')
+    ]
     node = subprocess.Popen(
-        [
-            *python,
-            'convseq_ros.node.vpr_node',
-            '--ros-args',
-            '-p',
-            f'map_path:={map_path}',
-            '-p',
-            f'image_mask:={encoding.image_mask}',
-            '-p',
-            f'image_rotation_deg:={encoding.image_rotation_deg}',
-            *(
-                ['-p', f'descriptor_model:={model}']
-                if (model := encoding.descriptor_model)
-                else []
-            ),
-            '-p',
-            f'result_file:={path}',
-            '-p',
-            'queue_size:=1000',
-            '-p',
-            'max_wait_s:=0.0',
-            *(['-p', f'image_topics:={" ".join(topics)}'] if topics else []),
-        ],
+        [*python, 'convseq_ros.node.vpr_node', '--ros-args', *given],
         cwd=path.parent,
         env=environment,
         stderr=subprocess.PIPE,
@@ -174,14 +157,22 @@ def answers_of_the_node(recording, map_path, encoding, path, topics=()):
     return read_results(path)
 
 
+def same_answers(folder, recording, map_path, encoding, topics=()):
+    """Return what the core says, once the node has said the same."""
+    found = []
+    for answers in (answers_of_the_core, answers_of_the_node):
+        path = folder / f'{answers.__name__}.csv'
+        found.append(answers(recording, map_path, encoding, path, topics))
+        for row in found[-1]:
+            del row['duration_ms']
+    assert found[1] == found[0]
+    return found[0]
+
+
 def test_the_live_node_answers_as_the_core(recording, map_path, encoding, tmp_path):
     given = recording, map_path, encoding
-    offline = answers_of_the_core(*given, tmp_path / 'offline.csv')
-    online = answers_of_the_node(*given, tmp_path / 'online.csv')
-    for row in (*offline, *online):
-        del row['duration_ms']
-    assert len(online) == NUM_FRAMES
-    assert online == offline
+    offline = same_answers(tmp_path, *given)
+    assert len(offline) == NUM_FRAMES
     # The drive must be worth the comparison.
     reasons = {row['reason'] for row in offline}
     assert {'accepted', 'uninformative', 'unreadable', 'out_of_order', 'weak'} <= reasons
@@ -200,19 +191,13 @@ def test_a_live_node_with_a_model_answers_as_the_core(recording, drive, encoding
     ]
     build_map(frames, tmp_path / 'wall.db', config, describe=open_model(config))
     given = recording, tmp_path / 'wall.db', encoding
-    offline = answers_of_the_core(*given, tmp_path / 'offline.csv')
-    online = answers_of_the_node(*given, tmp_path / 'online.csv')
-    for row in (*offline, *online):
-        del row['duration_ms']
-    assert online == offline
+    offline = same_answers(tmp_path, *given)
     assert sum(row['reason'] == 'accepted' for row in offline) > NUM_FRAMES / 4
 
 
 def test_a_live_node_with_two_cameras_answers_as_the_core(recording, map_path, encoding, tmp_path):
-    given, topics = (recording, map_path, encoding), ['/front/image', '/rear/image']
-    offline = answers_of_the_core(*given, tmp_path / 'offline.csv', topics)
-    online = answers_of_the_node(*given, tmp_path / 'online.csv', topics)
-    for row in (*offline, *online):
-        del row['duration_ms']
-    assert online == offline
-    assert [row['camera'] for row in online] == [topics[0]] * NUM_FRAMES + [topics[1]] * NUM_FRAMES
+    topics = ['/front/image', '/rear/image']
+    offline = same_answers(tmp_path, recording, map_path, encoding, topics)
+    assert [row['camera'] for row in offline] == [topics[0]] * NUM_FRAMES + [
+        topics[1]
+    ] * NUM_FRAMES

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The six names of the package: what the README shows works, and nothing heavy loads before."""
 
+from dataclasses import replace
 import subprocess
 import sys
 
 import convseq_ros
 from convseq_ros import build_map, Config, Frame, Match, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core.matcher import DescriptorMatcher, Features
 import numpy as np
 import pytest
 
@@ -34,6 +36,30 @@ def test_a_map_is_built_and_its_places_are_recognised(tmp_path):
 def test_a_map_without_a_file_stays_in_memory():
     built = build_map(drive(1), config=SMALL)
     assert [place.stamp_ns for place in built.places] == [frame.stamp_ns for frame in drive(1)]
+
+
+class Correlation(DescriptorMatcher):
+    """The pair score that docs/tutorials/own_network.md shows."""
+
+    places = None
+
+    def extract(self, descriptor):
+        return Features(descriptor.cells, descriptor.cells)
+
+    def scores_of(self, asked):
+        return [np.array([self.score(one.exact, at) for at in places]) for one, places in asked]
+
+    def score(self, query, index):
+        return max(0.0, np.corrcoef(query.ravel(), self.places.cells(index).ravel())[0, 1])
+
+
+def test_a_pair_score_of_ones_own_reads_the_places_of_a_map_file(tmp_path):
+    build_map(drive(1), tmp_path / 'map.db', SMALL)
+    street = Correlation.places = open_map(tmp_path / 'map.db')
+    config = replace(SMALL, acceptance=replace(SMALL.acceptance, acceptance_rule='margin'))
+    recognizer = PlaceRecognizer(street, config, matcher=Correlation(street))
+    last = [recognizer.process(frame) for frame in drive(2)][-1].accepted
+    assert last is not None and last.reference_index == 29
 
 
 def test_the_six_names_are_all_that_is_public():

@@ -39,8 +39,7 @@ def interrupted(number, when, module, *arguments):
     )
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('when', ['numpy', 'rclpy'])
+@pytest.mark.parametrize(('number', 'when'), [(signal.SIGINT, 'numpy'), (signal.SIGTERM, 'rclpy')])
 @pytest.mark.parametrize('module', NODES)
 def test_a_node_that_is_still_importing_ends_at_once_and_says_nothing(number, when, module):
     pytest.importorskip('rclpy')

@@ -32,9 +32,8 @@ from bench.torture.attack import Try
 from bench.torture.forked import MOST_BYTES, MOST_S
 
 ABOUT = (
-    'Every decoder, fuzzed by Atheris (libFuzzer, led by the lines of convseq_ros that are '
-    'reached) from valid samples: pictures, raw and compressed images, camera_info, poses, '
-    'recordings, maps, masks, result tables, truth, YAML; so many executions each'
+    'Every decoder, fuzzed by Atheris (libFuzzer) from valid samples: pictures, raw and '
+    'compressed images, camera_info, poses, recordings, maps, masks, result tables, truth, YAML'
 )
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
 COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 50, 16

@@ -15,23 +15,22 @@ from bench.torture.attack import attacks, Outcome
 _MOST_PROBLEMS = 5
 _HEAD = """# Reliability
 
-What was tried to break convseq_ros, and did it hold? `make torture` writes this page. An attack
-is a file of [bench/torture](../bench/torture). It is made in portions, each by the next seed;
-`python -m bench.torture NAME --seed N` makes a portion again. `make torture HOURS=24` goes on for
-a night; `python -m bench.torture --docs docs --go-on` adds to what there is.
+What was tried to break convseq_ros, and did it hold? `make torture` writes this page, and
+`reliability.json` with seeds and commits. An attack is a file of
+[bench/torture](../bench/torture); `python -m bench.torture NAME --seed N` makes a portion again,
+and `make torture HOURS=24` goes on for a night.
 
-| attack | what is done | what must hold | tries | survived | seeds | commits |
-|---|---|---|---|---|---|---|
+| attack | what is done | what must hold | survived |
+|---|---|---|---|
 """
 _TRIES = """
-The tries of `fuzz` are of all decoders together; it needs `pip install '.[torture]'`. Inputs that
-break a decoder are kept in `convseq_fuzz`, where temporary files are, and become tests: what did
-not survive and is not listed here is mended.
+`fuzz` needs `pip install '.[torture]'`. Inputs that break a decoder are kept in `convseq_fuzz`,
+where temporary files are, and become tests: what did not survive and is not listed here is mended.
 
 ## Soak
 
-A drawn town is driven through the real node for hours. Does anything grow? Growth is what comes
-with time alone, and what comes with places.
+A drawn town is driven through the real node for hours. Does anything grow, with time or with
+places?
 
 | command | what came of it |
 |---|---|
@@ -96,12 +95,9 @@ def _page(kept: Mapping[str, Any]) -> str:
     for name, attack in attacks().items():
         row = f'| `{name}` | {attack.ABOUT} | {attack.ORACLE} |'
         if not (one := outcomes.get(name)):
-            lines.append(f'{row} *not run* | | | |')
+            lines.append(f'{row} *not run* |')
             continue
-        first, last = one['seed'], one['seed'] + one['portions'] - 1
-        seeds = f'{first} to {last}' if last > first else f'{first}'
-        tries = f'{one["tries"]:,} | {one["survived"]:,}'
-        lines.append(f'{row} {tries} | {seeds} | {", ".join(one["code"])} |')
+        lines.append(f'{row} {one["survived"]:,} of {one["tries"]:,} |')
     for one in outcomes.values():
         if one['problems']:
             lines += ['', f'What `{one["attack"]}` broke:', '']

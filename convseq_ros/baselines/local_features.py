@@ -20,20 +20,10 @@ Rows = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Keypoints:
-    """
-    Keypoints of one image.
+    """Keypoints of one image."""
 
-    Parameters
-    ----------
-    points_px : ndarray of float32, shape (n, 2)
-        Columns and rows.
-    descriptors : ndarray, shape (n, 32) of uint8 or (n, 128) of float32
-        256 bits each of ORB, or RootSIFT's numbers, of unit length.
-
-    """
-
-    points_px: npt.NDArray[np.float32]
-    descriptors: Rows
+    points_px: npt.NDArray[np.float32]  # (n, 2), columns and rows
+    descriptors: Rows  # (n, 32), 256 bits of ORB; or (n, 128), RootSIFT's numbers, of unit length
 
     @property
     def size_bytes(self) -> int:

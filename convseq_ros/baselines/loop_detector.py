@@ -23,20 +23,12 @@ _QUERIES_APART = 2  # frames between two that follow each other
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """
-    What is said of a frame.
+    """The decision on a frame."""
 
-    Parameters
-    ----------
-    reference : int or None
-        The place that is likeliest; None if no score is worth a look.
-    inliers : int
-        Keypoints that agree, 0 if it was not verified: islands do not agree for long enough.
-
-    """
-
-    reference: int | None = None
-    inliers: int = 0
+    reference: int | None = None  # the most likely place; None if every score is too low
+    inliers: int = (
+        0  # keypoints that agree; 0 if islands have not agreed for long enough to verify
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +66,11 @@ def detect(
     alpha: float = ALPHA,
 ) -> list[Detection]:
     """
-    Return what is said of each frame of a drive.
+    Return the decision on each frame of a drive.
 
-    Parameters
-    ----------
-    rows : ndarray of float32, shape (Q, R)
-        Scores with the references; NaN where one may not be matched.
-    usual : sequence of Q floats
-        Score of each frame with the one before.
-    verify : callable
-        Counts the keypoints of a frame and a reference that agree.
-    alpha : float
-        Least share of the usual score.
-
+    `rows` (Q, R) are scores with the references, NaN where one may not be matched; `usual` (Q,) is
+    the score of each frame with the one before. `verify` counts the keypoints of a frame and a
+    reference that agree. `alpha` is the smallest share of the usual score.
     """
     found, last, agreed, last_frame = list[Detection](), None, 0, -_QUERIES_APART
     for frame, (row, common) in enumerate(zip(rows, usual, strict=True)):

@@ -19,29 +19,10 @@ def read_scores(
     reading: ReadingConfig = ReadingConfig(),
 ) -> npt.NDArray[np.float32]:
     """
-    Return a matrix of pair scores.
+    Return the pair scores in a .npy file, float32 of shape (queries, references).
 
-    Parameters
-    ----------
-    path : Path
-        .npy, query by reference.
-    queries, references : int
-        The images that there are.
-    lower_is_better : bool
-        Whether the file holds distances.
-    reading : ReadingConfig, optional
-        Which files are too large.
-
-    Returns
-    -------
-    ndarray of float32, shape (Q, R)
-        Higher is more similar.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, its shape is another, or it holds NaN or infinity.
-
+    Higher is more similar: distances, for which `lower_is_better`, change their sign. SourceError
+    if the file cannot be read, has another shape, or holds NaN or infinity.
     """
     scores = _read(path, reading)
     if scores.shape != (queries, references):
@@ -60,10 +41,7 @@ def read_descriptors(
     """
     Return one descriptor for every image, float32 of shape (N, D).
 
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, holds NaN or infinity, or not one row for every image.
+    SourceError if the file cannot be read, holds NaN or infinity, or not one row for every image.
 
     """
     rows = _read(path, reading)

@@ -16,22 +16,11 @@ _VELOCITIES = (0.8, 0.9, 1.0, 1.1, 1.2)
 
 def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """
-    Return a small copy of an image whose patches all have mean 0 and deviation 1.
+    Return a small copy of a grey image (H, W) whose patches have mean 0 and deviation 1, (2048,).
 
-    Parameters
-    ----------
-    gray : ndarray of uint8, shape (H, W)
-        The image.
-
-    Returns
-    -------
-    ndarray of float32, shape (2048,)
-        64 x 32 px, patches of 8 x 8 px; a patch without contrast is 0.
-
-    Notes
-    -----
-    The widespread Python port keeps these values as unsigned bytes, where differences below zero
-    wrap round. Here they are signed numbers throughout.
+    It has 64 x 32 px and patches of 8 x 8 px; a patch without contrast is 0. The widespread Python
+    port keeps these values as unsigned bytes, where differences below zero wrap round. Here they
+    are signed numbers throughout.
 
     """
     small = cv2.resize(gray, (_WIDTH_PX, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
@@ -47,20 +36,7 @@ def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
 def differences(
     queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """
-    Return the mean absolute difference of every query and every reference.
-
-    Parameters
-    ----------
-    queries, references : ndarray of float32, shape (Q, P) and (R, P)
-        From `patch_normalized`.
-
-    Returns
-    -------
-    ndarray of float32, shape (Q, R)
-        Lower is more similar.
-
-    """
+    """Return the mean absolute difference of every query (Q, P) and reference (R, P): (Q, R)."""
     return np.stack([np.abs(references - query).mean(axis=1) for query in queries])
 
 
@@ -68,20 +44,10 @@ def enhanced(
     difference: npt.NDArray[np.float32], window: int = _CONTRAST_WINDOW
 ) -> npt.NDArray[np.float32]:
     """
-    Return similarities that stand out among those of neighbouring references.
+    Return how far each of some `differences` (Q, R) is below those of neighbouring references.
 
-    Parameters
-    ----------
-    difference : ndarray of float32, shape (Q, R)
-        From `differences`.
-    window : int
-        R_window in the paper: half of it lies on either side; fewer at the rims of the map.
-
-    Returns
-    -------
-    ndarray of float32, shape (Q, R)
-        Minus the deviation from the local mean, in units of the local standard deviation; higher
-        is more similar.
+    The unit is the local standard deviation: (Q, R), higher is more similar. Half of the `window`,
+    R_window in the paper, lies on either side; fewer at the ends of the map.
 
     """
     reach = window // 2
@@ -105,23 +71,11 @@ def enhanced(
 
 def trajectory_scores(rows: Sequence[npt.NDArray[np.float32] | None]) -> npt.NDArray[np.float64]:
     """
-    Return for every reference the best trajectory that ends there.
+    Return the mean similarity along the best straight line that ends at each reference, (R,).
 
-    Parameters
-    ----------
-    rows : sequence of k ndarrays of float32, shape (R,), or None
-        Similarities of the newest frame and of those before it, newest first; None, but not of
-        the newest, counts as 0 everywhere.
-
-    Returns
-    -------
-    ndarray of float64, shape (R,)
-        Mean similarity along the best straight line, over velocities of 0.8 to 1.2 references a
-        frame; -inf where every line leaves the map.
-
-    Notes
-    -----
-    As in the paper, lines end at the newest frame; the released code centres them on the frame.
+    `rows` are k similarities (R,), newest first; None, but not of the newest, counts as 0. Lines
+    have velocities of 0.8 to 1.2 references a frame; -inf where every line leaves the map. As in
+    the paper, lines end at the newest frame; the released code centres them on the frame.
 
     """
     count = next(len(row) for row in rows if row is not None)

@@ -62,18 +62,9 @@ class _Node:
 
 class Vocabulary:
     """
-    Words of the descriptors of some images, a tree of 10 branches and 4 levels.
+    Words learnt from the descriptors (n, 32) of some images, a tree of 10 branches and 4 levels.
 
-    Parameters
-    ----------
-    images : sequence of ndarray of uint8, shape (n, 32)
-        The descriptors of each image that words are learnt of.
-
-    Attributes
-    ----------
-    idf : ndarray of float32, shape (W,)
-        By how much a word weighs: the log of how few of these images have it.
-
+    `idf` (W,) is the weight of each word: the log of how few of these images have it.
     """
 
     def __init__(

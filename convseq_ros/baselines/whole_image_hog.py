@@ -15,23 +15,11 @@ _BLOCK_CELLS = 2
 
 def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """
-    Return the descriptor of a grey image of any size, to be compared by cosine.
+    Return the descriptor (34596,) of a grey image (H, W), to be compared by cosine.
 
-    Parameters
-    ----------
-    gray : ndarray of uint8, shape (H, W)
-        The image; it is resized to 512 x 512.
-
-    Returns
-    -------
-    ndarray of float32, shape (34596,)
-        Cells of 16 px, 9 unsigned bins, blocks of 2 x 2 cells at a stride of one cell: the sizes
-        of VPR-Bench's HOG, computed by scikit-image.
-
-    Raises
-    ------
-    ConvseqError
-        If scikit-image is missing.
+    The image is resized to 512 x 512. Cells have 16 px, 9 unsigned bins, and blocks 2 x 2 cells at
+    a stride of one cell: the sizes of VPR-Bench's HOG, computed by scikit-image. ConvseqError if
+    scikit-image is missing.
 
     """
     try:

@@ -9,12 +9,10 @@ import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
-from convseq_ros.cli.demo_drives import drawn_drives, Drives, given_drives
-from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.demo_drives import drawn_drives, Drives, given_drives, make_empty, side_topics
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.cli.output_folder import make_empty
+from convseq_ros.cli.processes import recognise_live
 from convseq_ros.cli.replay import replay
-from convseq_ros.cli.side_topics import side_topics
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -35,7 +33,6 @@ _COMPARED = (
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         '--data',
         type=Path,
@@ -63,12 +60,8 @@ def run(chosen: argparse.Namespace) -> int:
         drives = drawn_drives(chosen, folder)
     map_path = folder / 'map.db'
     _say(f'building the map from {drives.reference}')
-    build(
-        drives.reference,
-        map_path,
-        odom=side_topics(drives.reference, config.reading).odom,
-        config=config,
-    )
+    odom = side_topics(drives.reference, config.reading).odom
+    build(drives.reference, map_path, config, odom=odom)
 
     _say('replaying the second drive offline')
     beside = side_topics(drives.query, config.reading)
@@ -158,19 +151,16 @@ def _draw(
     for each in accepted:
         found[int(each['query_index'])] = int(each['reference_index'])
     shown = accepted[:: max(1, len(accepted) // 3)][:3]
-    queries = _images(drives.query, [int(each['query_index']) for each in shown], reading)
-    wanted = [int(each['reference_index']) for each in shown]
-    references = _images(drives.reference, wanted, reading)
-    pairs = [
-        (
-            queries[int(each['query_index'])],
-            references[int(each['reference_index'])],
-            f'query {each["query_index"]}  ->  reference {each["reference_index"]}',
-            _right(each, drives.truth),
+    pairs = [(int(each['query_index']), int(each['reference_index'])) for each in shown]
+    queries = _images(drives.query, [query for query, _ in pairs], reading)
+    references = _images(drives.reference, [place for _, place in pairs], reading)
+    pictures = [
+        (queries[query], references[place], f'query {query}', f'reference {place}', right)
+        for (query, place), right in zip(
+            pairs, (_right(each, drives.truth) for each in shown), strict=True
         )
-        for each in shown
     ]
-    demo_picture(path, pairs, scores, drives.truth, found, drives.told)
+    demo_picture(path, pictures, scores, drives.truth, found, drives.told)
 
 
 def _images(

@@ -1,20 +1,81 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two drives that a demo shows: drawn, or given in a folder."""
+"""The two drives that a demo shows, drawn or given in a folder, and the folder of its results."""
 
 import argparse
+from collections.abc import Callable
 import csv
 from dataclasses import dataclass
 from pathlib import Path
+import shutil
+from typing import NamedTuple
 
+from convseq_ros.cli.terminal import warn
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import nearest_reference, write_recording
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources import open_source
+from convseq_ros.sources.recording import read_camera, read_poses, Recording
+from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES
 import numpy as np
 import numpy.typing as npt
+
+
+def make_empty(folder: Path, marker: str) -> None:
+    """
+    Make a folder anew if a demo, which knows its own by a file of that name, made it before.
+
+    ConvseqError if somebody else made it, and it is not empty.
+    """
+    mark = folder / marker
+    if folder.exists() and any(folder.iterdir()) and not mark.is_file():
+        raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    mark.touch()
+
+
+class SideTopics(NamedTuple):
+    """Topics of odometry and of the camera's description; empty for none."""
+
+    odom: str = ''
+    camera_info: str = ''
+
+
+def side_topics(path: Path, reading: ReadingConfig = ReadingConfig()) -> SideTopics:
+    """
+    Return the topics of a recording that say where its frames were taken, and by which camera.
+
+    One is left out, with a line on standard error, if several could be meant or what it says
+    cannot be used. A folder of pictures has none.
+    """
+    source = open_source(path, reading=reading)
+    if not isinstance(source, Recording):
+        return SideTopics()
+    return SideTopics(
+        _usable(path, source.topics_of(ODOMETRY_TYPES), read_poses, reading),
+        _usable(path, source.topics_of(CAMERA_TYPES), read_camera, reading),
+    )
+
+
+def _usable(
+    path: Path,
+    topics: list[str],
+    read: Callable[[Path, str, ReadingConfig], object],
+    reading: ReadingConfig,
+) -> str:
+    if len(topics) > 1:
+        warn(f'{path}: left out {", ".join(topics)}: several could be meant')
+    if len(topics) != 1:
+        return ''
+    try:
+        read(path, topics[0], reading)
+    except SourceError as error:
+        warn(f'left out {topics[0]}: {error}')
+        return ''
+    return topics[0]
 
 
 @dataclass(frozen=True, slots=True)

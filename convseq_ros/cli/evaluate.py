@@ -20,67 +20,35 @@ from convseq_ros.evaluation.table import format_table, summary_rows
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
-    parser.add_argument(
-        'sets',
-        nargs='*',
-        metavar='SET',
-        help=f'data set: a YAML file, or one of {", ".join(ready_made())}',
-    )
-    parser.add_argument(
-        '--method',
-        action='append',
-        metavar='METHOD',
+    # A table of options reads better in few lines.
+    # fmt: off
+    parser.add_argument('sets', nargs='*', metavar='SET',
+        help=f'data set: a YAML file, or one of {", ".join(ready_made())}')
+    parser.add_argument('--method', action='append', metavar='METHOD',
         help='[label=]KIND[-kN][@single|@dynamic|@kN][+option=value]..., KIND one of '
         f'{", ".join(forms)}, or {PUBLISHED} for the score matrices that the set names; may be '
-        f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})',
-    )
-    parser.add_argument(
-        '--protocol',
-        action='append',
-        choices=(CLOSED, OPEN, PAST),
-        help='the whole map, a part of it removed, or each drive against its own past; may be '
-        'given more than once (default closed); a set without reference is always matched against '
-        'its own past',
-    )
-    parser.add_argument(
-        '--criterion', choices=CRITERIA, default='score', help='what curves are drawn over (score)'
-    )
-    parser.add_argument(
-        '--exclude-recent',
-        type=int,
-        metavar='N',
-        help='latest frames that are no loop closure, for a drive against its own past',
-    )
-    parser.add_argument(
-        '--keep',
-        type=float,
-        metavar='SHARE',
-        help='for the open protocol, keep the first so much of the map, such as .7, instead of '
-        'the first, the last and the middle half in turn',
-    )
-    parser.add_argument(
-        '--output', type=Path, default=Path('results'), help='run folder to write (results)'
-    )
-    parser.add_argument(
-        '--export',
-        type=Path,
-        metavar='FOLDER',
-        help='also write one JSON file a method and set, for `convseq report A.json B.json`',
-    )
-    parser.add_argument(
-        '--data-root',
-        type=Path,
-        default=Path(),
-        help='where the folders of ready-made sets are (the present folder)',
-    )
-    parser.add_argument(
-        '--cache',
-        type=Path,
-        metavar='DIR',
-        help=f'where encodings and results are kept ({default_folder()})',
-    )
+        f'given more than once (default {" ".join(DEFAULT_METHODS)} {PUBLISHED})')
+    parser.add_argument('--protocol', action='append', choices=(CLOSED, OPEN, PAST), help='the '
+        'whole map, a part of it removed, or each drive against its own past; may be given more '
+        'than once (default closed); a set without reference is always matched against its own '
+        'past')
+    parser.add_argument('--criterion', choices=CRITERIA, default='score',
+        help='what curves are drawn over (score)')
+    parser.add_argument('--exclude-recent', type=int, metavar='N', help='latest frames that are '
+        'no loop closure, for a drive against its own past')
+    parser.add_argument('--keep', type=float, metavar='SHARE', help='for the open protocol, keep '
+        'the first so much of the map, such as .7, instead of the first, the last and the middle '
+        'half in turn')
+    parser.add_argument('--output', type=Path, default=Path('results'),
+        help='run folder to write (results)')
+    parser.add_argument('--export', type=Path, metavar='FOLDER', help='also write one JSON file a '
+        'method and set, for `convseq report A.json B.json`')
+    parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
+        'ready-made sets are (the present folder)')
+    parser.add_argument('--cache', type=Path, metavar='DIR',
+        help=f'where encodings and results are kept ({default_folder()})')
+    # fmt: on
     parser.add_argument('--no-cache', action='store_true', help='compute everything anew')
     parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
     add_config(parser)

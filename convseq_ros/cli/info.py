@@ -8,23 +8,47 @@ from itertools import groupby, pairwise
 import json
 import math
 from operator import attrgetter
+import os
 from pathlib import Path
+import platform
 import sys
 from typing import Any
 
-from convseq_ros.cli.installation import describe_installation
+from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
-from convseq_ros.cli.terminal import printable
+from convseq_ros.cli.terminal import printable, warn
+from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.evaluation.provenance import processor, version_of
+import cv2
+import numpy as np
+
+
+def describe_installation() -> dict[str, str | int]:
+    """Return versions, kernels and processor, by name; texts, and the number of cores."""
+    found = library()
+    return {
+        'convseq_ros': __version__,
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'opencv': cv2.__version__,
+        'rclpy': version_of('rclpy', 'ros-rclpy'),
+        'kernels': found.variant or f'numpy: {found.problem}',
+        'machine': platform.machine(),
+        'processor': processor(),
+        'cores': os.cpu_count() or 0,
+        'system': platform.platform(),
+        'ros': os.environ.get('ROS_DISTRO', ''),
+        'rmw': os.environ.get('RMW_IMPLEMENTATION', ''),
+    }
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         'file',
         type=Path,
@@ -62,7 +86,7 @@ def run(chosen: argparse.Namespace) -> int:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes
         facts |= {'descriptor_numbers': numbers, 'descriptor_bytes': size}
     if opened.problem:
-        print(f'warning: {opened.problem}', file=sys.stderr)
+        warn(opened.problem)
     if chosen.json:
         print(json.dumps(facts))
     else:

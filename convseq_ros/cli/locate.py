@@ -18,14 +18,13 @@ from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.onnx_model import open_model
 from convseq_ros.results import complete_or_absent
-from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import FRAME_INTERVAL_NS
 from convseq_ros.sources.images import gray_and_color, read_picture
 import cv2
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         'images', type=Path, nargs='+', help='one image, or the last few of a drive in order'
     )
@@ -68,6 +67,8 @@ def _frames(
     reading = recognizer.config.reading
     frames = []
     for number, path in enumerate(images, 1):
+        if path.is_dir():
+            raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
         try:
             gray, color = gray_and_color(read_picture(path, reading), reading)
         except ConvseqError as error:

@@ -11,7 +11,7 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.pose_graph import Poses
 from convseq_ros.core.map.edit import slices_in
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.evaluation.plots.figure import new_figure, save
+from convseq_ros.evaluation.plots import new_figure, save
 import numpy as np
 import numpy.typing as npt
 

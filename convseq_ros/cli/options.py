@@ -26,12 +26,14 @@ def add_parameters(
     group = parser.add_argument_group(title)
     for item in known:
         unit = f' [{item.unit}]' if item.unit else ''
+        default = f'default {item.default}' if item.default != '' else 'empty by default'
+        about = f'{item.bounds}{unit}; {default}' if item.bounds else default
         group.add_argument(
             '--' + item.name.replace('_', '-'),
             dest=item.name,
             metavar='VALUE',
             default=argparse.SUPPRESS,
-            help=f'{item.doc} ({item.bounds}{unit}; default {item.default})'.replace('%', '%%'),
+            help=f'{item.doc} ({about})'.replace('%', '%%'),
         )
 
 
@@ -66,29 +68,25 @@ def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, V
     }
 
 
-def add_annotations(parser: argparse.ArgumentParser) -> None:
-    """Declare where the poses and the camera of frames come from."""
-    parser.add_argument(
-        '--odom', default='', metavar='TOPIC', help='topic of poses or satellite fixes'
-    )
-    parser.add_argument(
-        '--poses',
-        type=Path,
-        metavar='FILE',
-        help='text file of poses instead, in the format of TUM or KITTI',
-    )
-    parser.add_argument(
-        '--camera-info',
-        default='',
-        metavar='TOPIC|FILE',
-        help='topic or file (YAML of ROS, calib.txt of KITTI) that describes the camera',
-    )
-    parser.add_argument(
-        '--depth',
-        default='',
-        metavar='TOPIC|FOLDER',
-        help='depth images registered to the camera: a topic, or a folder of PNGs of 16 bits (mm)',
-    )
+def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
+    """Declare which images are read, and where their poses, cameras and depth come from."""
+    add = parser.add_argument
+    several = 'of several cameras, in quotes with spaces between'
+    add('--topic', default='', help=f'image topic, if there are several; {several}')
+    add('--odom', default='', metavar='TOPIC', help='topic of poses or satellite fixes')
+    if poses:
+        help_ = 'text file of poses instead, in the format of TUM or KITTI'
+        add('--poses', type=Path, metavar='FILE', help=help_)
+    help_ = f'topic or file (YAML of ROS, calib.txt of KITTI) of the camera; {several}'
+    add('--camera-info', default='', metavar='TOPIC|FILE', help=help_)
+    help_ = 'depth images registered to the first camera: a topic, or a folder of 16-bit PNGs (mm)'
+    add('--depth', default='', metavar='TOPIC|FOLDER', help=help_)
+
+
+def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Return what `add_images` declares, as `open_each_camera` takes it."""
+    names = 'odom', 'camera_info', 'poses', 'depth'
+    return {'topics': chosen.topic} | {one: getattr(chosen, one, None) or '' for one in names}
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -108,10 +106,7 @@ def chosen_config(
     """
     Return the configuration that file and options ask for, or else a command, or the defaults.
 
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a name is unknown or a value is not allowed.
+    ConfigError if the file cannot be read, a name is unknown or a value is not allowed.
 
     """
     reading = chosen_reading(chosen)

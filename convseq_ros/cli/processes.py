@@ -15,9 +15,66 @@ import sys
 import time
 from typing import NoReturn
 
+from convseq_ros.config import Config, core_parameters, flatten
 from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
+from convseq_ros.parameter import parameters as parameters_of
 from convseq_ros.process import fast_dds, LARGE_IMAGES, SIGNALS
+from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import read_results
+
+_END_S = 10.0
+_STALLED_S = 20.0
+
+
+def recognise_live(
+    recording: Path,
+    frames: int,
+    map_path: Path,
+    folder: Path,
+    rate: float,
+    config: Config,
+    *,
+    odom: str = '',
+    camera_info: str = '',
+) -> list[dict[str, str]]:
+    """
+    Return the result table that the node wrote, one row for every frame that reached it.
+
+    The player publishes the recording, its only image topic or a folder, of so many `frames`, and
+    its topics `odom` and `camera_info`; `rate` is how many seconds of it are in a second. The node
+    gets the configuration parameter by parameter; tables and logs go to a folder. ConvseqError if
+    ROS is not there, or one of the processes fails.
+    """
+    need_ros()
+    table = folder / 'live.csv'
+    values = flatten(config)
+    parameters = {item.name: values[item.name] for item in core_parameters()} | {
+        'map_path': str(map_path.absolute()),
+        'result_file': str(table.absolute()),
+        'queue_size': 1000,
+        'max_wait_s': 0.0,
+        'odom_wait_s': 2.0,
+    }
+    # ROS cannot parse an empty text, which is the default of those that have it.
+    settings = [f'{name}:={value}' for name, value in parameters.items() if value != '']
+    node = [
+        '-m',
+        'convseq_ros.node.vpr_node',
+        '--ros-args',
+        *(part for each in settings for part in ('-p', each)),
+    ]
+    limits = [
+        f'--{item.name.replace("_", "-")}={getattr(config.reading, item.name)}'
+        for item in parameters_of(ReadingConfig)
+    ]
+    player = [sys.executable, *player_arguments(recording, rate, odom, camera_info), *limits]
+    with running('vpr_node', node, folder, _END_S) as process:
+        played = subprocess.run(player, env=environment(folder), check=False)
+        if played.returncode or process.poll() is not None:
+            raise ConvseqError(f'the live run failed; see {folder / "vpr_node.log"}')
+        wait_for_rows(table, frames, _STALLED_S)
+    return read_results(table)
+
 
 _HIGHEST_DOMAIN = 101
 _POLL_S = 0.1
@@ -31,11 +88,7 @@ def own_domain() -> int:
 
     Whoever asks for one in the same way, on the same network, gets another one.
 
-    Raises
-    ------
-    ConvseqError
-        If all of them are claimed.
-
+    ConvseqError if all of them are claimed.
     """
     for number in range(_HIGHEST_DOMAIN):
         domain = 1 + (os.getpid() + number) % _HIGHEST_DOMAIN
@@ -69,15 +122,7 @@ def need_ros(what: str = '') -> None:
 
 
 def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
-    """
-    Replace this process by a node's, which loses no large images.
-
-    Raises
-    ------
-    ConvseqError
-        If ROS, or what else it needs, is not installed.
-
-    """
+    """Replace this process by a node's; ConvseqError if ROS, or what it needs, is missing."""
     if module.endswith('watch') and find_spec('rich') is None:
         raise ConvseqError(f'watching needs rich: {pip_install("rich")}')
     need_ros()

@@ -26,17 +26,9 @@ def describe_recording(path: Path, reading: ReadingConfig = ReadingConfig()) -> 
     """
     Return what a recording, a folder of pictures or a video holds, if it is not too large.
 
-    Returns
-    -------
-    dict
-        `recording`, `images`, and of a recording `seconds`, `topics` (each a dict of topic, type,
-        messages and rate_hz, None where there is one message), `use` (options, each with the
-        topics that it could name), `warnings`.
-
-    Raises
-    ------
-    SourceError
-        If there is none, or it cannot be read.
+    The keys are `recording`, `images`, `warnings`, and for a recording `seconds`, `topics` (each
+    with topic, type, messages and rate_hz, None for a single message) and `use` (options, each
+    with the topics that it could name). SourceError if there is none, or it cannot be read.
 
     """
     if not (path.is_dir() and holds_recording(path)) and not is_storage_file(path):

@@ -11,13 +11,12 @@ from importlib import import_module
 import json
 from pathlib import Path
 import statistics
-import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.options import add_annotations, add_config, chosen_config
+from convseq_ros.cli.options import add_config, add_images, chosen_config, chosen_images
 from convseq_ros.cli.processes import need_ros
-from convseq_ros.cli.terminal import progress
+from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -32,7 +31,6 @@ Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument(
         '--map',
@@ -45,27 +43,14 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def add_replay(parser: argparse.ArgumentParser) -> None:
     """Declare what is common to every way to replay."""
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('result.csv'),
-        help='table to write (result.csv); FILE.mcap gets what the node would publish (needs ROS)',
-    )
-    parser.add_argument(
-        '--view',
-        type=Path,
-        nargs='?',
-        const=Path(),
-        metavar='FILE.rrd',
-        help='open the viewer of rerun, or write a file for it',
-    )
-    parser.add_argument(
-        '--topic',
-        default='',
-        help='image topic, if there are several; of several cameras, in quotes with spaces '
-        'between, the first alone adds to a map, and so are those of --camera-info',
-    )
-    add_annotations(parser)
+    # A table of options reads better in few lines.
+    # fmt: off
+    parser.add_argument('--output', type=Path, default=Path('result.csv'), help='table to write '
+        '(result.csv); FILE.mcap gets what the node would publish (needs ROS)')
+    parser.add_argument('--view', type=Path, nargs='?', const=Path(), metavar='FILE.rrd',
+        help='open the viewer of rerun, or write a file for it')
+    # fmt: on
+    add_images(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
     add_config(parser)
 
@@ -99,17 +84,8 @@ def replay_chosen(
 ) -> dict[str, Any]:
     """Replay a recording in the map of a name; do something after each frame; return a summary."""
     first = cameras.first
-    source = in_order(
-        open_each_camera(
-            chosen.recording,
-            chosen.topic,
-            chosen.odom,
-            chosen.camera_info,
-            chosen.poses,
-            first.config.reading,
-            chosen.depth,
-        )
-    )
+    reading = first.config.reading
+    source = in_order(open_each_camera(chosen.recording, reading=reading, **chosen_images(chosen)))
     way_m = first.reference_map.keyframes.keyframe_distance_m
     if way_m and not (chosen.odom or chosen.poses):
         warn(
@@ -154,11 +130,6 @@ def in_words(summary: dict[str, Any], slow: str) -> str:
     )
 
 
-def warn(line: str) -> None:
-    """Print a warning."""
-    print(f'warning: {line}', file=sys.stderr)
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[Listener]:
     """Open a table or, by its name, a recording; yield what writes to it."""
@@ -170,7 +141,7 @@ def _opened(path: Path) -> Iterator[Listener]:
         return
     with ResultWriter(path) as table:
         if table.kept:
-            print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
+            warn(f'{table.kept}: rows of a run that did not end')
         yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
 
 
@@ -189,7 +160,7 @@ def _keep(session: Session) -> None:
     try:
         session.save()
     except MapError as error:
-        print(f'warning: {error}', file=sys.stderr)
+        warn(str(error))
 
 
 def replay(
@@ -200,7 +171,7 @@ def replay(
         started = time.perf_counter()
         match = recognizer.process(frame)
         if match.reason is Reason.UNREADABLE:
-            print(f'warning: frame {match.query_index}: {frame.problem}', file=sys.stderr)
+            warn(f'frame {match.query_index}: {frame.problem}')
         duration_ms = (time.perf_counter() - started) * 1e3
         for tell in listeners:
             own = recognizer.of(frame.source) if isinstance(recognizer, Cameras) else recognizer

@@ -14,32 +14,18 @@ from convseq_ros.evaluation.table import format_table, summary_rows
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        'result',
-        type=Path,
-        nargs='+',
-        metavar='RESULT',
-        help='folder that `convseq evaluate --output` wrote; or files that `--export` wrote, '
-        'which are put in one table instead',
-    )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('report.html'),
-        metavar='FILE',
-        help='the page (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--figures', type=Path, metavar='FOLDER', help='also write every chart as PNG, SVG and PDF'
-    )
-    parser.add_argument(
-        '--max-megabytes',
-        type=float,
-        default=MOST_MEGABYTES,
-        metavar='SIZE',
-        help='show fewer pairs rather than write a larger page (default: %(default)s)',
-    )
+    # A table of options reads better in few lines.
+    # fmt: off
+    parser.add_argument('result', type=Path, nargs='+', metavar='RESULT', help='folder that '
+        '`convseq evaluate --output` wrote; or files that `--export` wrote, which are put in one '
+        'table instead')
+    parser.add_argument('--output', type=Path, default=Path('report.html'), metavar='FILE',
+        help='the page (default: %(default)s)')
+    parser.add_argument('--figures', type=Path, metavar='FOLDER', help='also write every chart as '
+        'PNG, SVG and PDF')
+    parser.add_argument('--max-megabytes', type=float, default=MOST_MEGABYTES, metavar='SIZE',
+        help='show fewer pairs rather than write a larger page (default: %(default)s)')
+    # fmt: on
     add_reading(parser)
 
 

@@ -41,7 +41,6 @@ class Viewer:
     def write(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
-        """Show a frame and its answer."""
         rerun, best, known = self._rerun, match.best, recognizer.reference_map
         rerun.set_time('time', timestamp=np.datetime64(match.query_stamp_ns, 'ns'))
         rerun.log('answer/score', rerun.Scalars(best.score if best else 0.0))

@@ -2,28 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The matcher: pair scores of queries with the references of a map (paper III-D)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
-from convseq_ros.core.encoding.regions import Cells, Regions, unit
+from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 1000  # references whose features are kept beside a shortlist; 30 MB
-_KEPT_ROUGH = 4000  # references of which the rough kernel's features are kept; 48 MB
+_KEPT = 1200  # references whose features are kept beside a shortlist; 60 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
@@ -33,17 +33,17 @@ class Features:
     """What is compared of a query."""
 
     approximate: Any  # by the chosen kernel
-    exact: Any  # by an exact one, which may be the same
+    exact: Callable[[], Any]  # by an exact one, made when it is asked for
     arranged: Arranged | None = None  # by the geometry
-    rough: Any = None  # by the rough kernel
+    rough: Any = None  # for rough scores
 
 
 class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    Features of `kept` references, or of all, stay in memory: 30 kB each by the 8-bit kernel, about
-    120 kB by others. ConfigError if the machine cannot run the kernel asked for.
+    Features of `kept` references, or of all, stay in memory: 50 kB each by the 8-bit kernel, about
+    160 kB by others. ConfigError if the machine cannot run the kernel asked for.
     """
 
     def __init__(
@@ -67,13 +67,8 @@ class Matcher:
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
-        self._rough: FeatureCache | None = None
-        if (rough := rough_kernel(matching)) and verifies:
-            self._rough = FeatureCache(reference_map, rough, own, threads, _KEPT_ROUGH)
-        self._to_verify: FeatureCache | None = None
-        if verifies and exact.project:
-            pair = replace(exact, prepare=self._arranged, prepare_packed=None)
-            self._to_verify = FeatureCache(reference_map, pair, own, threads, _KEPT_TO_VERIFY)
+        self._verifies = verifies and fast.regions_of is not None
+        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(self._arranged)
 
     def reset(self) -> None:
         self._background.reset()
@@ -88,14 +83,22 @@ class Matcher:
         asked = descriptor, self._least_bits, shown
         if (fast := self._fast.pair.extract(*asked)) is None:
             return None
-        exact = fast if self.exact else pair.extract(*asked)
-        geometry = arranged(shown[0]) if self._to_verify and shown else None
-        return Features(fast, exact, geometry, self._rough and self._rough.pair.extract(*asked))
+        exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
+        if not self._verifies:
+            return Features(fast, exact)
+        rough = self._fast.pair.extract_rough
+        assert shown and rough
+        return Features(fast, exact, arranged(shown[0]), rough(*asked))
 
-    def _arranged(self, cells: Cells, background: Regions | None) -> Arranged:
-        pair = self._exact.pair
-        assert pair.project and pair.subtract
-        return arranged(pair.subtract(pair.project(cells), background)[0])
+    def arranged(self, index: int) -> Arranged | None:
+        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
+        return self._kept_arranged(index)
+
+    def _arranged(self, index: int) -> Arranged | None:
+        regions_of, (reference,) = self._fast.pair.regions_of, self._fast.of([index])
+        if not (self._verifies and regions_of) or reference is None:
+            return None
+        return arranged(regions_of(reference))
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -107,17 +110,17 @@ class Matcher:
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
         """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
-        if self._rough is None or query.rough is None:
+        if query.rough is None:
             return None
-        return self._rough.scores_of([(query.rough, indices)])[0]
+        return self._fast.scores_of([(query.rough, indices)], are_rough=True)[0]
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""
-        return self._exact.scores_of([(query.exact, indices) for query, indices in asked])
+        return self._exact.scores_of([(query.exact(), indices) for query, indices in asked])
 
     def shift(self, query: Features, index: int) -> Shift | None:
         """Return rows and columns, in cells, from the query to a reference, if known."""
-        return self._exact.shifts(query.exact, [index])[0]
+        return self._fast.shifts(query.approximate, [index])[0]
 
     def with_shift(self, query: Features, candidates: Candidates) -> Candidates:
         """Return at least one candidate, the first of them with its shift, if that is known."""
@@ -133,21 +136,16 @@ class Matcher:
 
     def verified(self, query: Features, indices: Sequence[int]) -> dict[int, Verification]:
         """Return what geometry says of a query and some references; nothing if it is not asked."""
-        if query.arranged is None or self._to_verify is None:
+        if query.arranged is None:
             return {}
         shifts = self._fast.shifts(query.approximate, indices)
-        found = {}
-        for index, shift, reference in zip(
-            indices, shifts, self._to_verify.of(indices), strict=True
-        ):
-            found[index] = NOTHING
-            if shift is not None and reference is not None:
-                found[index] = verify(query.arranged, reference, shift)
+        read = zip(indices, shifts, map(self.arranged, indices), strict=True)
+        shown = [one for one in read if one[1] is not None and one[2] is not None]
+        found = dict.fromkeys(indices, NOTHING)
+        if shown:
+            known, starts, references = zip(*shown, strict=True)
+            found |= zip(known, verify(query.arranged, references, starts), strict=True)
         return found
-
-    def arranged(self, index: int) -> Arranged | None:
-        """Return a reference as geometry reads it, if it shows something and geometry is asked."""
-        return self._to_verify.of([index])[0] if self._to_verify else None
 
     def warm_up(self) -> None:
         """Make what is compared of all references, if it is kept, so that no frame is late."""
@@ -157,9 +155,9 @@ class Matcher:
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for cache in (self._fast, self._exact, self._rough, self._to_verify):
-                if cache:
-                    cache.clear()
+            for kept in (self._fast, self._exact):
+                kept.clear()
+            self._kept_arranged.cache_clear()
 
 
 class DescriptorMatcher(Matcher):
@@ -174,14 +172,14 @@ class DescriptorMatcher(Matcher):
     def extract(self, descriptor: Descriptor) -> Features | None:
         """Return the vector of a query at unit length, or None if it shows nothing."""
         vector = unit(vector_of(descriptor).astype(np.float32))
-        return Features(vector, vector) if vector.any() else None
+        return Features(vector, lambda: vector) if vector.any() else None
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return cosines of at least 0."""
         found = []
         for query, indices in asked:
             rows = unit(self._map.global_descriptors[indices].astype(np.float32))
-            found.append(np.maximum(rows @ query.exact, 0.0))
+            found.append(np.maximum(rows @ query.approximate, 0.0))
         return found
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:

@@ -3,9 +3,10 @@
 """The recogniser on the pair scores of any other method, and how a method ranks references."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
+from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
@@ -20,6 +21,25 @@ import numpy.typing as npt
 SequenceScores = npt.NDArray[np.float64]  # (Q, R); -inf where there is none
 # Of the rows of the newest frame and of those before it, newest first, to scores (R,).
 SequenceScorer = Callable[[Sequence[Row | None]], npt.NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class PairScores:
+    """
+    What a method gives: at least a row of scores for each of Q queries.
+
+    All else is optional: what it costs, its own way to score a sequence, and its own decision.
+    Without the latter every best candidate is accepted, and thresholds on the scores are tried.
+    """
+
+    scores: Scores  # (Q, R), higher is more similar; NaN where a pair was not scored
+    encode_ms: float | None = None  # median time to describe an image, if known
+    row_ms: float | None = None  # the same to score it against all references
+    scorer: SequenceScorer | None = None  # of a sequence
+    # The decision, of scores (Q, r) with the references from a number on: for each query the
+    # likeliest reference, and how many keypoints confirm it, 0 if it is not accepted.
+    detect: Callable[..., list[Detection]] | None = None
+    place_bytes: float | None = None  # what a map keeps of a place, without pictures
 
 
 class GivenScores(Matcher):
@@ -38,13 +58,11 @@ class GivenScores(Matcher):
         """Forget nothing: rows are numbered."""
 
     def extract(self, _descriptor: Descriptor) -> Features | None:
-        """Return the row of the frame."""
         row = self._rows[self.frame]
-        return Features(row, row) if np.isfinite(row).any() else None
+        return Features(row, lambda: row) if np.isfinite(row).any() else None
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Scores]:
-        """Return the given scores."""
-        return [query.exact[indices] for query, indices in asked]
+        return [query.approximate[indices] for query, indices in asked]
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:
         """Return the candidates: no shift is given."""

@@ -57,10 +57,7 @@ def open_material(
     """
     Read the images and the truth of a data set, and check one against the other.
 
-    Raises
-    ------
-    SourceError
-        If images are missing, counts disagree, or no query has a right reference.
+    SourceError if images are missing, counts disagree, or no query has a right reference.
 
     """
     parts = data_set.query, data_set.reference or data_set.query

@@ -28,15 +28,7 @@ class MethodName:
 
 
 def parse_method(text: str) -> MethodName:
-    """
-    Return what a text such as `convseq-k10` or `net=scores:net.npy@dynamic` asks for.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be understood.
-
-    """
+    """Return what `convseq-k10` or `net=scores:net.npy@dynamic` means; ConfigError if unclear."""
     found = _PATTERN.fullmatch(text)
     if not found:
         raise ConfigError(

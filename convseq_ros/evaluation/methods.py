@@ -15,21 +15,38 @@ from pathlib import Path
 import time
 
 from convseq_ros.baselines import seqslam
-from convseq_ros.baselines.cosine import cosine_scores
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.drive import Images
+from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
 from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import refuse_retired, Value
 import numpy as np
 import numpy.typing as npt
+
+
+def cosine_scores(
+    queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """
+    Return the cosine of every query (Q, D) with every reference (R, D), in [-1, 1]: (Q, R).
+
+    Descriptors need not have unit length; a zero vector scores 0.
+
+    """
+    return _unit(queries) @ _unit(references).T
+
+
+def _unit(rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, length, out=np.zeros_like(rows), where=length > 0)
+
 
 Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
@@ -59,7 +76,6 @@ class Method:
     config: Config
 
     def rows(self, material: Material) -> PairScores:
-        """Return the pair scores of a data set."""
         return self.kind.rows(material, self.name, self.config)
 
     def measured(self, material: Material, found: Recognition) -> PairScores:
@@ -74,15 +90,7 @@ class Method:
 
 
 def make_method(name: MethodName, config: Config) -> Method:
-    """
-    Return the method that a name asks for.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, or an option or argument does not fit.
-
-    """
+    """Return the method of a name; ConfigError if there is none, or an option does not fit."""
     if name.kind not in KINDS:
         raise ConfigError(f'method {name.kind!r} is not one of {", ".join(KINDS)}')
     kind = KINDS[name.kind]

@@ -18,9 +18,9 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np

@@ -12,10 +12,14 @@ from dataclasses import dataclass, replace
 
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation.drive import Drive
-from convseq_ros.evaluation.given_scores import answers_to, rank_references, SequenceScores
+from convseq_ros.evaluation.given_scores import (
+    answers_to,
+    PairScores,
+    rank_references,
+    SequenceScores,
+)
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
-from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.peers import matches_of
 from convseq_ros.evaluation.recognition import (
     Dots,
@@ -132,7 +136,6 @@ def _ranked(
 def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
 ) -> _Answers:
-    """Return the answers with a part of the map."""
     if method.kind.recognizer:
         found = recognize(material, method.config, span)
         return _ranked(material, method, found, rows, span)

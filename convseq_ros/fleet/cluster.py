@@ -58,12 +58,8 @@ def connected(cluster: Cluster) -> Iterator[Any]:
     """
     Yield a `distributed.Client` of a cluster; workers of this machine end with it.
 
-    Raises
-    ------
-    FleetError
-        If Dask is not installed, the scheduler's address is none or not allowed without TLS, it
-        has no certificates, it does not answer, or its workers have another version of this
-        package, or none.
+    FleetError if Dask is not installed, the address is none or needs TLS, it lacks certificates,
+    no scheduler answers, or its workers lack this version of the package.
 
     """
     try:

@@ -35,26 +35,11 @@ class FleetLink:
     """
     Asks the fleet of a scheduler in a thread of its own, and looks for it again when it is gone.
 
-    Parameters
-    ----------
-    cluster : Cluster
-        Where the scheduler is; FleetError if it may not be talked to.
-    config : Config
-        What decides a match; a fleet has a shortlist, and does not grow, whatever it says.
-    tell : callable
-        Gets the answer to each frame, in the link's thread.
-    timeout_s : float
-        After which a question counts as not answered.
-    sources : sequence of str, optional
-        Of frames of several cameras, one each.
-
-    Attributes
-    ----------
-    problem : str
-        Why the fleet does not answer; empty if it does.
-    answered, skipped : int
-        Frames.
-
+    A fleet has a shortlist and does not grow, whatever `config` asks for. `tell` gets each frame's
+    answer in the link's thread; a question without an answer for `timeout_s` has failed.
+    `sources` name the cameras, if there are several. `problem` says why the fleet does not answer,
+    and is empty if it does; `answered` and `skipped` count frames. FleetError if the scheduler's
+    address is not allowed.
     """
 
     def __init__(
@@ -129,7 +114,6 @@ class FleetLink:
         return session
 
     def _answer(self, session: FleetSession) -> None:
-        """Answer frames until the end, or an error."""
         cameras = session.cameras
         self.problem = ''
         while True:

@@ -39,19 +39,16 @@ class ImageSubscription:
         self.topic = node.resolve_topic_name(topic)
 
     def start(self) -> None:
-        """Begin to listen."""
         self._subscription = FollowingSubscription(
             self._node, self._kind, self.topic, self._on_message, self._depth
         )
 
     def stop(self) -> None:
-        """Listen no more."""
         if self._subscription:
             self._subscription.destroy()
         self._subscription = None
 
     def follow(self, topic: str) -> None:
-        """Listen to another topic instead."""
         is_listening = self._subscription is not None
         self.stop()
         self.topic = topic
@@ -101,51 +98,13 @@ class ImageSubscription:
         return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
 
 
-class CameraSubscriptions:
-    """
-    Subscribes to each of `image_topics`, or else to `image`, as `ImageSubscription` does.
-
-    ConfigError if a topic is there twice.
-    """
-
-    def __init__(
-        self, node: Node, config: NodeConfig, on_image: Callable[[ImageMessage, str], None]
-    ) -> None:
-        names = config.image_topics.split() or ['image']
-        self._all = [ImageSubscription(node, config.queue_size, on_image, name) for name in names]
-        for topic, count in Counter(self.topics).items():
-            if count > 1:  # the map would get nothing
-                raise ConfigError(f'image_topics: {topic} is there twice; name each once')
-
-    @property
-    def topics(self) -> list[str]:
-        """The topics as they were resolved."""
-        return [one.topic for one in self._all]
-
-    @property
-    def topic(self) -> str:
-        """The same, with spaces between."""
-        return ' '.join(self.topics)
-
-    @property
-    def lost(self) -> int:
-        """Messages that did not arrive."""
-        return sum(one.lost for one in self._all)
-
-    def start(self) -> None:
-        """Begin to listen."""
-        for one in self._all:
-            one.start()
-
-    def stop(self) -> None:
-        """Listen no more."""
-        for one in self._all:
-            one.stop()
-
-    def follow(self, topic: str) -> None:
-        """Listen to another topic instead of the only one."""
-        self._all[0].follow(topic)
-
-    def advice(self) -> str:
-        """Say why no images may come and what to do about it, in one line."""
-        return '; '.join(one.advice() for one in self._all)
+def image_subscriptions(
+    node: Node, config: NodeConfig, on_image: Callable[[ImageMessage, str], None]
+) -> list[ImageSubscription]:
+    """Return one for each of `image_topics`, or one for `image`; ConfigError if one is twice."""
+    names = config.image_topics.split() or ['image']
+    made = [ImageSubscription(node, config.queue_size, on_image, name) for name in names]
+    for topic, count in Counter(one.topic for one in made).items():
+        if count > 1:  # the map would get nothing
+            raise ConfigError(f'image_topics: {topic} is there twice; name each once')
+    return made

@@ -27,19 +27,15 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def open_work(self) -> None:
         """Open files and make topics and services; ConvseqError or OSError if that fails."""
-        raise NotImplementedError
 
     def listen(self) -> None:
         """Take in images from now on."""
-        raise NotImplementedError
 
     def pause(self) -> None:
         """Take in none, and keep what was seen."""
-        raise NotImplementedError
 
     def close_work(self) -> None:
         """Finish the work at hand and close the files."""
-        raise NotImplementedError
 
     def manage(self) -> None:
         """Offer `~/change_state` and the other services of a managed node."""
@@ -51,7 +47,6 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.__dict__.pop('_state_machine', None)
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Do what takes long."""
         self._own = frozenset(chain.from_iterable(self._made().values()))
         try:
             self.open_work()
@@ -62,27 +57,22 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return _DONE
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to listen."""
         self.listen()
         return _DONE
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening."""
         self.pause()
         return _DONE
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Be as before `configure`."""
         self.close_work()
         self._let_go()
         return _DONE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Be finished."""
         return self.on_cleanup(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin anew after what nobody foresaw."""
         return self.on_cleanup(state)
 
     # rclpy's own lets the error of a transition that is not possible end the executor.

@@ -2,19 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node publishes about every frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+from convseq_ros.config import Config
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
 from convseq_ros.evaluation.match_picture import match_picture
-from convseq_ros.node.closure_message import closure_message
+from convseq_ros.fleet.cluster import Cluster
+from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
+    closure_message,
     image_message,
     loop_closure_index_message,
     loop_closure_message,
@@ -30,6 +33,30 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
+
+TIMEOUT_S = 1.0  # after which a fleet is given up, and looked for again
+
+
+def open_fleet(
+    node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
+) -> FleetLink | None:
+    """
+    Have each frame's answer of a fleet published on `~/fleet_answer`, if one is asked for.
+
+    FleetError if its address is none, or may not be talked to.
+    """
+    if not settings.fleet:
+        return None
+    publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
+
+    def publish(match: Match, duration_ms: float, recognizer: PlaceRecognizer) -> None:
+        if node.context.ok():
+            publisher.publish(
+                answer_message(match, duration_ms, recognizer.reference_map, settings.map_frame)
+            )
+
+    return FleetLink(Cluster(settings.fleet), config, publish, TIMEOUT_S, sources)
+
 
 _KINDS = {
     '~/answer': DiagnosticArray,

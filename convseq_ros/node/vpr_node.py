@@ -18,22 +18,19 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
-from convseq_ros.node.cameras import CameraSubscriptions, ImageMessage, QUEUE_BYTES
+from convseq_ros.node.cameras import image_subscriptions, ImageMessage, QUEUE_BYTES
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
-from convseq_ros.node.fleet_answers import open_fleet
+from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
+from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
+from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
-from convseq_ros.node.progress_log import ProgressLog
-from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.publishers import MatchPublishers, open_fleet
+from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.surroundings import Surroundings
 from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
-from convseq_ros.node.whereabouts import Whereabouts
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.onnx_model import open_model
@@ -85,8 +82,8 @@ class VprNode(ManagedNode):
 
     def _open_work(self, undone: ExitStack) -> None:
         logger, config = self.get_logger(), self._node_config
-        self._images = CameraSubscriptions(self, config, self._on_image)
-        topics = self._images.topics if config.image_topics else []
+        self._images = image_subscriptions(self, config, self._on_image)
+        topics = [one.topic for one in self._images] if config.image_topics else []
         path = Path(config.map_path) if config.map_path else None
         session = Session(path, self._config, sources=topics, describe=open_model(self._config))
         undone.callback(session.close)
@@ -95,11 +92,13 @@ class VprNode(ManagedNode):
         for line in session.ignored:
             logger.warning(line)
         self._statistics = Statistics()
-        self._surroundings = Surroundings(self, config, self._config.reading, topics)
-        self._answers = MatchPublishers(self, config, lambda: self._surroundings.odometry.frame_id)
+        self._frame_context = FrameContext(self, config, self._config.reading, topics)
+        self._answers = MatchPublishers(
+            self, config, lambda: self._frame_context.odometry.frame_id
+        )
         self._recognition = Recognition(
             session,
-            self._surroundings,
+            self._frame_context,
             self._results,
             self._publish,
             self._statistics,
@@ -119,39 +118,34 @@ class VprNode(ManagedNode):
         if fleet := open_fleet(self, config, self._config, topics):
             undone.callback(fleet.close)
         self._fleet = fleet
-        self._whereabouts = Whereabouts(self, config, self._situation, self._images.advice)
+        self._localization = LocalizationTopics(self, config, self._situation, self._advice)
         self._diagnostics = Diagnostics(
-            self,
-            self._statistics,
-            self._situation,
-            self._images.advice,
-            config.diagnostics_period_s,
+            self, self._statistics, self._situation, self._advice, config.diagnostics_period_s
         )
         self._progress = ProgressLog(
-            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._images.lost}
+            self, self._statistics, lambda: {**self._worker.drops, 'middleware': self._lost()}
         )
         self._finder = TopicFinder(self, self._follow, not topics)
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
-        """Take in images from now on."""
         self._listening = True
-        self._images.start()
+        for one in self._images:
+            one.start()
         self._maps.announce()
-        self.get_logger().info(f'listening to {self._images.topic}')
+        self.get_logger().info(f'listening to {self._topic}')
 
     def pause(self) -> None:
-        """Take in no images for now."""
         self._listening = False
-        self._images.stop()
+        for one in self._images:
+            one.stop()
         self.get_logger().info('not listening')
 
     def close_work(self) -> None:
-        """Finish the frame at hand and close the files."""
         if not self._is_open:
             return
         self._is_open = self._listening = False
-        self._whereabouts.give_up()
+        self._localization.give_up()
         if self._worker.stop(_STOP_TIMEOUT_S if self._ready else 0.0):
             self._recognition.close()
         elif self._ready:
@@ -165,7 +159,6 @@ class VprNode(ManagedNode):
         self._ready = False
 
     def destroy_node(self) -> None:
-        """Finish the frame at hand, close the files and leave the graph."""
         self.close_work()
         super().destroy_node()
 
@@ -193,8 +186,8 @@ class VprNode(ManagedNode):
                 raise
 
     def _follow(self, topics: dict[str, str]) -> None:
-        self._surroundings.follow(topics)
-        self._images.follow(topics['image'])
+        self._frame_context.follow(topics)
+        self._images[0].follow(topics['image'])
 
     def _on_warm(self) -> None:
         self._ready = True
@@ -205,7 +198,7 @@ class VprNode(ManagedNode):
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
         estimate = self._answers.publish(frame, match, recognizer, duration_ms)
-        self._whereabouts.update(match, estimate)
+        self._localization.update(match, estimate)
         if self._fleet and recognizer is self._recognition.session.recognizer:
             self._fleet.put(frame)
 
@@ -231,13 +224,13 @@ class VprNode(ManagedNode):
         self._maps.save_path = node_config.save_map_path
 
         def apply() -> None:
-            self._recognition.configure(config)
-            self._answers.config = self._whereabouts.config = node_config
+            self._recognition.session.cameras.configure(config)
+            self._answers.config = self._localization.config = node_config
 
         self._worker.between_items(apply)
 
     def _forget(self) -> None:
-        self._recognition.reset()
+        self._recognition.session.cameras.reset()
         if self._fleet:
             self._fleet.reset()
 
@@ -256,24 +249,35 @@ class VprNode(ManagedNode):
         response.success, response.message = True, 'enabled' if request.data else 'disabled'
         return response
 
+    @property
+    def _topic(self) -> str:
+        """The topics of the cameras, with spaces between."""
+        return ' '.join(one.topic for one in self._images)
+
+    def _lost(self) -> int:
+        return sum(one.lost for one in self._images)
+
+    def _advice(self) -> str:
+        return '; '.join(one.advice() for one in self._images)
+
     def _situation(self) -> Situation:
-        session, odometry = self._recognition.session, self._surroundings.odometry
+        session, odometry = self._recognition.session, self._frame_context.odometry
         return Situation(
             ready=self._ready,
             enabled=self._enabled and (self._listening or not self._ready),
             session=session,
-            topic=self._images.topic,
+            topic=self._topic,
             dropped=self._worker.dropped,
             odometry_heard=odometry.heard,
             further={
                 'queue': self._worker.waiting,
-                'lost_by_middleware': self._images.lost,
+                'lost_by_middleware': self._lost(),
                 'clock_jumps': session.cameras.resets,
                 'result_rows_lost': self._results.lost,
-                'camera_info': self._surroundings.camera.known,
+                'camera_info': self._frame_context.camera.known,
                 'frames_without_pose': odometry.missing,
-                'frames_without_depth': self._surroundings.depth.missing,
-                'depth_unreadable': self._surroundings.depth.unreadable,
+                'frames_without_depth': self._frame_context.depth.missing,
+                'depth_unreadable': self._frame_context.depth.unreadable,
             },
             fleet=self._fleet,
             model_problem=self._recognition.model_problem,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands along a street: trees, lamps, cars, signs, hedges."""
 
+from convseq_ros.simulation.facade import word
 from convseq_ros.simulation.light import Colour
-from convseq_ros.simulation.opening import word
 from convseq_ros.simulation.texture import any_colour, shade_of, Sheet
 import numpy as np
 

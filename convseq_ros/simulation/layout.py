@@ -2,15 +2,55 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where everything stands on one stretch of the street; all follows from a seed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 from convseq_ros.simulation import facade, furniture
 from convseq_ros.simulation import ground as road
 from convseq_ros.simulation.ground import FRONT_M, GROUND_HALF_M, KERB_M
 from convseq_ros.simulation.light import illuminate, Light
-from convseq_ros.simulation.panel import Painter, Panel, Point
 from convseq_ros.simulation.texture import Sheet, Texture
 import numpy as np
+
+Point = tuple[float, float]
+Painter = Callable[[np.random.Generator, Sheet], None]
+
+
+@dataclass(eq=False)
+class Panel:
+    """An upright painted rectangle."""
+
+    start: Point  # x, y in metres of the left side of the picture
+    end: Point  # and of the right one
+    bottom: float  # heights, metres
+    top: float
+    visible_m: float  # from how far it is worth drawing
+    facing: bool  # whether it turns to the camera about its middle, as trees do
+    resolution: float  # pixels per metre of the picture
+    seed: tuple[int, ...]  # decides the picture
+    paint: Painter  # paints the picture on a sheet
+    gain: float  # share of the light that falls on it
+    light: Light  # what shines on the street
+    lamps: list[Point]  # street lamps near by, metres
+
+    @cached_property
+    def texture(self) -> Texture:
+        """The picture in this panel's light, made when first needed."""
+        width = float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
+        sheet = Sheet(width, self.top - self.bottom, self.resolution, self.light.lamps > 0)
+        self.paint(np.random.default_rng(self.seed), sheet)
+        rows, columns = sheet.image.shape[:2]
+        across = np.linspace(0, 1, columns, dtype=np.float32)[None, :]
+        down = np.linspace(self.top, self.bottom, rows, dtype=np.float32)[:, None]
+        where = (
+            self.start[0] + (self.end[0] - self.start[0]) * across,
+            self.start[1] + (self.end[1] - self.start[1]) * across,
+            down,
+        )
+        lit = illuminate(sheet.image, sheet.glow, self.light, self.gain, where, self.lamps)
+        return Texture(lit)
+
 
 STRETCH_M = 48.0
 _CAR_M = 3.3
@@ -212,7 +252,6 @@ class Layout:
                     yield self._panel((x, left), (x, right), *heights, paint, 60.0, 80.0)
 
     def ground(self) -> Texture:
-        """Paint the road of this stretch."""
         sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, road.GROUND_RESOLUTION)
         half = furniture.CAR_WIDTH_M / 2
         size = furniture.CAR_LENGTH_M + 0.2, furniture.CAR_WIDTH_M + 0.4

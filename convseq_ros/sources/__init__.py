@@ -3,19 +3,20 @@
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources.annotated import AnnotatedFrames, CameraOf, SeveralCameras
 from convseq_ros.sources.annotated import Source as Source
-from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
-from convseq_ros.sources.pose_file import PoseAt, read_pose_file
-from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.pose_track import PoseAt, PoseTrack, read_pose_file
 from convseq_ros.sources.recording import messages_of, read_camera, read_poses_in, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
@@ -45,7 +46,7 @@ def open_annotated(
     topic: str = '',
     odom: str = '',
     camera_info: str = '',
-    poses: Path | None = None,
+    poses: Path | str | None = None,
     reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
 ) -> Source:
@@ -65,77 +66,64 @@ def open_annotated(
     pose_at: PoseAt | None = None
     frame = ''
     if poses:
-        pose_at = read_pose_file(poses, len(source), reading)
+        pose_at = read_pose_file(Path(poses), len(source), reading)
     elif odom:
         stamped, frame = read_poses_in(path, odom, reading)
         track = PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None)
         pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
-    camera_of = _camera_of(path, camera_info, reading)
-    depth_at = _depth_of(path, depth, reading, source.warnings)
+    is_folder = path.is_dir() and not holds_recording(path)
+    camera_of: CameraOf | None = None
+    if (file := Path(camera_info)).is_file():
+        camera_of = partial(read_camera_file, file, reading=reading)
+    elif camera_info and is_folder:
+        raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
+    elif camera_info:
+        camera = read_camera(path, camera_info, reading)
+        camera_of = lambda _height, _width: camera  # noqa: E731
+    depth_at: DepthAt | None = None
+    if depth and (Path(depth).is_dir() or is_folder):
+        depth_at = DepthFolder(Path(depth), reading, source.warnings)
+    elif depth:
+        sought = path, depth, DEPTH_TYPES, '--depth', reading
+        topic, _ = messages_of(*sought)
+        depth_at = DepthTopic(lambda: messages_of(*sought)[1], topic, reading, source.warnings)
     return AnnotatedFrames(source, pose_at, camera_of, frame, depth_at)
-
-
-def _depth_of(
-    path: Path, depth: str, reading: ReadingConfig, warnings: list[str]
-) -> DepthAt | None:
-    if not depth:
-        return None
-    if Path(depth).is_dir() or (path.is_dir() and not holds_recording(path)):
-        return DepthFolder(Path(depth), reading, warnings)
-    topic, _ = messages_of(path, depth, DEPTH_TYPES, '--depth', reading)
-    return DepthTopic(
-        lambda: messages_of(path, topic, DEPTH_TYPES, '--depth', reading)[1],
-        topic,
-        reading,
-        warnings,
-    )
 
 
 def open_each_camera(
     path: Path,
     topics: str = '',
-    odom: str = '',
     camera_info: str = '',
-    poses: Path | None = None,
-    reading: ReadingConfig = ReadingConfig(),
     depth: str = '',
+    reading: ReadingConfig = ReadingConfig(),
+    **poses: Any,
 ) -> list[Source]:
     """
     Open what `open_annotated` does, once for each of the topics if there are several.
 
-    `camera_info` then names as many, or none; SourceError if it does not, or if a topic is there
-    twice. `depth` is of the first.
+    `camera_info` then names as many, or none; `depth` is of the first, and `odom` or `poses` hold
+    for each.
+    SourceError if the numbers differ, or a topic is there twice.
     """
-    names, infos = topics.split(), camera_info.split()
-    if len(names) < 2:
-        return [open_annotated(path, topics, odom, camera_info, poses, reading, depth)]
+    names, infos = topics.split() or [''], camera_info.split()
+    if len(names) == 1:
+        infos = [camera_info]
     if len(set(names)) < len(names):
         raise SourceError(f'--topic {topics!r}: names a camera twice; name each once')
     if infos and len(infos) != len(names):
         raise SourceError(
             f'--camera-info: {len(infos)} for {len(names)} cameras; name one of each, in order'
         )
+    depths = [depth, *[''] * (len(names) - 1)]
     return [
-        open_annotated(path, name, odom, info, poses, reading, depth if name == names[0] else '')
-        for name, info in zip(names, infos or [''] * len(names), strict=True)
+        open_annotated(path, name, camera_info=info, depth=own, reading=reading, **poses)
+        for name, info, own in zip(names, infos or [''] * len(names), depths, strict=True)
     ]
 
 
 def in_order(cameras: Sequence[Source]) -> Source:
     """Return sources of at least one camera as one, which yields the frames of all in order."""
     return SeveralCameras(list(cameras)) if len(cameras) > 1 else cameras[0]
-
-
-def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:
-    if not camera_info:
-        return None
-    file = Path(camera_info)
-    if file.is_file():
-        return lambda height, width: read_camera_file(file, height, width, reading)
-    if path.is_dir() and not holds_recording(path):
-        raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
-    camera = read_camera(path, camera_info, reading)
-    return lambda _height, _width: camera
 
 
 def _refuse_topic(path: Path, what: str, topic: str) -> None:

@@ -15,8 +15,7 @@ from typing import Any, IO
 
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
-from convseq_ros.sources.raw_message import one_line, RawMessage
-from convseq_ros.sources.topics import Index, merge_topics, Topic
+from convseq_ros.sources.topics import Index, merge_topics, one_line, RawMessage, Topic
 
 _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')  # of a record: its kind, and how many bytes follow

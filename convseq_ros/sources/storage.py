@@ -13,7 +13,7 @@ from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
 from convseq_ros.sources.inflate import RecordingLimits
-from convseq_ros.sources.raw_message import one_line, RawMessage, typestore
+from convseq_ros.sources.topics import one_line, RawMessage, typestore
 
 _FORMATS: dict[str, tuple[Any, str]] = {
     '.mcap': (mcap_file, 'mcap recover'),
@@ -25,22 +25,10 @@ _NAME = re.compile(r'(\.mcap|\.db3|\.bag)(\.zstd)?$')
 
 class Storage:
     """
-    One file of a recording.
+    One file of a recording: its `topics` by name, and `duration_s` from first to last message.
 
-    Attributes
-    ----------
-    topics : dict from str to Topic
-        By name.
-    duration_s : float
-        From the first message of any topic to the last.
-    damage : str
-        What is wrong with a file that can be read up to where it breaks; else empty.
-
-    Raises
-    ------
-    SourceError
-        If nothing of it can be read; while iterating, if it breaks where nothing told so before.
-
+    `damage` says what is wrong with a file that can be read up to where it breaks; else it is
+    empty. SourceError if nothing can be read; while iterating, if it breaks unexpectedly.
     """
 
     def __init__(self, path: Path, limits: RecordingLimits) -> None:

@@ -5,7 +5,7 @@
 from pathlib import Path
 import sys
 
-from convseq_ros.evaluation.plots.figure import new_figure, save
+from convseq_ros.evaluation.plots import new_figure, save
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 

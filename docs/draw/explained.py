@@ -17,7 +17,7 @@ from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.matcher import make_matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame
-from convseq_ros.evaluation.plots.figure import new_figure, save
+from convseq_ros.evaluation.plots import new_figure, save
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2

@@ -11,8 +11,8 @@ import shutil
 import sys
 
 from convseq_ros.cli.build_map import build
-from convseq_ros.cli.live import recognise_live
-from convseq_ros.cli.output_folder import make_empty
+from convseq_ros.cli.demo_drives import make_empty
+from convseq_ros.cli.processes import recognise_live
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

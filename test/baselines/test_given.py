@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Score matrices and descriptors that somebody else computed, and whole-image HOG."""
 
-from convseq_ros.baselines.cosine import cosine_scores
 from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.methods import cosine_scores
 import numpy as np
 import pytest
 

@@ -163,6 +163,12 @@ def test_a_command_that_is_gone_names_what_does_its_work(command, capsys):
     assert told.startswith(f'convseq {command}: is ') and told.count('\n') == 1
 
 
+def test_without_a_command_all_of_them_are_listed(capsys):
+    assert main([]) == 2
+    told = capsys.readouterr().err
+    assert all(f'\n  {command} ' in told for command in COMMANDS)
+
+
 def test_a_missing_recording_is_one_line(capsys, tmp_path):
     assert 'none' in refused(capsys, 'build-map', tmp_path / 'none', tmp_path / 'map.db')
     assert not (tmp_path / 'map.db').exists()

@@ -8,7 +8,7 @@ pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
 from convseq_ros.cli.build_map import build
-from convseq_ros.cli.live import recognise_live
+from convseq_ros.cli.processes import recognise_live
 from convseq_ros.cli.replay import replay
 from convseq_ros.config import make_config
 from convseq_ros.core.map.reader import open_map

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-PLACES, ROUND = 12, 10
+ROUND = 10
 ONLINE = (
     '--mode', 'online', '--exclusion-s', '0.5', '--fixed-length', '2', '--matching', 'regional',
     '--search', 'exhaustive', '--keyframe-overlap', '1', '--rival-distance', '2',

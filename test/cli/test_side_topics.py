@@ -5,7 +5,7 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.cli.side_topics import side_topics
+from convseq_ros.cli.demo_drives import side_topics
 from convseq_ros.core.types import Camera, Pose
 import cv2
 import numpy as np

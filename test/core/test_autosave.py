@@ -81,11 +81,6 @@ def test_a_place_is_written_though_nothing_comes_after_it(path):
     autosave.close()
 
 
-def test_writing_waits_for_half_a_second_at_most(monkeypatch):
-    monkeypatch.undo()
-    assert module._COMMIT_EVERY_S == 0.5
-
-
 def test_what_is_asked_for_at_once_is_written_at_once(path, monkeypatch):
     monkeypatch.setattr(module, '_COMMIT_EVERY_S', 1000)
     autosave = own(path)

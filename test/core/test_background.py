@@ -7,7 +7,6 @@ from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.kernels.numpy_coherent import subtracted
-from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 import numpy as np
 import pytest
 
@@ -50,14 +49,6 @@ def test_the_background_of_a_map_is_the_mean_of_its_references():
     assert background.of_map == pytest.approx(expected, abs=1e-6)
 
 
-def test_references_are_normalised_before_they_are_averaged():
-    background = Background(drawn_map(20), normalized, projected_regions)
-    background.update_map()
-    read = [unpack_cells(pack_cells(cells(index))) for index in range(20)]
-    expected = np.mean([projected_regions(normalized(one)) for one in read], axis=0)
-    assert background.of_map == pytest.approx(expected, abs=1e-6)
-
-
 def test_of_a_large_map_256_references_are_read():
     reference_map = drawn_map(1)
     packed = reference_map.packed(0)
@@ -97,17 +88,6 @@ def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
     one, two = projected_regions(cells(100)), projected_regions(cells(101))
     assert first == pytest.approx((one + 5 * background.of_map) / 6, abs=1e-6)
     assert second == pytest.approx((one + two + 5 * background.of_map) / 7, abs=1e-6)
-
-
-def test_frames_before_the_background_of_the_map_is_known_count_too():
-    reference_map = drawn_map(19)
-    background = Background(reference_map, same, projected_regions)
-    assert background.update(projected_regions(cells(100))) is None
-    reference_map.add(Place(19), pack_cells(cells(19)))
-    background.update_map()
-    both = projected_regions(cells(100)) + projected_regions(cells(101))
-    expected = (both + 5 * background.of_map) / 7
-    assert background.update(projected_regions(cells(101))) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_robot_that_hardly_moves_does_not_make_its_place_the_background():

@@ -92,13 +92,6 @@ def test_the_base_is_turned_where_another_camera_recognises_a_place(reference_ma
     assert match.accepted and abs(match.relative_yaw_rad) == pytest.approx(math.pi, abs=0.05)
 
 
-def test_a_single_camera_takes_frames_of_any_source(reference_map, shown):
-    frames = [shown(number, number, f'{number}.png') for number in range(12)]
-    cameras, alone = Cameras(reference_map, OWN), PlaceRecognizer(reference_map, OWN)
-    found = [(cameras.process(frame), alone.process(frame)) for frame in frames]
-    assert all(one.candidates == other.candidates and not one.camera for one, other in found)
-
-
 def test_the_first_camera_alone_adds_to_a_map(shown):
     online = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=0.5))
     grown = ReferenceMap(OWN.encoding, keyframes=EVERY_FRAME)

@@ -1,11 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coarse scores: queries and references by their global descriptors."""
+"""Coarse scores: queries and references by their global descriptors, and along the way."""
 
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import CoarseScores, EveryPlace, top
+from convseq_ros.core.sequence.coarse_scores import CoarseScores, EveryPlace, top, TRACK, Track
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -80,24 +82,6 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert 52 in coarse.best(3, 0)
 
 
-def test_the_mean_follows_a_map_that_grows(described):
-    rng = np.random.default_rng(0)
-    growing, packed = ReferenceMap(), pack_cells(described(0).cells)
-    numbers = growing.global_descriptors.shape[1]
-    coarse, query = CoarseScores(growing), described(3)
-    for count in range(1, 500):
-        growing.add(Place(count), packed, known_descriptor=rng.normal(0.2, 0.1, numbers))
-        coarse.update(query)
-    fresh = CoarseScores(growing)
-    fresh.update(query)
-    for name in ('mean', 'variance'):
-        assert getattr(coarse._usual, name) == pytest.approx(getattr(fresh._usual, name), abs=5e-3)
-    references, _, _ = standardised(growing.global_descriptors.astype(float))
-    made, fresh_made = coarse._centred._nearness.view, fresh._centred._nearness.view
-    assert fresh_made == pytest.approx(1 / np.linalg.norm(references, axis=1), rel=1e-3)
-    assert made == pytest.approx(fresh_made, rel=0.05)
-
-
 def test_references_at_the_mean_tell_nothing(described):
     lonely = ReferenceMap()
     for index in range(3):
@@ -160,3 +144,58 @@ def test_the_best_are_found_without_sorting_all(count):
         passed = [range(0, count // 2), range(-5, 3)]
         assert (top(scores, 33, passed) >= count // 2).all()
         assert len(top(scores, 0)) == 0
+
+
+def session_of(place, starts):
+    return int(np.searchsorted(starts, place, 'right'))
+
+
+def brute_force(rows, starts, both):
+    """Return, place by place, its score and most of the best of the places that led there."""
+    sums = rows[0].astype(float)
+    for row in rows[1:]:
+        before = np.append(sums, np.full(len(row) - len(sums), sums.min()))
+        sums = np.empty(len(row))
+        for place in range(len(row)):
+            last = place + TRACK.reach if both else place
+            led = [
+                before[one]
+                for one in range(max(0, place - TRACK.reach), min(last, len(row) - 1) + 1)
+                if session_of(one, starts) == session_of(place, starts)
+            ]
+            sums[place] = row[place] + TRACK.memory * max(led)
+    return sums
+
+
+@settings(max_examples=150)
+@given(
+    st.integers(1, 40),
+    st.lists(st.integers(0, 5), max_size=6),
+    st.sets(st.integers(1, 70), max_size=6),
+    st.booleans(),
+    st.integers(0, 999),
+)
+def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
+    rng, track = np.random.default_rng(seed), Track(both)
+    lengths = np.cumsum([count, *grown])
+    rows = [rng.normal(0, 1, length).astype(np.float32) for length in lengths]
+    own = np.array([0, *sorted(starts)])
+    for row in rows:
+        track.update(row, own[own < len(row)])
+    assert track.sums.dtype == np.float32
+    assert track.sums == pytest.approx(brute_force(rows, own, both), abs=1e-4)
+
+
+def test_after_a_reset_nothing_is_left():
+    track = Track(False)
+    track.update(np.ones(5, np.float32), np.zeros(1, np.int64))
+    track.reset()
+    track.update(np.zeros(5, np.float32), np.zeros(1, np.int64))
+    assert track.sums.tolist() == [0] * 5
+
+
+def test_the_row_that_came_is_not_changed():
+    row, track = np.ones(5, np.float32), Track(True)
+    for _ in range(3):
+        track.update(row, np.zeros(1, np.int64))
+    assert row.tolist() == [1] * 5

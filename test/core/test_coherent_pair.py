@@ -10,11 +10,7 @@ from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.global_similarity import global_similarity, region_blocks, widened
-from convseq_ros.core.similarity.kernels.numpy_coherent import (
-    COHERENT_PAIR,
-    coherent_score,
-    subtracted,
-)
+from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, subtracted
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 from convseq_ros.core.types import Descriptor
 import numpy as np
@@ -42,18 +38,6 @@ def map_of(*images):
 
 def matcher(reference_map, **settings):
     return Matcher(reference_map, MatchingConfig(kernel='numpy', **settings), 0.5)
-
-
-def test_without_a_background_the_score_is_the_share_of_regions():
-    references = [drawn(seed) for seed in range(4)]
-    query = described(drawn(2))
-    features = COHERENT_PAIR.extract(query, 4.0, None)
-    scores, shifts = COHERENT_PAIR.compare(
-        features, [COHERENT_PAIR.prepare(one, None) for one in references]
-    )
-    expected = [coherent_score(extract(query, 4.0), projected_regions(one)) for one in references]
-    assert scores.tolist() == pytest.approx([score for score, _ in expected], abs=1e-7)
-    assert [tuple(shift) for shift in shifts] == [shift for _, shift in expected]
 
 
 def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():

@@ -111,13 +111,6 @@ def test_of_several_libraries_one_that_can_be_loaded_is_taken(tmp_path, monkeypa
     assert not found_in(tmp_path, monkeypatch).problem
 
 
-def test_all_kinds_of_kernels_pass_their_probe():
-    needs_library()
-    functions = compiled.library().functions
-    told = [name for name in compiled.VARIANTS if compiled._has(functions, name)]
-    assert told and all(compiled._works(functions, name) for name in told)
-
-
 def test_an_instruction_that_is_not_there_ends_a_probe_and_not_the_process():
     needs_library()
     lines = (

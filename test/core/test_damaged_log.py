@@ -34,10 +34,6 @@ def crashed(request, tmp_path_factory):
     return folder / 'left', 3 + request.param
 
 
-def add_to(path):
-    MapWriter(path, ENCODING, APART, True)
-
-
 def damaged(crashed, tmp_path, change):
     shutil.copytree(crashed[0], tmp_path / 'map')
     path = tmp_path / 'map' / 'map.db'

@@ -1,68 +1,168 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cells, entropy and salient regions of single images."""
+"""Cells, entropy and salient regions, against their definition in float64, compiled and not."""
 
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core import compiled
 from convseq_ros.core.encoding.descriptor import cell_histograms, describe, salient_regions
-from convseq_ros.core.encoding.entropy import image_entropy
+from convseq_ros.core.encoding.entropy import cell_entropies
+import cv2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from skimage.filters.rank import entropy as rank_entropy
+from skimage.morphology import disk
 
 from test.core.entropy_map import entropy_map
 
+WAYS = ['compiled', 'plain']
 
-def noise(seed, shape=(64, 96)):
-    return np.random.default_rng(seed).integers(0, 256, shape, np.uint8)
-
-
-def test_a_vertical_edge_votes_for_the_bin_that_points_right():
-    image = np.full((32, 32), 16, np.uint8)
-    image[:, 8:] = 255
-    cells = cell_histograms(image)
-    assert cells.shape == (2, 2, 8)
-    assert cells[0, 0].argmax() == 0 and cells[0, 0, 1:].max() < 1e-6
-    assert cells[0, 1].max() == 0
+SIZES = [64, 112, 512, 528]
 
 
-def test_an_edge_that_turns_by_45_degrees_moves_one_bin():
-    rows, columns = np.mgrid[0:64, 0:64]
-    angles = [0, 45, 90, 135, 180, 225, 270, 315]
-    bins = []
-    for angle in angles:
-        direction = np.cos(np.radians(angle)) * columns + np.sin(np.radians(angle)) * rows
-        ramp = (direction - direction.min()) / np.ptp(direction) * 200 + 55
-        bins.append(cell_histograms(ramp.astype(np.uint8)).sum((0, 1)).argmax())
-    reached = [found for angle, found in zip(angles, bins, strict=True) if angle not in (135, 315)]
-    assert reached == [0, 1, 2, 4, 5, 6]
+@pytest.fixture(params=WAYS)
+def way(request, monkeypatch):
+    choose(request.param, monkeypatch)
+    return request.param
 
 
-def test_strength_is_half_the_sum_of_both_gradients_so_opposite_ones_cancel():
-    rows, columns = np.mgrid[0:64, 0:64]
-    along = cell_histograms((100 + columns + rows).astype(np.uint8)).sum()
-    across = cell_histograms((100 + columns - rows + 32).astype(np.uint8)).sum()
-    assert across < along / 10
+def choose(way, monkeypatch):
+    if way == 'compiled' and not compiled.available():
+        pytest.skip(f'no compiled kernels: {compiled.library().problem}')
+    monkeypatch.setattr(compiled, 'available', lambda: way == 'compiled')
+
+
+def histograms_by_definition(gray):
+    """Return the cells of an image, every step for the whole image and in float64."""
+    side = gray.shape[0] // 16
+    corrected = np.sqrt(gray / max(float(gray.max()), 1)) * 255.0
+    gx = cv2.Sobel(corrected, cv2.CV_64F, 1, 0, ksize=5)
+    gy = cv2.Sobel(corrected, cv2.CV_64F, 0, 1, ksize=5)
+    strength = np.abs(gx + gy) / 2
+    position = cv2.phase(gx, gy, angleInDegrees=True) / 45
+    lower = np.floor(position).astype(int)
+    cells = np.zeros((side, side, 8))
+    row, column = np.indices(gray.shape) // 16
+    np.add.at(cells, (row, column, lower % 8), strength * (1 - position + lower))
+    np.add.at(cells, (row, column, (lower + 1) % 8), strength * (position - lower))
+    return cells
+
+
+def entropy_by_definition(gray):
+    small = cv2.resize(gray, (100, 100), interpolation=cv2.INTER_LINEAR)
+    bits = rank_entropy(small, disk(5))
+    return cv2.resize(bits, gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
+
+def picture(kind, side, seed):
+    rng = np.random.default_rng(seed)
+    value = int(rng.integers(1, 256))
+    if kind == 'flat':
+        return np.full((side, side), value, np.uint8)
+    if kind == 'two values':
+        return rng.choice(np.array([0, value], np.uint8), (side, side))
+    if kind == 'saturated':
+        return (rng.normal(255, 20, (side, side)).clip(0, 255)).astype(np.uint8)
+    if kind == 'one pixel':
+        image = np.full((side, side), value, np.uint8)
+        image[tuple(rng.integers(0, side, 2))] ^= 255
+        return image
+    if kind == 'few values':
+        coarse = rng.integers(0, 9, (side // 16, side // 16), np.uint8) * 28
+        return np.kron(coarse, np.ones((16, 16), np.uint8))
+    if kind == 'noise':
+        return rng.integers(0, 256, (side, side), np.uint8)
+    return cv2.GaussianBlur(rng.integers(0, 256, (side, side), np.uint8), (0, 0), 3)
+
+
+KINDS = ['flat', 'two values', 'saturated', 'one pixel', 'few values', 'noise', 'blurred noise']
+
+pictures = st.builds(
+    picture, st.sampled_from(KINDS), st.sampled_from(SIZES), st.integers(0, 2**32 - 1)
+)
+
+
+@pytest.mark.parametrize('way', WAYS)
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(gray=pictures)
+def test_histograms_are_those_of_the_definition(way, gray):
+    with pytest.MonkeyPatch.context() as patch:
+        choose(way, patch)
+        cells = cell_histograms(gray)
+    expected = histograms_by_definition(gray)
+    assert cells.dtype == np.float32 and cells.shape == expected.shape
+    assert np.abs(cells - expected).max() <= 1e-6 * max(expected.max(), 1)
+
+
+@pytest.mark.parametrize('way', WAYS)
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(gray=pictures)
+def test_entropy_is_that_of_scikit_image_up_to_the_edges(way, gray):
+    with pytest.MonkeyPatch.context() as patch:
+        choose(way, patch)
+        bits = entropy_map(gray)
+        by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
+    expected = entropy_by_definition(gray)
+    assert np.abs(bits - expected).max() < 1e-9
+    cells = len(gray) // 16
+    means = expected.reshape(cells, 16, cells, 16).mean(axis=(1, 3))
+    assert np.abs(by_cell - means).max() < 1e-9
+    assert by_cell.min() >= 0
+
+
+@pytest.mark.parametrize('kind', ['blurred noise', 'few values', 'two values'])
+def test_the_same_regions_are_salient_as_by_definition(way, kind):
+    gray = picture(kind, 512, 3)
+    means = entropy_by_definition(gray).reshape(32, 16, 32, 16).mean(axis=(1, 3))
+    threshold = float(np.median(means)) / 8 * 1.01
+    found = describe(gray, EncodingConfig(saliency_threshold=threshold, resize='linear'))
+    assert 0 < found.salient.sum() < found.salient.size
+    assert (found.salient == salient_regions(means, threshold)).all()
+
+
+def residue(grey, brightest):
+    """Return what float64 leaves of the horizontal gradient among equal pixels."""
+    value = np.sqrt(grey / brightest) * 255.0
+    return 16 * (-value - 2 * value + 2 * value + value)
+
+
+def test_a_flat_patch_keeps_the_rounding_of_float64_as_the_released_script_does(way):
+    greys = np.arange(1, 256, dtype=np.uint8).reshape(15, 17)
+    seen = set()
+    for patch in greys.ravel():
+        gray = np.full((32, 96), patch, np.uint8)
+        gray[:, 64:] = 255
+        left = cell_histograms(np.vstack([gray, gray, gray]))[2, 1]
+        expected = np.zeros(8)
+        left_over = residue(float(patch), 255.0)
+        expected[0 if left_over >= 0 else 4] = 128 * abs(left_over)
+        assert left.tolist() == expected.astype(np.float32).tolist()
+        seen.add(np.sign(left_over))
+    assert seen == {-1, 0, 1}
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (1, 9), (480, 640)])
+@pytest.mark.parametrize('side', [64, 80, 2048])
+def test_images_of_any_size_are_encoded_at_every_size(way, shape, side):
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    found = describe(image, EncodingConfig(image_size_px=side))
+    cells = side // 16
+    assert found.cells.shape == (cells, cells, 8) and found.salient.shape == ((cells - 1) ** 2,)
+    assert np.isfinite(found.cells).all() and found.cells.min() >= 0
+    assert 0 <= found.entropy <= np.log2(81) / 8
+
+
+def test_a_part_of_a_larger_image_is_encoded_like_its_copy(way):
+    part = picture('noise', 512, 2)[7:400:2, 5:300]
+    assert (describe(part).cells == describe(part.copy()).cells).all()
 
 
 def test_brightness_scale_changes_no_direction():
-    image = noise(0, (512, 512)) // 2
+    image = picture('noise', 512, 0) // 2
     normal, bright = describe(image), describe(image * 2)
     unit = [one.cells / np.linalg.norm(one.cells) for one in (normal, bright)]
     assert np.abs(unit[0] - unit[1]).max() < 1e-6
-
-
-def test_entropy_of_two_equally_frequent_values_is_near_one_bit():
-    image = np.zeros((512, 512), np.uint8)
-    image[:, ::2] = 255
-    stripes = np.repeat(np.arange(100) % 2 * 255, 1).astype(np.uint8)
-    bits = entropy_map(np.tile(stripes, (100, 1)))
-    assert abs(bits[50, 50] - 1) < 0.01
-
-
-def test_entropy_of_a_flat_image_is_zero_and_of_noise_is_high():
-    assert image_entropy(entropy_map(np.full((100, 100), 7, np.uint8))) == 0
-    assert 0.7 < image_entropy(entropy_map(noise(1, (100, 100)))) < np.log2(81) / 8
 
 
 def test_a_region_is_salient_when_its_mean_entropy_reaches_the_threshold():
@@ -78,20 +178,6 @@ def test_a_flat_image_of_any_size_is_uninformative_and_has_no_nan(value, shape):
     found = describe(np.full(shape, value, np.uint8))
     assert not found.informative
     assert np.isfinite(found.cells).all() and found.entropy == 0
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 9))
-def test_any_image_gives_finite_non_negative_cells_and_entropy_in_bounds(height, width, seed):
-    found = describe(noise(seed, (height, width)))
-    assert found.cells.shape == (32, 32, 8) and found.salient.shape == (961,)
-    assert np.isfinite(found.cells).all() and found.cells.min() >= 0
-    assert 0 <= found.entropy <= np.log2(81) / 8
-
-
-def test_a_smaller_image_size_gives_fewer_cells():
-    found = describe(noise(2), EncodingConfig(image_size_px=256))
-    assert found.cells.shape == (16, 16, 8) and found.salient.shape == (225,)
 
 
 @pytest.mark.parametrize(

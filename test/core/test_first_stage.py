@@ -186,12 +186,6 @@ def test_the_bytes_of_a_place(described, tmp_path):
     assert a_place['vectors'] < 2 * 512 + 100
 
 
-def test_without_a_model_the_built_in_vector_is_the_pair_score_too(frames):
-    built = build_map(frames(), None, BY_VECTOR)
-    assert built.global_descriptors.shape == (COUNT, 252)
-    assert len(accepted(answers(PlaceRecognizer(built, BY_VECTOR), frames(1)))) > 0.6 * COUNT
-
-
 @pytest.mark.parametrize(
     ('wrong', 'line'),
     [

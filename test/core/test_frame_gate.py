@@ -1,14 +1,21 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frame gate: in which order frames come, and which of them are keyframes."""
+"""The frame gate: in which order frames come, whether the robot stands, which are keyframes."""
 
-from convseq_ros.config import Config, EVERY_FRAME, KeyframeConfig
-from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder
+from dataclasses import replace
+import math
+
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
+from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Standstill
+from convseq_ros.core.sequence.frame_drops import FrameDropDetector
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
+import numpy as np
 import pytest
 
 STEP_NS = 100_000_000
+
 SECOND = 10**9
 
 
@@ -23,8 +30,9 @@ def test_stamps_are_next_late_or_of_a_clock_that_jumped_back():
     assert order.update(0) is Order.NEXT
 
 
-def at(place):
-    return Pose((float(place), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+def at(x, turned_rad=0.0):
+    turned = 0.0, 0.0, math.sin(turned_rad / 2), math.cos(turned_rad / 2)
+    return Pose((float(x), 0.0, 0.0), turned)
 
 
 @pytest.fixture
@@ -41,12 +49,6 @@ def verdicts(described):
         ]
 
     return say
-
-
-def test_frames_while_the_robot_stands_are_no_keyframes(verdicts):
-    found = verdicts([0, 1, 2, 2, 2, 3])
-    still = Reason.STATIONARY
-    assert [one.reason for one in found] == [None, None, None, still, still, None]
 
 
 def test_frames_between_keyframes_are_not_described(verdicts, described):
@@ -69,12 +71,191 @@ def test_dropped_keyframes_are_counted_also_soon_after_a_stop(verdicts):
     assert keyframes == [0] * 13 + [1, 2, 0]
 
 
-def test_a_gate_that_was_reset_begins_with_a_keyframe(described):
-    gate = FrameGate(Config(), EVERY_FRAME, PaperSimilarity())
+BLANK = blank_descriptor(EncodingConfig())
 
-    def shown():
-        return gate.update(0, at(0), lambda: described(0)).reason
 
-    assert [shown(), shown()] == [None, Reason.STATIONARY]
-    gate.reset()
-    assert shown() is None
+def choosing(config=EVERY_FRAME, **settings):
+    """Return a gate that does not ask whether the robot moves."""
+    moving = Config(motion=MotionConfig(stationary_m=0.0, stationary_overlap=1.0))
+    return FrameGate(moving, replace(config, **settings), PaperSimilarity())
+
+
+def told(keyframes, stamp_ns, descriptor, pose=None):
+    return keyframes.update(stamp_ns, pose, lambda: descriptor).reason
+
+
+def taken(keyframes, stamp_ns, descriptor, pose=None):
+    """Return whether a frame is a keyframe: due, and another scene than the last."""
+    return told(keyframes, stamp_ns, descriptor, pose) is None
+
+
+def noise(seed):
+    return describe(np.random.default_rng(seed).integers(0, 256, (60, 80), np.uint8))
+
+
+def test_keyframes_come_at_the_interval_asked_for():
+    keyframes = choosing(keyframe_interval_s=0.5)
+    stamps = range(0, 2_000_000_000, 200_000_000)
+    found = [stamp // 10**8 for stamp in stamps if taken(keyframes, stamp, BLANK)]
+    assert found == [0, 6, 12, 18]
+
+
+def test_a_clock_that_jumps_back_starts_anew():
+    keyframes = choosing(keyframe_interval_s=5)
+    assert [taken(keyframes, stamp, BLANK) for stamp in (10**10, 0)] == [True, True]
+
+
+def test_a_scene_that_did_not_change_is_left_out():
+    keyframes = choosing(KeyframeConfig())
+    first, second = noise(0), noise(1)
+    found = [told(keyframes, index, each) for index, each in enumerate([first, first, second])]
+    assert found == [None, Reason.BETWEEN_KEYFRAMES, None]
+
+
+def test_blank_frames_are_left_out_when_the_scene_decides():
+    keyframes = choosing(KeyframeConfig())
+    assert told(keyframes, 0, BLANK) is Reason.UNINFORMATIVE
+
+
+def test_by_odometry_keyframes_come_at_the_way_asked_for_however_long_it_takes():
+    keyframes = choosing(keyframe_distance_m=1.0)
+    way = [0.0, 0.6, 0.9, 1.1, 1.1, 1.1, 1.9, 2.2, 9.0]
+    found = [x for time, x in enumerate(way) if taken(keyframes, time, BLANK, at(x))]
+    assert found == [0.0, 1.1, 2.2, 9.0]
+
+
+def test_turning_on_the_spot_makes_keyframes():
+    keyframes = choosing(keyframe_distance_m=1.0)
+    turns = [0.0, 0.2, 0.4, 0.6, 0.8]
+    found = [turn for turn in turns if taken(keyframes, 0, BLANK, at(0, turn))]
+    assert found == [0.0, 0.4, 0.8]
+
+
+def test_a_camera_that_is_a_little_early_now_and_then_keeps_its_rhythm():
+    keyframes = choosing(keyframe_interval_s=0.2)
+    jitter_ms = np.random.default_rng(0).integers(-6, 7, 40)
+    stamps = (np.arange(40) * 100 + jitter_ms) * 1_000_000
+    found = [index for index, stamp in enumerate(stamps) if taken(keyframes, int(stamp), BLANK)]
+    assert found == [*range(0, 40, 2)]
+
+
+def test_a_frame_whose_pose_is_not_known_is_a_keyframe():
+    keyframes = choosing(keyframe_distance_m=1.0)
+    poses = [None, at(0), None, at(0), at(0)]
+    assert [taken(keyframes, 0, BLANK, pose) for pose in poses] == [True, True, True, False, False]
+
+
+SMALL = EncodingConfig(image_size_px=128)
+
+SCENE = np.kron(np.random.default_rng(0).integers(0, 256, (40, 60)), np.ones((8, 8)))
+
+
+def watching(by_image=True, **motion):
+    return Standstill(MotionConfig(**motion), by_image, PaperSimilarity())
+
+
+def view(shift_px=0, noise=0.0, seed=0):
+    cut = SCENE[20:260, 20 + shift_px : 340 + shift_px]
+    cut = cut + np.random.default_rng(seed).normal(0, noise or 1e-9, cut.shape)
+    return describe(np.clip(cut, 0, 255).astype(np.uint8), SMALL)
+
+
+def test_the_same_view_with_noise_is_a_standstill_and_another_view_is_not():
+    still = watching()
+    frames = [view(), view(noise=2, seed=1), view(noise=2, seed=2), view(shift_px=12)]
+    assert [still.update(one, None) for one in frames] == [False, True, True, False]
+
+
+def test_creeping_adds_up_to_motion():
+    still = watching()
+    held = [still.update(view(shift_px=step), None) for step in range(12)]
+    assert not held[0] and True in held and held.count(False) > 1
+
+
+@pytest.mark.parametrize('settings', [{'by_image': False}, {'stationary_overlap': 1.0}])
+def test_images_are_asked_only_where_they_should_be(settings):
+    still = watching(**settings)
+    assert [still.update(view(), None) for _ in range(3)] == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ('pose', 'holds'),
+    [(at(0.04), True), (at(0.06), False), (at(0.0, 0.2), True), (at(0.0, 0.4), False)],
+)
+def test_odometry_decides_where_it_is_given(pose, holds):
+    still = watching(stationary_m=0.05)
+    assert not still.update(view(), at(0.0))
+    assert still.update(view(shift_px=18), pose) is holds
+
+
+def test_odometry_is_compared_with_the_last_that_moved():
+    still = watching(stationary_m=0.05)
+    held = [still.update(view(), at(0.02 * step)) for step in range(8)]
+    assert held == [False, True, True, False, True, True, False, True]
+
+
+def test_without_a_distance_odometry_is_not_asked():
+    still = watching(stationary_m=0.0)
+    assert not still.update(view(), at(0.0))
+    assert still.update(view(), at(9.0)) and not still.update(view(shift_px=18), at(9.0))
+
+
+def test_a_dark_frame_is_no_standstill_and_does_not_count():
+    still = watching()
+    frames = [view(), blank_descriptor(SMALL), view(noise=1)]
+    assert [still.update(one, None) for one in frames] == [False, False, True]
+
+
+def test_after_a_reset_the_first_frame_moves():
+    still = watching()
+    assert [still.update(view(), None) for _ in range(2)] == [False, True]
+    still.reset()
+    assert not still.update(view(), None)
+
+
+FRAME_NS = 33_333_333
+
+
+def missing(stamps_ns):
+    detector = FrameDropDetector()
+    return [detector.update(int(stamp_ns)) for stamp_ns in stamps_ns]
+
+
+def test_a_gap_is_counted_in_frames_once_the_interval_is_known():
+    shown = [index for index in range(40) if index not in (3, 20, 30, 31)]
+    counts = dict(zip(shown, missing(np.array(shown) * FRAME_NS), strict=True))
+    assert {index: count for index, count in counts.items() if count} == {21: 1, 32: 2}
+
+
+@pytest.mark.parametrize('share', [0.1, 0.3, 0.5])
+def test_the_interval_is_that_of_the_camera_though_many_frames_are_dropped(share):
+    shown = np.flatnonzero(np.random.default_rng(1).random(300) >= share)
+    steps = np.diff(shown)
+    assert missing(shown * FRAME_NS)[30:] == (steps[29:] - 1).tolist()
+
+
+def test_jitter_is_no_gap():
+    stamps = (np.arange(60) + np.random.default_rng(2).uniform(-0.1, 0.1, 60)) * FRAME_NS
+    assert sum(missing(stamps)) == 0
+
+
+def missing_keyframes(shown, keyframes):
+    """Return how many keyframes are missing before each keyframe that was shown."""
+    detector, found = FrameDropDetector(), {}
+    for index in shown:
+        detector.update(index * FRAME_NS)
+        if index in keyframes:
+            found[index] = detector.update_keyframe()
+    return found
+
+
+def test_dropped_frames_are_as_many_keyframes_if_each_is_one():
+    shown = [index for index in range(60) if index not in (30, 31, 45)]
+    found = missing_keyframes(shown, shown)
+    assert {index: count for index, count in found.items() if count} == {32: 2, 46: 1}
+
+
+def test_frames_dropped_between_keyframes_are_none_and_long_gaps_are_several():
+    shown = [index for index in range(120) if index not in (31, 32, *range(61, 80))]
+    found = missing_keyframes(shown, range(0, 120, 5))
+    assert {index: count for index, count in found.items() if count} == {80: 3}

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an image looks like at a coarse glance."""
+"""What an image looks like at a coarse glance, and how alike two images are as wholes."""
 
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import (
@@ -8,7 +8,10 @@ from convseq_ros.core.encoding.regions import (
     global_descriptor_length,
     projected_regions,
 )
+from convseq_ros.core.similarity.global_similarity import global_similarity, region_blocks, widened
 import cv2
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -17,11 +20,6 @@ def texture(seed, shift_px=0):
     rng = np.random.default_rng(seed)
     wide = cv2.resize(rng.random((40, 60)).astype(np.float32), (960, 640))
     return (wide[:512, shift_px : shift_px + 512] * 255).astype(np.uint8)
-
-
-def cosine(one, other, mean):
-    one, other = one - mean, other - mean
-    return one @ other / np.linalg.norm(one) / np.linalg.norm(other)
 
 
 def test_it_is_the_cosine_transform_of_the_leading_axes():
@@ -45,17 +43,6 @@ def test_it_is_the_cosine_transform_of_the_leading_axes():
     assert found == pytest.approx(expected, abs=2e-4)
 
 
-def test_an_image_shifted_by_two_cells_still_looks_alike():
-    here = global_descriptor(describe(texture(0)).cells).astype(float)
-    shifted = global_descriptor(describe(texture(0, 32)).cells).astype(float)
-    others = np.array(
-        [global_descriptor(describe(texture(seed)).cells) for seed in range(1, 9)], float
-    )
-    mean = others.mean(axis=0)
-    alike = cosine(here, shifted, mean)
-    assert alike > 0.5 > max(cosine(here, other, mean) for other in others) + 0.1
-
-
 @pytest.mark.parametrize(('size', 'length'), [(64, 48), (96, 180), (128, 252), (1024, 252)])
 def test_small_images_have_fewer_frequencies(size, length):
     cells = np.random.default_rng(0).random((size // 16, size // 16, 8), np.float32)
@@ -64,3 +51,55 @@ def test_small_images_have_fewer_frequencies(size, length):
 
 def test_an_image_that_shows_nothing_gives_a_finite_answer():
     assert np.isfinite(global_descriptor(np.zeros((32, 32, 8), np.float32))).all()
+
+
+def drawn(seed, side=30):
+    return np.random.default_rng(seed).normal(size=(side * side, 32)).astype(np.float32)
+
+
+def shifted(regions, down, right, side=30):
+    image = regions.reshape(side, side, 32)
+    return np.roll(image, (down, right), (0, 1)).reshape(side * side, 32)
+
+
+def alike(query, *references, side=30):
+    others = np.array([region_blocks(one) for one in references], np.float64)
+    return global_similarity(widened(region_blocks(query), side), others)
+
+
+def test_blocks_are_the_sums_of_nine_regions():
+    found = region_blocks(drawn(0)).reshape(10, 10, 32)
+    sums = drawn(0).reshape(10, 3, 10, 3, 32).sum(axis=(1, 3))
+    assert found / 2**17 == pytest.approx(sums, abs=1e-5)
+    assert (found == np.rint(found)).all()
+
+
+def test_an_image_is_like_itself_and_unlike_noise():
+    found = alike(drawn(1), drawn(1), drawn(2))
+    assert found[0] == pytest.approx(1.0, abs=1e-3)
+    assert 0 <= found[1] < 0.1
+
+
+@pytest.mark.parametrize('right', [12, -9, 3])
+def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
+    found, other = alike(drawn(1), shifted(drawn(1), 0, right), drawn(2))
+    left = 1 - abs(right) / 30
+    assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 31), st.integers(0, 99))
+def test_images_of_any_size_are_compared(side, seed):
+    found = alike(drawn(seed, side), drawn(seed, side), side=side)
+    assert found == pytest.approx(1.0, abs=2e-2)
+
+
+def test_a_global_similarity_depends_on_no_other_reference():
+    references = [drawn(seed) for seed in range(40)]
+    together = alike(drawn(99), *references)
+    alone = [alike(drawn(99), one)[0] for one in references]
+    assert np.array_equal(together, alone)
+
+
+def test_what_shows_nothing_is_like_nothing():
+    assert alike(np.zeros((900, 32), np.float32), drawn(1))[0] == 0

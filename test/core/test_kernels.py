@@ -11,15 +11,14 @@ from convseq_ros.config import MatchingConfig
 from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.regions import paper_regions, projected_regions
+from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.coherent import CoherentQuery
 from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
 from convseq_ros.core.similarity.kernels import numpy_halves
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, less_background
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels.numpy_coherent import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -204,38 +203,6 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         assert references.alike(wide, [packed[1], bare], where) is None
 
 
-@pytest.mark.parametrize('side', [3, 7, 32])
-def test_8_bit_scores_are_those_of_whole_numbers(side):
-    needs_library()
-    from convseq_ros.core.similarity.kernels.regional import _REFERENCE_SCALE, _SCALE
-
-    kernel = chosen_kernels(MatchingConfig(matching='regional', kernel='int8'))[0]
-    query, reference = drawn(side, side), drawn(1, side).cells
-    found, _ = compared(kernel, query, [reference])
-    own = np.rint(paper_regions(query.cells) * np.float32(_SCALE))
-    other = np.rint(paper_regions(reference) * np.float32(_REFERENCE_SCALE))
-    best = (own[query.salient] @ other.T).max(axis=1)
-    assert found[0] == np.float32(min(best.sum() / (len(best) * _SCALE * _REFERENCE_SCALE), 1.0))
-
-
-def test_of_equal_counterparts_the_first_is_taken():
-    needs_library()
-    from convseq_ros.core.similarity.kernels.coherent import _compared, _float_query
-    from convseq_ros.core.similarity.kernels.references import pack
-
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        # Whole numbers: every sum is exact, and many are equal.
-        own, other = rng.integers(-1, 2, (2, 900, 32)).astype(np.float32)
-        own[:, 4:] = 0
-        index = np.sort(rng.permutation(900)[:100])
-        query = CoherentQuery(own[index], index, 30)
-        (scores, shifts), _ = _compared(_float_query(query), None, [pack(other, None, 0.0)])
-        expected, shift = coherent_score(query, other)
-        assert scores[0] == pytest.approx(expected, abs=1e-6)
-        assert tuple(shifts[0]) == shift
-
-
 @pytest.fixture(scope='module')
 def corridor(shared_data):
     drives = []
@@ -260,7 +227,7 @@ def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way)
         Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.5)
         for kernel in ('numpy', 'int8')
     )
-    for query in queries[::6]:
+    for query in queries[::16]:
         expected = definition.scores(definition.extract(query), everywhere)
         features = fast.extract(query)
         scores = fast.scores(features, everywhere)
@@ -302,7 +269,7 @@ import numpy as np
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels, rough_kernel
+from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_halves import products
 
 def told(*found):
@@ -402,20 +369,29 @@ def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypa
 @pytest.mark.parametrize('kernel', ['int8', 'float32'])
 def test_rough_scores_are_those_of_the_definition(kernel, image):
     described = [describe(image(place)) for place in (3, 3, 8)]
-    pairs = [rough_kernel(MatchingConfig(kernel=name)) for name in (kernel, 'numpy')]
+    pairs = [chosen_kernels(MatchingConfig(kernel=name))[0] for name in (kernel, 'numpy')]
     background = projected_regions(described[2].cells)
     found = []
     for pair in pairs:
         shown = pair.subtract(pair.project(described[0].cells), background)
-        query = pair.extract(described[0], 0.0, shown)
+        query = pair.extract_rough(described[0], 0.0, shown)
         references = [pair.prepare(one.cells, background) for one in described]
-        found.append(pair.compare(query, references[:2])[0])
+        found.append(pair.compare_rough(query, references[:2])[0])
     assert found[1][0] > 0.9
     assert np.allclose(*found, atol=0.02 if kernel == 'int8' else 1e-5)
 
 
+@pytest.mark.parametrize('kernel', ['int8', 'float32', 'numpy'])
+def test_regions_of_a_reference_come_back(kernel, image):
+    pair = chosen_kernels(MatchingConfig(kernel=kernel))[0]
+    cells = describe(image(3)).cells
+    regions = pair.subtract(pair.project(cells), None)[0]
+    found = pair.regions_of(pair.prepare(cells, None))
+    assert np.allclose(found, regions, atol=0.6 / 160 if kernel == 'int8' else 1e-7)
+
+
 def test_rough_references_are_the_same_one_by_one_and_all_at_once(image):
-    pair = rough_kernel(MatchingConfig(kernel='int8'))
+    pair = chosen_kernels(MatchingConfig(kernel='int8'))[0]
     cells = [describe(image(place)).cells for place in range(3)]
     background = projected_regions(cells[2])
     one_by_one = [pair.prepare(unpack_cells(pack_cells(one)), background) for one in cells[:2]]

@@ -177,15 +177,6 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
     assert np.abs(scatter - both.covariance).max() < 0.1 * np.abs(scatter).max()
 
 
-def test_a_hundred_thousand_links_take_seconds_and_some_memory(path):
-    count, links = 100_000, Links(SessionBounds().around)
-    for place in range(1, count):
-        links.add(place, place - 1000 if place >= 1000 else 0, 0.97, 40)
-    assert len(links) == count - 1 and links.anchor(count - 1) == 0
-    assert len([*links.each()]) == count - 1
-    assert len(links.looks(count // 2)) > count - 40
-
-
 def cells(seed):
     return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
 
@@ -381,19 +372,6 @@ def test_stamps_that_jump_back_make_no_other_places(image):
     frames = [replace(one, stamp_ns=(at % LAP) * SECOND) for at, one in enumerate(laps(image))]
     with_links, without = (build_map(frames, None, config(), links) for links in (True, False))
     assert [*with_links.places] == [*without.places] and len(with_links.sessions) == 1
-
-
-def test_a_session_that_is_appended_is_looked_up_in_those_before(tmp_path, image):
-    path = tmp_path / 'map.db'
-    build_map(laps(image)[:LAP], path, config())
-    with MapBuilder(path, config(), append=True) as builder:
-        for frame in laps(image, 500)[:LAP]:
-            builder.process(frame)
-    opened = open_map(path)
-    assert opened.is_linked and len(opened.links) > LAP / 2
-    with MapBuilder(path, config(), append=True, links=False) as builder:
-        builder.process(laps(image)[0])
-    assert not open_map(path).is_linked
 
 
 def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):

@@ -84,12 +84,6 @@ def test_carried_away_it_is_lost_as_the_belief_is_and_found_with_it():
     assert told[-1].reference_index == 201
 
 
-def test_what_counts_as_sure_may_be_set():
-    assert Robot(min_confidence=0.5).sees(40, 0.5).state is LOCALISED
-    assert Robot(min_confidence=1.0).sees(40, 0.99).state is CANDIDATE
-    assert Robot(min_confidence=1.0).sees(40, 1.0).state is LOCALISED
-
-
 @pytest.mark.parametrize('reason', SILENT)
 def test_frames_that_say_nothing_change_nothing(reason):
     robot = Robot()
@@ -111,14 +105,6 @@ def test_by_the_margin_matches_count_and_quality_is_unknown():
     assert (told.state, told.quality, told.reference_index) == (LOCALISED, None, 40)
     assert robot.sees(41, None, Reason.COOL_DOWN).state is LOCALISED
     assert robot.sees(90, None, Reason.AMBIGUOUS).state is LOST
-
-
-def test_reset_forgets_the_drive():
-    robot = Robot()
-    robot.sees(40)
-    robot.localizer.reset()
-    assert robot.localizer.localization.state is LOST
-    assert robot.sees(40, 0.6).state is CANDIDATE
 
 
 @given(

@@ -139,13 +139,6 @@ def test_references_that_were_used_last_are_kept(made, watched):
         assert watched.reads == [read] * bool(read)
 
 
-def test_more_references_than_are_kept_are_scored_all_the_same(made, watched):
-    few, all_ = made(watched, kept=2), made(watched)
-    for _ in range(2):
-        found, expected = (one.scores(one.extract(drawn(5)), np.arange(40)) for one in (few, all_))
-        assert np.array_equal(found, expected, equal_nan=True)
-
-
 def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
     query = matcher.extract(drawn(0))

@@ -3,7 +3,7 @@
 """A map that grows from the robot's own past."""
 
 from convseq_ros.config import Config, EncodingConfig, OnlineConfig
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -57,19 +57,6 @@ def test_by_odometry_places_must_also_be_far_behind_on_the_way():
 
 def test_without_odometry_the_distance_counts_for_nothing():
     assert grown(OnlineConfig(exclusion_s=2.0, exclusion_m=10.0), 5)[2] == [0, 0, 1, 2, 3]
-
-
-def test_a_place_holds_what_a_built_map_holds():
-    _, reference_map, _ = grown(OnlineConfig(), 2, [at(0), at(3)])
-    place = reference_map.places[1]
-    assert (place.stamp_ns, place.source, place.pose) == (SECOND, 'camera', at(3))
-    assert np.array_equal(reference_map.packed(1), pack_cells(DESCRIPTOR.cells))
-
-
-def test_a_frame_that_could_not_be_read_is_no_place():
-    mapping, reference_map, _ = grown(OnlineConfig(), 0)
-    mapping.add(Frame(0, None), blank_descriptor(SMALL))
-    assert len(reference_map) == 0
 
 
 def test_a_new_session_makes_all_of_the_map_the_past():

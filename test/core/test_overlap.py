@@ -44,13 +44,6 @@ def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
     assert sorted(shares, reverse=True) == shares
 
 
-def test_it_hardly_depends_on_the_light():
-    """A third of the contrast costs a few hundredths at most."""
-    by_day = since(view(noise=1), *(view(scale, 1.0, 1, 1) for scale in (1.1, 1.2)))
-    dimly = since(view(1, 0.3, 1), *(view(scale, 0.3, 1, 1) for scale in (1.1, 1.2)))
-    assert dimly == pytest.approx(by_day, abs=0.08)
-
-
 def test_nothing_remembered_or_nothing_shown_is_no_overlap():
     assert Overlap(0.5).since(None, view()) == 0.0
     assert since(view(), blank_descriptor(EncodingConfig())) == [0.0]

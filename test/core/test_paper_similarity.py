@@ -1,19 +1,45 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's similarity of two frames of one drive."""
+"""The paper's pair score, and its similarity of two frames of one drive."""
 
 from convseq_ros.config import Config, EncodingConfig, make_config
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
+from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.types import Frame
+from convseq_ros.core.types import Descriptor, Frame
 import numpy as np
 import pytest
 
+
+def test_a_region_joins_its_four_cells_row_by_row_at_unit_length():
+    cells = np.zeros((2, 2, 1), np.float32)
+    cells[0, 1], cells[1, 0] = 3, 4
+    assert paper_regions(cells).tolist() == [[0, pytest.approx(0.6), pytest.approx(0.8), 0]]
+
+
+def test_a_region_without_gradient_stays_zero():
+    assert not paper_regions(np.zeros((3, 3, 8), np.float32)).any()
+
+
+@pytest.mark.parametrize(
+    ('salient', 'score'), [([True, True], (0.6 + 0.8) / 2), ([False, True], 0.8)]
+)
+def test_a_pair_scores_the_mean_of_the_best_similarities_of_salient_regions(salient, score):
+    query = np.zeros((2, 3, 1), np.float32)
+    query[0, :, 0] = [1, 0, 1]
+    reference = np.zeros((2, 2, 1), np.float32)
+    reference[0, :, 0] = [3, 4]
+    described = Descriptor(query, np.array(salient), np.zeros((2, 3)), 0.5)
+    assert pair_scores(described, [paper_regions(reference)])[0] == pytest.approx(score)
+
+
 SMALL = EncodingConfig(image_size_px=128)
+
 DRAWN = np.random.default_rng(0).integers(0, 256, (3, 128, 128), np.uint8)
 
 

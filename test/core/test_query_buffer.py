@@ -7,7 +7,7 @@ from itertools import count
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.sequence.query_buffer import BUFFER, QueryBuffer
+from convseq_ros.core.sequence.query_buffer import QueryBuffer
 import numpy as np
 import pytest
 
@@ -86,18 +86,6 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
     assert 8 <= len(matcher.rescored) < 16
 
 
-def test_no_ends_have_no_scores():
-    _, buffer = filled(drawn(0))
-    assert buffer.best_scores(1, np.zeros(0, np.int64)).shape == (0,)
-
-
-def test_each_pair_is_scored_once():
-    _, buffer = filled(drawn(0, 5))
-    assert buffer.pairs_scored == REFERENCES
-    buffer.score(5, np.arange(REFERENCES))
-    assert buffer.pairs_scored == REFERENCES
-
-
 def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
     buffer = QueryBuffer(Approximate(drawn(0, 13)))
     for _ in range(13):
@@ -106,16 +94,6 @@ def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
     assert [one.features for one in buffer.outward] == [*range(12, 2, -1)]
     buffer.reset()
     assert len(buffer) == 0 and buffer.frame == 13 and buffer.row is None
-
-
-def test_missing_frames_hold_their_places_up_to_a_long_gap():
-    buffer = QueryBuffer(Approximate(drawn(0, 2)))
-    append(buffer)
-    buffer.hold_places(BUFFER.longest_gap, NOTHING, 10)
-    assert len(buffer) == buffer.frame == 1 + BUFFER.longest_gap
-    assert [one.features for one in buffer.outward] == [None] * BUFFER.longest_gap + [0]
-    buffer.hold_places(BUFFER.longest_gap + 1, NOTHING, 10)
-    assert len(buffer) == 0 and buffer.frame == 2 + 2 * BUFFER.longest_gap
 
 
 def test_a_frame_that_shows_nothing_has_no_scores():

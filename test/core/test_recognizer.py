@@ -60,11 +60,6 @@ def test_single_frames_give_the_pair_score_itself(reference_map):
     assert match.sequence_length == 1
 
 
-def test_the_newest_frame_is_matched_not_the_oldest(reference_map):
-    matches = run(PlaceRecognizer(reference_map, FIXED), [image(place) for place in (3, 4, 5)])
-    assert matches[-1].best.reference_index == 5
-
-
 @pytest.mark.parametrize(
     ('blank', 'reason'),
     [(np.zeros((96, 120), np.uint8), Reason.UNINFORMATIVE), (None, Reason.UNREADABLE)],
@@ -98,24 +93,6 @@ def test_a_frame_that_comes_late_is_left_out(reference_map):
 
 def test_without_a_map_every_frame_says_so():
     assert PlaceRecognizer(ReferenceMap()).process(Frame(0, image(0))).reason is Reason.NO_MAP
-
-
-def test_a_map_shorter_than_the_sequence_says_so(reference_map):
-    short = ReferenceMap(keyframes=EVERY_FRAME)
-    for index in range(2):
-        short.add(reference_map.places[index], reference_map.packed(index))
-    matches = run(PlaceRecognizer(short, FIXED), [image(place) for place in range(4)])
-    assert matches[-1].reason is Reason.MAP_TOO_SHORT and matches[-1].sequence_length == 3
-
-
-def test_the_order_of_processing_two_recognisers_does_not_matter(reference_map):
-    one, two = PlaceRecognizer(reference_map), PlaceRecognizer(reference_map)
-    images = [image(place) for place in range(6)]
-    interleaved = [
-        (one.process(Frame(index, each)), two.process(Frame(index, each)))
-        for index, each in enumerate(images)
-    ]
-    assert all(first == second for first, second in interleaved)
 
 
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):

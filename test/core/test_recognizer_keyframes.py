@@ -10,7 +10,6 @@ from convseq_ros.config import (
     EVERY_FRAME,
     KeyframeConfig,
     MatchingConfig,
-    MotionConfig,
     OnlineConfig,
     SequenceConfig,
 )
@@ -19,9 +18,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Pose, Reason, Status
-from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
@@ -143,42 +140,6 @@ def test_a_stop_and_dropped_frames_leave_the_keyframes_in_step(third_places, ima
     shown = [places[match.query_stamp_ns // STEP_NS] for match in last]
     assert [3 * match.best.reference_index for match in last] == shown
     assert Reason.WARMING_UP not in {match.reason for match in matches[20:]}
-
-
-def test_where_the_scene_decides_a_blank_frame_is_uninformative_and_no_place():
-    config = replace(ONLINE, keyframes=KeyframeConfig())
-    grown = ReferenceMap(SMALL, keyframes=config.keyframes)
-    blank = Frame(0, np.full((48, 64), 128, np.uint8))
-    match = PlaceRecognizer(grown, config).process(blank)
-    assert (match.status, match.reason) == (Status.SKIPPED, Reason.UNINFORMATIVE)
-    assert len(grown) == 0
-
-
-def test_by_default_a_camera_too_fast_for_its_robot_is_thinned_out(image):
-    """Every place is shown four times, with other noise."""
-    config = replace(ONLINE, keyframes=KeyframeConfig(), motion=MotionConfig(stationary_overlap=1))
-    grown = ReferenceMap(SMALL, keyframes=config.keyframes)
-    recognizer = PlaceRecognizer(grown, config)
-    matches = [
-        recognizer.process(Frame(index * STEP_NS // 4, image(index // 4 % 40, index)))
-        for index in range(4 * 80)
-    ]
-    assert 75 <= len(grown) <= 85
-    assert {match.reason for match in matches[1::4]} == {Reason.BETWEEN_KEYFRAMES}
-    assert [match.best.reference_index for match in matches[-40::4]] == [*range(30, 40)]
-
-
-def test_a_map_of_other_keyframes_is_used_as_it_is_but_not_added_to(tmp_path, image):
-    path = tmp_path / 'map.db'
-    first = Session(path, ONLINE)
-    show(first.recognizer, image, range(12))
-    first.close()
-    assert len(Session(path, OWN).recognizer.reference_map) == 4
-    again = Session(path, ONLINE)
-    assert len(again.recognizer.reference_map) == 4
-    again.close()
-    with pytest.raises(MapError, match=r'keyframe_interval_s 0.3, asked for 0.0; set keyframe_'):
-        Session(path, replace(ONLINE, keyframes=KeyframeConfig()))
 
 
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])

@@ -17,7 +17,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
+from convseq_ros.core.types import Camera, Frame, Reason, Status
 import cv2
 import numpy as np
 import pytest
@@ -80,16 +80,6 @@ def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
     assert matches[-1].sequence_length == 15
 
 
-def test_by_odometry_a_robot_stands_still_whatever_it_sees(reference_map, image):
-    recognizer = PlaceRecognizer(reference_map, OWN)
-    here = Pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    matches = [
-        recognizer.process(Frame(index * STEP_NS, image(10 + index), pose=here))
-        for index in range(4)
-    ]
-    assert [match.reason for match in matches[1:]] == [Reason.STATIONARY] * 3
-
-
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
 def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
     config = replace(OWN, matching=MatchingConfig(matching='coherent', search=search))
@@ -107,39 +97,6 @@ def test_after_a_long_gap_the_sequence_starts_anew(reference_map, drive):
     assert matches[18].best.reference_index == 33
 
 
-def test_a_map_that_grows_recognises_the_second_lap(drive):
-    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    laps = [*range(PLACES)] * 2
-    matches = drive(PlaceRecognizer(grown, ONLINE), laps)
-    assert [match.reason for match in matches[:10]] == [Reason.RECENT] * 10
-    assert len(grown) == 2 * PLACES
-    assert not any(match.accepted for match in matches[:PLACES])
-    for index, match in enumerate(matches[PLACES + 12 :], 12):
-        assert match.accepted.reference_index == index
-        assert match.accepted.reference_stamp_ns == index * STEP_NS
-
-
-def test_a_growing_map_answers_alike_by_shortlist_and_exhaustively(drive):
-    answers = []
-    for search in ('shortlist', 'exhaustive'):
-        config = replace(ONLINE, matching=MatchingConfig(matching='coherent', search=search))
-        matches = drive(
-            PlaceRecognizer(ReferenceMap(SMALL, keyframes=EVERY_FRAME), config), [*range(30)] * 2
-        )
-        answers.append([match.best and match.best.reference_index for match in matches[42:]])
-    assert answers[0] == answers[1]
-
-
-def test_the_second_session_knows_the_first_at_once_and_goes_on_adding(drive):
-    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    drive(PlaceRecognizer(grown, ONLINE), range(40))
-    later = PlaceRecognizer(grown, ONLINE)
-    assert later.mapping.session_start == 40
-    matches = drive(later, range(10, 30), start_ns=10**15, seed=2)
-    assert matches[-1].accepted.reference_index == 29
-    assert len(grown) == 60 and grown.places[40].stamp_ns == 10**15
-
-
 def test_a_clock_that_jumps_back_begins_another_session(drive):
     grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
     recognizer = PlaceRecognizer(grown, ONLINE)
@@ -147,12 +104,6 @@ def test_a_clock_that_jumps_back_begins_another_session(drive):
     matches = drive(recognizer, range(10, 30), seed=2)
     assert (recognizer.resets, recognizer.mapping.session_start) == (1, 40)
     assert matches[-1].accepted.reference_index == 29
-
-
-def test_what_stands_still_does_not_grow_the_map(drive):
-    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    drive(PlaceRecognizer(grown, ONLINE), [*range(5), *[4] * 20, *range(5, 10)])
-    assert len(grown) == 10
 
 
 def test_matches_come_at_the_stated_rate(reference_map, drive):

@@ -1,18 +1,28 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reference map in memory: what was added is there, whole, for every thread."""
+"""The reference map in memory: what was added is there, whole, for every thread; thumbnails."""
 
 from threading import Thread
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
+from convseq_ros.core.map.place import (
+    GrowingArray,
+    pack_cells,
+    Picture,
+    Place,
+    shown,
+    thumbnail,
+    unpack_cells,
+)
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose
+import cv2
 import numpy as np
 import pytest
 
 ENCODING = EncodingConfig(image_size_px=64)
+
 POSE = Pose((1.5, -2.0, 0.25), (0.0, 0.0, 0.6, 0.8))
 
 
@@ -111,3 +121,48 @@ def test_whoever_reads_while_it_grows_finds_places_complete():
     for reader in readers:
         reader.join()
     assert not problems
+
+
+def test_a_view_stays_as_it_was():
+    growing = GrowingArray(np.zeros(0))
+    growing.extend([1])
+    before = growing.view
+    for number in range(500):
+        growing.extend([number])
+    assert before.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ('shape', 'small'),
+    [
+        ((480, 640), (96, 128)),
+        ((640, 160), (512, 128)),
+        ((1, 5000), (1, 128)),
+        ((5000, 1), (512, 1)),
+        ((60_000, 2), (512, 1)),
+        ((1, 1), (128, 128)),
+    ],
+)
+def test_a_thumbnail_is_as_wide_as_asked_and_never_high(shape, small):
+    jpeg = np.frombuffer(thumbnail(np.full(shape, 90, np.uint8), 128), np.uint8)
+    assert cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE).shape == small
+
+
+def declaring(jpeg, height, width):
+    """Return a JPEG with other sides in its header."""
+    frame = jpeg.index(b'\xff\xc0')
+    return (
+        jpeg[: frame + 5]
+        + height.to_bytes(2, 'big')
+        + width.to_bytes(2, 'big')
+        + jpeg[frame + 9 :]
+    )
+
+
+def test_only_what_may_be_a_thumbnail_is_decoded(monkeypatch):
+    jpeg = thumbnail(np.full((480, 640), 90, np.uint8), 640)
+    assert shown(jpeg).shape == (480, 640)
+    assert shown(thumbnail(np.full((5000, 2), 90, np.uint8), 640)).shape[0] == 2560
+    assert shown(b'') is None and shown(b'no picture') is None
+    monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('it was decoded'))
+    assert shown(declaring(jpeg, 30_000, 30_000)) is None

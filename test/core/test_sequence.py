@@ -1,9 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence length and sequence scores."""
+"""Sequence length, and sequence scores at any velocity, whole and partial."""
+
+from importlib import import_module
 
 from convseq_ros.config import SequenceConfig
-from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.compiled import available
+from convseq_ros.core.decision.motion import MOTION
+from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
@@ -31,14 +36,8 @@ def frames(count, entropy=0.6):
 
 def test_sequence_stops_at_the_first_frame_that_brings_information_and_keeps_it():
     assert length(frames(6), [1, 0.95, 0.95, 0.89, 0.95, 0.95]) == 4
-
-
-def test_shortest_chosen_sequence_is_two():
-    assert length(frames(5), [1, 0.1, 1, 1, 1]) == 2
-
-
-def test_similarity_at_the_threshold_still_grows_the_sequence():
-    assert length(frames(4), [1, 0.9, 0.5, 1]) == 3
+    assert length(frames(5), [1, 0.1, 1, 1, 1]) == 2  # never less
+    assert length(frames(4), [1, 0.9, 0.5, 1]) == 3  # at the threshold it still grows
 
 
 def test_similar_frames_grow_the_sequence_to_fifteen():
@@ -82,96 +81,29 @@ def test_chosen_length_is_within_its_bounds_and_within_the_frames(drawn):
     assert found is None or 2 <= found <= min(25, len(drawn))
 
 
-def flipped(row, count):
-    """Return the scores of a row with a map of so many references that is read from its end."""
-    if row is None:
-        return None
-    whole = np.full(count, np.nan, np.float32)
-    whole[: len(row)] = row
-    return whole[::-1]
-
-
-def scored(rows, forward=False, ends=None, **more):
-    """
-    Return the sequence scores of windows that lie before the anchor or, forward, after it.
-
-    Forward, later references count as earlier ones, as if the map were read from its end.
-    """
-    if not forward:
-        return sequence_scores(rows, ends=ends, **more)
-    count = len(rows[0])
-    if ends is not None:
-        ends = count - 1 - ends[::-1]
-    return sequence_scores([flipped(row, count) for row in rows], ends=ends, **more)[::-1]
-
-
 def test_hand_worked_two_by_two_diagonal():
     newest, older = np.array([0.1, 0.9], np.float32), np.array([0.7, 0.2], np.float32)
     scores = sequence_scores([newest, older])
     assert scores[0] == -np.inf and scores[1] == pytest.approx((0.9 + 0.7) / 2)
 
 
-def test_hand_worked_forward_window_starts_at_the_anchor():
-    oldest, newer = np.array([0.7, 0.2], np.float32), np.array([0.1, 0.9], np.float32)
-    scores = scored([oldest, newer], forward=True)
-    assert scores[0] == pytest.approx((0.7 + 0.9) / 2) and scores[1] == -np.inf
-
-
-@given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 99))
-def test_scores_are_means_of_diagonals_in_both_directions(k, count, seed):
-    rows = list(np.random.default_rng(seed).random((k, count), np.float32))
-    for forward, step in ((False, -1), (True, 1)):
-        scores = scored(rows, forward)
-        for index in range(count):
-            if not 0 <= index + step * (k - 1) < count:
-                assert scores[index] == -np.inf
-            else:
-                diagonal = [rows[offset][index + step * offset] for offset in range(k)]
-                assert scores[index] == pytest.approx(np.mean(diagonal), abs=1e-6)
-
-
-def test_an_uninformative_query_frame_does_not_break_the_diagonal():
-    rows = [np.array([0, 0, 0.9], np.float32), None, np.array([0.7, 0, 0], np.float32)]
-    scores = sequence_scores(rows)
-    assert scores[2] == pytest.approx(0.8)
-
-
-def test_an_uninformative_reference_is_never_matched_nor_breaks_its_neighbours():
-    rows = [np.array([0.8, np.nan, 0.8, 0.8], np.float32)] * 3
-    scores = sequence_scores(rows)
-    assert scores[:2].tolist() == [-np.inf, -np.inf]
-    assert scores[2:] == pytest.approx(0.8)
-
-
-def test_a_diagonal_that_is_mostly_unknown_gives_no_score():
-    row = np.full(4, 0.8, np.float32)
-    assert (sequence_scores([row, None, None]) == -np.inf).all()
-
-
-def test_a_window_longer_than_the_map_scores_nothing():
-    rows = [np.full(3, 0.8, np.float32)] * 5
-    assert (sequence_scores(rows) == -np.inf).all()
-
-
-@pytest.mark.parametrize('forward', [False, True])
 @pytest.mark.parametrize('velocity', [0.5, 1.0, 2.0])
 @given(data=st.data())
-def test_chosen_ends_have_the_scores_that_they_have_among_all(data, forward, velocity):
+def test_chosen_ends_have_the_scores_that_they_have_among_all(data, velocity):
     rows = drawn_rows(data)
     count = len(rows[0])
     ends = np.array(sorted(data.draw(st.sets(st.integers(0, count - 1)))), np.int64)
-    whole = scored(rows, forward, velocity=velocity)
-    assert scored(rows, forward, ends, velocity=velocity) == pytest.approx(whole[ends], abs=1e-6)
+    whole = sequence_scores(rows, velocity)
+    assert sequence_scores(rows, velocity, ends) == pytest.approx(whole[ends], abs=1e-6)
     assert whole.shape == (count,)
 
 
-@pytest.mark.parametrize('forward', [False, True])
 @pytest.mark.parametrize('velocity', [0.5, 1.0, 2.0])
 @given(data=st.data())
-def test_scores_are_those_of_the_definition(data, forward, velocity):
-    rows, expected, direction = drawn_rows(data), [], 1 if forward else -1
+def test_scores_are_those_of_the_definition(data, velocity):
+    rows, expected = drawn_rows(data), []
     for end in range(len(rows[0])):
-        met = [end + direction * int(offset * velocity + 0.5) for offset in range(len(rows))]
+        met = [end - int(offset * velocity + 0.5) for offset in range(len(rows))]
         pairs = [
             row[index] if row is not None and 0 <= index < len(row) else np.nan
             for row, index in zip(rows, met, strict=True)
@@ -179,14 +111,7 @@ def test_scores_are_those_of_the_definition(data, forward, velocity):
         known = np.isfinite(pairs)
         fits = known[0] and 0 <= met[-1] < len(rows[0]) and 2 * known.sum() >= len(rows)
         expected.append(np.mean(np.array(pairs, float)[known]) if fits else -np.inf)
-    assert scored(rows, forward, velocity=velocity) == pytest.approx(expected)
-
-
-def test_what_an_older_row_lacks_counts_as_unknown():
-    newest, older = np.full(4, 0.8, np.float32), np.array([0.2, 0.4], np.float32)
-    scores = sequence_scores([newest, older, older])
-    assert scores.tolist()[:2] == [-np.inf, -np.inf]
-    assert scores[2:] == pytest.approx([(0.8 + 0.4 + 0.2) / 3, (0.8 + 0.4) / 2])
+    assert sequence_scores(rows, velocity) == pytest.approx(expected)
 
 
 def drawn_rows(data):
@@ -201,3 +126,85 @@ def drawn_rows(data):
         if row is not None and rng.random() < 0.4:
             row[rng.random(len(row)) < 0.4] = np.nan
     return rows
+
+
+AHEAD = tuple(one for one in MOTION.velocities if one)
+
+BOTH = sorted([*AHEAD, *(-one for one in AHEAD)])
+
+KERNELS = ['numpy_kernels', *(['kernels'] if available() else [])]
+
+
+def windows(count, length, unknown, seed):
+    """Return whole rows, shorter ones, missing ones and unknown pairs."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(max(1, count - 2), count + 1, length)
+    rows = [rng.random(one, np.float32) - 0.2 for one in counts]
+    rows[0] = rng.random(count, np.float32)
+    for row in rows[1::2]:
+        row[rng.random(len(row)) < unknown] = np.nan
+    rows[2::5] = [None] * len(rows[2::5])
+    return rows
+
+
+DRAWN = st.builds(
+    windows, st.integers(1, 1100), st.integers(1, 20), st.floats(0, 0.9), st.integers(0, 99)
+)
+
+SESSIONS = st.builds(
+    lambda starts: SessionBounds(tuple(sorted(starts))), st.sets(st.integers(1, 1200), max_size=6)
+)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN, velocity=st.sampled_from(BOTH), bounds=SESSIONS)
+def test_whole_scores_are_those_of_every_end(kernels, rows, velocity, bounds):
+    steps, ends = np.array(diagonal(len(rows), velocity)), np.arange(len(rows[0]))
+    module = import_module(f'convseq_ros.core.sequence.{kernels}')
+    found = module.whole_scores(rows, steps, bounds.starts)
+    # All but one of the ends are scored pair by pair.
+    for some in (ends[1:], ends[:-1]):
+        scores = sequence_scores(rows, velocity, some, bounds=bounds)
+        assert found[some] == pytest.approx(scores, abs=1e-5)
+
+
+@pytest.mark.parametrize('kernels', KERNELS)
+@given(rows=DRAWN, velocity=st.sampled_from(BOTH), bounds=SESSIONS)
+def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
+    kernels, rows, velocity, bounds
+):
+    steps, own = np.array(diagonal(len(rows), velocity)), bounds.starts
+    found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps, own)
+    shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
+    for end in range(0, len(rows[0]), 1 + len(rows[0]) // 40):
+        first, stop = bounds.span(end)
+        pairs = [
+            row[end - step] if first <= end - step < min(stop, len(row)) else np.nan
+            for row, step in shown
+        ]
+        known = np.isfinite(pairs)
+        if 2 * known.sum() < len(rows):
+            assert found[end] == -np.inf
+            continue
+        means = [np.nanmean(row) if np.isfinite(row).any() else 0 for row, _ in shown]
+        assert found[end] == pytest.approx(np.where(known, pairs, means).mean(), abs=1e-5)
+
+
+def test_a_diagonal_meets_a_reference_for_each_frame_ahead_or_backwards():
+    assert diagonal(4, 2.0) == [0, 2, 4, 6] and diagonal(4, -2.0) == [0, -2, -4, -6]
+    assert diagonal(5, 0.5) == [0, 1, 1, 2, 2] and diagonal(5, -0.5) == [0, -1, -1, -2, -2]
+
+
+@given(rows=DRAWN, velocity=st.sampled_from(AHEAD), bounds=SESSIONS)
+def test_backwards_scores_are_those_ahead_in_the_map_read_from_its_end(rows, velocity, bounds):
+    count = len(rows[0])
+    starts = [count - one for one in bounds.starts.tolist() if 0 < one < count]
+    mirrored = [None if row is None else np.full(count, np.nan, np.float32) for row in rows]
+    for row, other in zip(rows, mirrored, strict=True):
+        if row is not None:
+            other[count - len(row) :] = row[::-1]
+    ahead = sequence_scores(
+        mirrored, velocity, bounds=SessionBounds(tuple(sorted(starts))), partial=False
+    )
+    found = sequence_scores(rows, -velocity, bounds=bounds)
+    np.testing.assert_array_equal(found, ahead[::-1])

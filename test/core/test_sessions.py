@@ -82,16 +82,6 @@ def test_sequence_scores_of_a_map_are_those_of_its_sessions(lengths, frames, vel
     assert np.array_equal(found, np.concatenate(alone))
 
 
-def test_a_sequence_does_not_run_from_one_session_into_the_next():
-    rows = [np.zeros(30, np.float32) for _ in range(6)]
-    for past, row in enumerate(rows):
-        row[12 - past] = 1.0  # three frames in one session, three in the one before
-    assert sequence_scores(rows)[12] == 1.0
-    assert sequence_scores(rows, bounds=BOUNDS)[12] == -np.inf
-    half = sequence_scores(rows, bounds=BOUNDS, partial=True)[12]
-    assert half == pytest.approx((3 + 3 / 30) / 6)
-
-
 def test_a_pose_is_between_places_of_its_own_session():
     places = a_map(5, 5, step_m=3.0).places
     assert estimate_pose(places, 4).covariance[0, 0] == pytest.approx(9 / 12)

@@ -15,8 +15,6 @@ import cv2
 import numpy as np
 import pytest
 
-RIM = ((0, 60), (0, 160))  # rows and columns that a robot hides of images (120, 160)
-
 
 @pytest.fixture
 def mask(tmp_path):

@@ -66,18 +66,6 @@ answers = strategies.lists(
 
 
 @given(answers)
-def test_recall_never_falls_and_both_stay_within_bounds(given_answers):
-    correct, values = map(np.array, zip(*given_answers, strict=True))
-    curve = precision_recall(correct, values.astype(float))
-    assert (np.diff(curve.threshold) < 0).all()
-    assert ((curve.precision >= 0) & (curve.precision <= 1)).all()
-    if correct.any():
-        assert (np.diff(curve.recall) >= 0).all()
-        assert curve.recall[-1] == 1
-        assert curve.precision[-1] == pytest.approx(correct.mean())
-
-
-@given(answers)
 def test_the_threshold_above_all_wrong_answers_gives_full_precision(given_answers):
     correct, values = (np.array(column) for column in zip(*given_answers, strict=True))
     values = values.astype(float)

@@ -8,10 +8,9 @@ from convseq_ros.baselines.loop_detector import Detection
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Reason
-from convseq_ros.evaluation.given_scores import answers_to, rank_references
+from convseq_ros.evaluation.given_scores import answers_to, PairScores, rank_references
 from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.methods import Kind, Method
-from convseq_ros.evaluation.pair_scores import PairScores
 from convseq_ros.evaluation.protocols import ask, OPEN
 from convseq_ros.evaluation.recognition import recognize, with_known
 import numpy as np

@@ -6,7 +6,7 @@ import sys
 
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation import plots
-from convseq_ros.evaluation.plots.matrix import reduced, show_matches, show_scores
+from convseq_ros.evaluation.plots import reduced, show_matches, show_scores
 import cv2
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def shows(image: np.ndarray, color: tuple[int, int, int]) -> bool:
 
 
 def pair(right: bool, shape: tuple[int, ...] = (90, 160)) -> tuple:
-    return np.full(shape, 99, np.uint8), np.full(shape, 99, np.uint8), 'query 5 | map 6', right
+    return np.full(shape, 99, np.uint8), np.full(shape, 99, np.uint8), 'query 5', 'map 6', right
 
 
 @pytest.fixture(autouse=True)

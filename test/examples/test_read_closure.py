@@ -24,7 +24,7 @@ from convseq_ros.core.types import (
     Status,
     UNKNOWN_M2,
 )
-from convseq_ros.node.closure_message import CLOSURE, closure_message, LAYOUT
+from convseq_ros.node.conversions import CLOSURE, closure_message, LAYOUT
 import numpy as np
 from read_closure import read_closure, stamp_ns
 
@@ -101,49 +101,13 @@ def test_every_field_lies_where_its_type_wants_it():
         assert offset % kind.base.itemsize == 0, name
 
 
-MAIN = """
-#include "read_closure.hpp"
-#include <cstdio>
-#include <fstream>
-#include <iterator>
-int main(int, char ** argv)
-{
-  sensor_msgs::msg::PointCloud2 m;
-  m.width = m.height = 1;
-  std::ifstream names(argv[1]);
-  sensor_msgs::msg::PointField f;
-  for (int kind; names >> f.name >> f.offset >> kind >> f.count;) {
-    f.datatype = kind;
-    m.fields.push_back(f);
-  }
-  std::ifstream data(argv[2], std::ios::binary);
-  m.data.assign(std::istreambuf_iterator<char>(data), {});
-  m.point_step = m.row_step = m.data.size();
-  m.header.stamp.sec = 5;
-  const Closure c(m);
-  std::printf("%d %d %u\\n", c.query.sec, c.reference.sec, c.reference.nanosec);
-  for (int i = 0; i < 3; ++i) {std::printf("%.17g ", c.position[i]);}
-  for (int i = 0; i < 4; ++i) {std::printf("%.17g ", c.orientation[i]);}
-  for (int i = 0; i < 36; ++i) {std::printf("%.17g ", c.covariance[i]);}
-}
-"""
-
-
 def test_cpp_reads_the_same(reference_map, tmp_path):
     headers = Path(sys.prefix) / 'include'
     if not (headers / 'sensor_msgs').is_dir() or not shutil.which('g++'):
         pytest.skip('needs g++ and the C++ headers of sensor_msgs')
-    (tmp_path / 'main.cpp').write_text(MAIN)
-    folders = [f'-I{folder}' for folder in headers.iterdir() if folder.is_dir()]
-    command = [
-        'g++',
-        '-std=c++17',
-        f'-I{EXAMPLES / "closures"}',
-        *folders,
-        'main.cpp',
-        '-o',
-        'read',
-    ]
+    folders = [EXAMPLES / 'closures', *(folder for folder in headers.iterdir() if folder.is_dir())]
+    main = Path(__file__).with_name('read_closure_main.cpp')
+    command = ['g++', '-std=c++17', *(f'-I{folder}' for folder in folders), main, '-o', 'read']
     subprocess.run(command, cwd=tmp_path, check=True, timeout=200)
     message = closure(reference_map)
     names = '\n'.join(f'{f.name} {f.offset} {f.datatype} {f.count}' for f in message.fields)
@@ -155,9 +119,3 @@ def test_cpp_reads_the_same(reference_map, tmp_path):
     assert [*map(int, read[0].split())] == [5, *divmod(REFERENCE_NS, 10**9)]
     expected = [*MEASURED.position_m, *TURN, *COVARIANCE.ravel()]
     assert [*map(float, read[1].split())] == expected
-
-
-@pytest.mark.parametrize('name', ['read_closure.py', 'read_closure.hpp'])
-def test_the_documentation_shows_the_readers(name):
-    page = (EXAMPLES.parent / 'docs' / 'backends' / 'README.md').read_text()
-    assert f'examples/closures/{name}' in page

@@ -8,7 +8,7 @@ from pathlib import Path
 import shutil
 import signal
 
-from convseq_ros.cli import fleet_build, main
+from convseq_ros.cli import fleet, main
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import replaced
@@ -93,7 +93,7 @@ def test_a_folder_that_cannot_be_meant_is_refused(tmp_path, capsys, names, probl
 def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
     died = tmp_path / 'died'
     jobs = {
-        name: (recordings / name, tmp_path / f'{name}.db', *[''] * 4, Config())
+        name: (recordings / name, tmp_path / f'{name}.db', Config())
         for name in ('drive_0', 'drive_1')
     }
 
@@ -103,7 +103,7 @@ def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
             with replaced(path) as part:
                 part.touch()
                 os.kill(os.getpid(), signal.SIGKILL)
-        return fleet_build.build_one(recording, path, *others)
+        return fleet.build_one(recording, path, *others)
 
     found = dict(done(client, work, jobs))
     assert died.exists()

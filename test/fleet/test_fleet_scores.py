@@ -12,7 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.centred import sums_of, usual_of
 from convseq_ros.core.sequence.coarse_scores import CoarseScores
 from convseq_ros.fleet import shard
-from convseq_ros.fleet.scores import FleetScores
+from convseq_ros.fleet.fleet import FleetScores
 from convseq_ros.fleet.shard import merged, Shard
 import numpy as np
 import pytest

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 import contextlib
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import subprocess
@@ -23,6 +24,8 @@ import cv2
 import numpy as np
 import pytest
 
+if find_spec('rclpy') is None:
+    collect_ignore_glob = ['test_*.py']
 # A library that message packages load at their first use is not clean itself.
 with contextlib.suppress(ImportError), warnings.catch_warnings():
     warnings.simplefilter('ignore')
@@ -50,6 +53,11 @@ SECOND = 1_000_000_000
 SETTINGS = {
     'matching': 'regional', 'search': 'exhaustive', 'kernel': 'numpy', 'max_wait_s': 0.0,
 }  # fmt: skip
+
+
+def words_of(parameters: dict[str, Any]) -> list[str]:
+    """Return what sets parameters on a command line of ROS."""
+    return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -190,6 +198,11 @@ class Client:
             self.wait_until_known_to(name)
         return publisher
 
+    @staticmethod
+    def values_of(message: Any) -> dict[str, str]:
+        """Return what docs/TOPICS.md tells a subscriber of a DiagnosticArray to write."""
+        return {pair.key: pair.value for pair in message.status[0].values}
+
     def service(self, kind: type, name: str) -> Any:
         """Return a client whose calls are answered."""
         service = self.node.create_client(kind, name)
@@ -229,10 +242,7 @@ def vpr() -> Iterator[Callable[..., Any]]:
     ended, threads = threading.Event(), []
 
     def make(*ros_args: str, **parameters: Any) -> VprNode:
-        cli_args = [*ros_args]
-        for name, value in (SETTINGS | parameters).items():
-            cli_args += ['-p', f'{name}:={value}']
-        cli_args.insert(0, '--ros-args')
+        cli_args = ['--ros-args', *ros_args, *words_of(SETTINGS | parameters)]
         # Not the client's context: DDS allows only one type for a topic in each.
         context = Context()
         context.init()
@@ -269,10 +279,9 @@ def start(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Return a starter of modules of `convseq_ros.node`; what still runs at the end is ended."""
     processes = []
 
-    def run(module: str, *args: str) -> subprocess.Popen[str]:
+    def run(module: str, *args: str, **parameters: Any) -> subprocess.Popen[str]:
         if module == 'vpr_node':
-            chosen = [f'{name}:={value}' for name, value in SETTINGS.items()]
-            args = '--ros-args', *(part for each in chosen for part in ('-p', each)), '--', *args
+            args = '--ros-args', *words_of(SETTINGS | parameters), *args
         processes.append(
             subprocess.Popen(
                 [sys.executable, '-m', f'convseq_ros.node.{module}', *map(str, args)],

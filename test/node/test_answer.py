@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """~/answer says all of a frame in one message, ~/map_info which map answers."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.results import COLUMNS, read_results
@@ -15,11 +11,6 @@ from sensor_msgs.msg import Image
 
 SECOND = 1_000_000_000
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def values_of(message):
-    """Return what docs/TOPICS.md tells a subscriber to write."""
-    return {pair.key: pair.value for pair in message.status[0].values}
 
 
 def test_every_frame_has_an_answer_that_is_its_row(client, vpr, street, image, map_path, tmp_path):
@@ -38,7 +29,7 @@ def test_every_frame_has_an_answer_that_is_its_row(client, vpr, street, image, m
         index * SECOND + 7 for index in range(8)
     ]
     for message, row in zip(answers, rows, strict=True):
-        found = values_of(message)
+        found = client.values_of(message)
         assert {name: found[name] for name in COLUMNS} == row
         assert message.status[0].message == row['reason']
         assert found['map_id'] == reference_map.map_id
@@ -52,7 +43,7 @@ def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
     told = client.listen(DiagnosticArray, '/vpr_node/map_info', LATCHED)
     client.wait_for(lambda: told)
     message = told[0]
-    found = values_of(message)
+    found = client.values_of(message)
     assert found['map_id'] == open_map(map_path).map_id
     assert (found['places'], found['with_pose'], found['sessions']) == ('25', '25', '1')
     assert message.status[0].message == '25 places, 25 with a pose'
@@ -70,5 +61,5 @@ def test_numbers_of_queries_count_frames_that_were_dropped(
     client.wait_for(lambda: node._worker.dropped == 5)
     held.set()
     client.wait_for(lambda: len(answers) == 3)
-    assert [values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
+    assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
     assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]

@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node with a descriptor model says what it costs, and goes on when it fails."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import build_map
@@ -14,6 +10,7 @@ from convseq_ros.errors import MapError, ModelError
 from convseq_ros.onnx_model import OnnxModel
 from descriptor_models import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
 from sensor_msgs.msg import Image
 
 SECOND = 1_000_000_000
@@ -33,10 +30,6 @@ def net_map(net, street, tmp_path):
     return tmp_path / 'net.db'
 
 
-def values_of(message):
-    return {pair.key: pair.value for pair in message.status[0].values}
-
-
 def test_an_answer_says_what_the_model_took(client, vpr, net, net_map, street, image):
     vpr(map_path=net_map, descriptor_model=str(net), **PERIOD)
     answers = client.listen(DiagnosticArray, '/vpr_node/answer')
@@ -44,10 +37,12 @@ def test_an_answer_says_what_the_model_took(client, vpr, net, net_map, street, i
     client.camera(Image).publish(image(street[0], 100 * SECOND))
     client.wait_for(lambda: answers and told)
     assert (
-        0 < float(values_of(answers[0])['model_ms']) < float(values_of(answers[0])['duration_ms'])
+        0
+        < float(client.values_of(answers[0])['model_ms'])
+        < float(client.values_of(answers[0])['duration_ms'])
     )
-    client.wait_for(lambda: float(values_of(told[-1])['model_ms']) > 0)
-    assert values_of(told[-1])['model'].startswith('#')
+    client.wait_for(lambda: float(client.values_of(told[-1])['model_ms']) > 0)
+    assert client.values_of(told[-1])['model'].startswith('#')
 
 
 @pytest.mark.parametrize('mode', ['preloaded', 'online'])
@@ -72,7 +67,7 @@ def test_a_model_that_fails_is_told_and_the_built_in_descriptor_goes_on(
     line = 'out of memory); the built-in descriptor is used, and the map does not grow'
     client.wait_for(lambda: line in told[-1].status[0].message)
     assert told[-1].status[0].level == DiagnosticStatus.WARN
-    assert 'model_ms' not in values_of(answers[-1])
+    assert 'model_ms' not in client.values_of(answers[-1])
     assert len(open_map(net_map)) == 25 + (mode == 'online')
 
 

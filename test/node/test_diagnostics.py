@@ -2,16 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state on /diagnostics names what is wrong and what to do."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.node import diagnostics as module
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
+import pytest
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
 

@@ -2,29 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameter `fleet`: other maps are asked beside the node's own."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.link import serve
-from convseq_ros.node import fleet_answers
+from convseq_ros.node import publishers
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.srv import LoadMap
+import pytest
 from sensor_msgs.msg import Image
 
 SECOND = 1_000_000_000
 OWN = 'duration_ms', 'map_id', 'session_id'
 
 
-def values_of(message):
-    return {pair.key: pair.value for pair in message.status[0].values}
-
-
 def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_path, monkeypatch):
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
-    monkeypatch.setattr(fleet_answers, 'TIMEOUT_S', 20.0)
+    monkeypatch.setattr(publishers, 'TIMEOUT_S', 20.0)
     with connected(Cluster(workers=1)) as dask:
         serve(dask, [map_path])
         more = {'matching': 'coherent', 'search': 'shortlist', 'fleet': dask.scheduler.address}
@@ -39,11 +32,11 @@ def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_p
         node.context.try_shutdown()
     for here, there in zip(own, others, strict=True):
         assert here.header == there.header
-        here, there = values_of(here), values_of(there)
+        here, there = client.values_of(here), client.values_of(there)
         for name in OWN:
             here.pop(name, None), there.pop(name, None)
         assert here == there
-    assert values_of(others[-1])['reference_index'] == '5'
+    assert client.values_of(others[-1])['reference_index'] == '5'
 
 
 def test_the_own_map_answers_alone_when_the_fleet_is_gone(client, vpr, street, image, map_path):
@@ -54,11 +47,11 @@ def test_the_own_map_answers_alone_when_the_fleet_is_gone(client, vpr, street, i
     for index in range(4):
         camera.publish(image(street[index], index * SECOND + 7))
     client.wait_for(lambda: len(own) == 4)
-    assert values_of(own[-1])['reference_index'] == '3'
+    assert client.values_of(own[-1])['reference_index'] == '3'
     said = 'the fleet does not answer, the own map does'
     client.wait_for(lambda: states and said in states[-1].status[0].message)
     assert states[-1].status[0].level == DiagnosticStatus.WARN
-    assert values_of(states[-1])['fleet_answered'] == '0'
+    assert client.values_of(states[-1])['fleet_answered'] == '0'
     # Whoever is on the network cannot have the node talk to an address.
     loaded = client.call(LoadMap, '/vpr_node/load_map', map_url='tcp://127.0.0.1:8786')
     assert loaded.result == LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST

@@ -9,7 +9,6 @@ import subprocess
 
 import pytest
 
-pytest.importorskip('rclpy')
 pytest.importorskip('yaml')
 
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum

@@ -5,13 +5,10 @@
 import os
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node import vpr_node
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
 from rclpy.context import Context
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32

@@ -5,10 +5,6 @@
 from dataclasses import replace
 from unittest.mock import Mock
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
@@ -20,6 +16,7 @@ from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.map_topics import MapTopics, path_message
 from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
 import numpy as np
+import pytest
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
@@ -87,11 +84,6 @@ def test_closures_are_drawn_as_lio_sam_does():
     assert all(marker.action == Marker.ADD and marker.color.a == 1 for marker in (nodes, edges))
 
 
-def test_lists_without_points_are_removed():
-    assert [marker.action for marker in closure_markers(HEADER, [])] == [Marker.DELETE] * 2
-    assert places_marker(HEADER, map_of(None).places).action == Marker.DELETE
-
-
 def test_places_are_dots_as_large_as_fits():
     places = places_marker(HEADER, map_of(pose(0), None, pose(0.6), pose(1.2)).places)
     assert (places.ns, places.type) == ('places', Marker.POINTS)
@@ -106,11 +98,6 @@ def test_each_session_has_its_colour_and_one_alone_is_grey():
     first, second, third = places_marker(HEADER, places).colors
     assert (first.r, first.g, first.b) == pytest.approx((0.6, 0.6, 0.6))
     assert second != first != third != second
-
-
-def test_of_a_large_map_not_all_places_are_drawn(monkeypatch):
-    monkeypatch.setattr('convseq_ros.node.markers._MOST_PLACES', 4)
-    assert xs(places_marker(HEADER, map_of(*map(pose, range(10))).places)) == [0, 3, 6, 9]
 
 
 def test_nothing_is_built_for_nobody_and_closures_are_remembered():
@@ -138,25 +125,6 @@ def test_only_news_is_drawn():
     assert len(viewer.extract(REJECTED, reference_map, None, None)) == 4
 
 
-def test_another_map_has_no_closures_yet_and_there_are_never_too_many(monkeypatch):
-    monkeypatch.setattr('convseq_ros.node.markers._MOST_CLOSURES', 3)
-    viewer, reference_map = Viewer(), map_of(pose(0))
-    for x in range(5):
-        drawn = viewer.extract(ACCEPTED, reference_map, estimate(x), None)
-    assert xs(drawn['loop_nodes']) == [2, 3, 4]
-    drawn = viewer.extract(ACCEPTED, map_of(pose(9)), estimate(9), None)
-    assert xs(drawn['loop_nodes']) == [9]
-    assert xs(drawn['places']) == [9]
-
-
-def test_a_path_has_the_poses_and_stamps_of_the_places():
-    message = path_message(map_of(pose(1), None, pose(3)), 'site')
-    assert message.header.frame_id == 'site'
-    assert [stamp_to_ns(each.header.stamp) for each in message.poses] == [0, 2]
-    assert [each.pose.position.x for each in message.poses] == [1, 3]
-    assert {each.header.frame_id for each in message.poses} == {'site'}
-
-
 def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
     now_s = 100.0
     monkeypatch.setattr(map_topics.time, 'monotonic', lambda: now_s)
@@ -176,9 +144,3 @@ def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
     assert publish.call_count == 2
     path.follow(map_of(None), 'map')
     assert publish.call_args.args[0].poses == []
-
-
-def test_a_map_without_poses_has_no_path():
-    node = Mock()
-    MapTopics(node).follow(map_of(None, None), 'map')
-    assert node.create_publisher.return_value.publish.call_count == 1  # what the map is

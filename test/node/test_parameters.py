@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the node are those of config.py, checked at start and when set."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import Config, core_parameters, SequenceConfig
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.parameters import declare, KNOWN
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
+import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -78,14 +75,6 @@ def test_the_command_line_is_obeyed(declared):
     assert node.config.sequence.fixed_length == 3
     assert node.node_config.map_frame == 'site'
     assert node.get_parameter('fixed_length').value == 3
-
-
-def test_a_parameter_file_for_all_nodes_is_obeyed(declared, tmp_path):
-    path = tmp_path / 'all.yaml'
-    path.write_text('/**:\n  ros__parameters:\n    min_margin: 0.25\n    queue_size: 7\n')
-    node = declared('--params-file', str(path))
-    assert node.config.acceptance.min_margin == 0.25
-    assert node.node_config.queue_size == 7
 
 
 @pytest.mark.parametrize('text', ['1', '1.0'])

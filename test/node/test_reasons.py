@@ -4,10 +4,6 @@
 
 from collections import Counter
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
@@ -15,10 +11,8 @@ from convseq_ros.core.types import Reason
 from convseq_ros.results import read_results
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
+import pytest
 from sensor_msgs.msg import Image
-from std_msgs.msg import Float64MultiArray, Int32
 
 BEGIN_S = 1000
 BLACK, BROKEN, UNKNOWN = 'black', 'broken', 'unknown'
@@ -111,36 +105,3 @@ def test_no_reason_was_forgotten():
     shown = {reason for *_, expected in DRIVES.values() for reason in expected.split()}
     # One needs odometry that slips: see test/core.
     assert shown | {Reason.IMPLAUSIBLE} == set(Reason)
-
-
-def test_a_revisit_closes_at_the_stated_rate_which_may_be_changed(client, vpr, seen):
-    vpr(closure_interval_s=5.0, exclusion_s=5.0, **ONLINE)
-    closures = client.listen(Float64MultiArray, '/vpr_node/loop_closure')
-    indices = client.listen(Int32, '/vpr_node/match_index')
-    camera = client.camera(Image)
-
-    def drive(places):
-        """Show places, and return the loops that were closed, in seconds from the beginning."""
-        closures.clear()
-        begin_s = len(indices)
-        for second, place in enumerate(places, begin_s):
-            camera.publish(seen(place, second))
-        client.wait_for(lambda: len(indices) == begin_s + len(places), 'answers')
-        told = sum(message.data >= 0 for message in indices[begin_s:])
-        client.wait_for(lambda: len(closures) == told, 'closures')
-        return [tuple(second - BEGIN_S for second in message.data) for message in closures]
-
-    def set_interval(value):
-        answer = client.call(
-            SetParameters,
-            '/vpr_node/set_parameters',
-            parameters=[Parameter('closure_interval_s', value=value).to_parameter_msg()],
-        )
-        assert answer.results[0].successful
-
-    assert drive(range(25)) == []
-    assert drive(range(12)) == [(25, 0), (30, 5), (35, 10)]
-    set_interval(0.0)
-    assert drive(range(12, 16)) == [(37, 12), (38, 13), (39, 14), (40, 15)]
-    set_interval(3600.0)
-    assert drive(range(16, 25)) == []

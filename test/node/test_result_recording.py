@@ -6,7 +6,6 @@ import sys
 
 import pytest
 
-pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
 
 from convseq_ros.cli import main

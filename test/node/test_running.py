@@ -11,8 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip('rclpy')
-
 SCRIPT = """
 import resource
 from convseq_ros.node.running import keep_memory_at_hand

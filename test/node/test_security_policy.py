@@ -8,10 +8,6 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'sros2_policy.xml'
 # Subscribed to with `use_sim_time`, and with `image_transport: compressed`.
 SOMETIMES = {'/clock', '/image/compressed'}

@@ -1,23 +1,29 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry and camera_info complete the frames."""
+"""Odometry, depth, camera_info and TF complete the frames."""
 
+import sys
 import threading
-
-import pytest
-
-pytest.importorskip('rclpy')
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 from convseq_ros.core.types import Camera
-from convseq_ros.node import odometry as module
+from convseq_ros.node import frame_context as module
 from convseq_ros.node.conversions import stamp_from_ns
+from convseq_ros.node.frame_context import Mount
+from convseq_ros.reading_config import ReadingConfig
 from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
 SECOND = 1_000_000_000
+
 MS = 1_000_000
+
 K = [100.0, 0.0, 80.0, 0.0, 100.0, 60.0, 0.0, 0.0, 1.0]
+
 QUICK = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -57,7 +63,7 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     node, seen = frames
     odom = client.camera(Odometry, '/odom', qos)
     info = client.camera(CameraInfo, '/camera_info', qos)
-    surroundings = node._surroundings
+    surroundings = node._frame_context
 
     def heard():
         for x in (0, 1, 2):
@@ -91,10 +97,10 @@ def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, im
     node, seen = frames
     info = client.camera(CameraInfo, '/camera_info')
     info.publish(camera_info())
-    client.wait_for(lambda: node._surroundings.camera.known)
+    client.wait_for(lambda: node._frame_context.camera.known)
     for _ in range(3):
         info.publish(camera_info(width=0))
-    client.wait_for(lambda: not node._surroundings.camera.known)
+    client.wait_for(lambda: not node._frame_context.camera.known)
     client.camera(Image).publish(image(street[0], SECOND))
     client.wait_for(lambda: seen)
     assert seen[0].camera is None
@@ -192,3 +198,99 @@ def test_odometry_that_is_not_a_pose_or_has_no_stamp_is_one_warning(monkeypatch)
     assert not tracked.odometry.heard
     warning = tracked.node.get_logger.return_value.warning
     assert all(call.kwargs['once'] for call in warning.call_args_list)
+
+
+def depth(stamp_ns, millimetres=1500, encoding='16UC1'):
+    data = np.full((4, 6), millimetres, '<u2').tobytes()
+    message = Image(height=4, width=6, encoding=encoding, step=12, data=data)
+    message.header.stamp = stamp_from_ns(stamp_ns)
+    return message
+
+
+@pytest.fixture
+def heard(monkeypatch):
+    """Return depth images that hear what the test says, and what says it."""
+    subscription = Mock()
+    subscription.return_value.topic = '/depth'
+    monkeypatch.setattr(module, 'FollowingSubscription', subscription)
+    images = module.DepthImages(Mock(), '/depth', 0.001, ReadingConfig())
+    return images, subscription.call_args.args[3]
+
+
+def test_a_frame_gets_the_depth_of_its_moment(heard):
+    images, hear = heard
+    assert images.at(SECOND) is None and images.missing == 0
+    hear(depth(SECOND, 1500))
+    hear(depth(SECOND + 100 * MS, 1600))
+    assert images.at(SECOND + 5 * MS)[0, 0] == pytest.approx(1.5)
+    assert images.at(SECOND + 98 * MS)[0, 0] == pytest.approx(1.6)
+    assert images.at(SECOND + 50 * MS) is None and images.missing == 1
+
+
+def test_a_frame_waits_for_its_depth_but_not_for_ever(heard):
+    images, hear = heard
+    hear(depth(SECOND))
+    for _ in range(4):
+        assert images.at(2 * SECOND) is None
+    images.waiting.wait_s = 3600.0
+    assert images.at(2 * SECOND) is None  # three waited in vain: none waits
+    hear(depth(SECOND + 100 * MS))
+    found = []
+    waiting = threading.Thread(target=lambda: found.append(images.at(SECOND + 200 * MS)))
+    waiting.start()
+    hear(depth(SECOND + 200 * MS, 1700))
+    waiting.join(10)
+    assert found[0][0, 0] == pytest.approx(1.7)
+
+
+def test_what_is_no_depth_is_counted(heard):
+    images, hear = heard
+    hear(depth(SECOND, encoding='rgb8'))
+    assert images.at(SECOND) is None and images.unreadable == 1
+
+
+def test_without_a_topic_nothing_is_heard():
+    images = module.DepthImages(Mock(), '', 1.0, ReadingConfig())
+    assert images.at(SECOND) is None and images.missing == 0
+
+
+LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103
+
+
+class Buffer:
+    def __init__(self):
+        self.known, self.asked = False, 0
+
+    def can_transform(self, target, source, _time):
+        self.asked += 1
+        return self.known and (target, source) == ('base_link', 'lens')
+
+    def lookup_transform(self, *_frames):
+        at = SimpleNamespace(x=0.3, y=0.0, z=1.2)
+        return SimpleNamespace(transform=SimpleNamespace(translation=at, rotation=LENS))
+
+
+@pytest.fixture
+def node():
+    said = []
+    logger = SimpleNamespace(info=said.append)
+    return SimpleNamespace(get_logger=lambda: logger, said=said)
+
+
+def test_a_lens_that_looks_ahead_is_a_camera_that_is_not_turned(node, monkeypatch):
+    tf = SimpleNamespace(Buffer=Buffer, TransformListener=lambda _buffer, _node: None)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', tf)
+    mount = Mount(node, 'base_link')
+    assert mount.of('lens') is None and mount.of('') is None
+    mount._buffer.known = True
+    pose = mount.of('lens')
+    assert pose.position == pytest.approx((0.3, 0.0, 1.2))
+    assert pose.orientation == pytest.approx((0, 0, 0, 1), abs=1e-9)
+    asked = mount._buffer.asked
+    assert mount.of('lens') is pose and mount._buffer.asked == asked and len(node.said) == 1
+    assert mount.of('another') is None
+
+
+def test_without_tf2_the_parameter_decides(node, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
+    assert Mount(node, 'base_link').of('lens') is None

@@ -5,19 +5,16 @@
 from itertools import pairwise
 import threading
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import map_services, whereabouts
+from convseq_ros.node import localization, map_services
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
 import numpy as np
+import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32
@@ -83,30 +80,15 @@ def test_it_is_told_on_the_frame_that_makes_it_sure_to_all_who_asked(
     assert 'not calibrated' in first.message
 
 
-def test_the_state_is_latched_and_one_initial_pose_is_published_each_time(
+def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pose(
     client, vpr, map_path, show
 ):
     vpr(
         '-r', 'initialpose:=/amcl/initialpose', map_path=map_path, publish_initial_pose='true',
         **BELIEF,
     )  # fmt: skip
-    show(1, 2, 3, 4, *[UNKNOWN] * 8, 20, 21, 22, 23)
-    # Whoever comes late hears the last state, and the last pose.
-    late = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
-    poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
-    client.wait_for(lambda: late and poses)
-    assert late[0].message == 'localised' and late[0].level == DiagnosticStatus.OK
-    values = {item.key: item.value for item in late[0].values}
-    assert values['problem'] == '' and float(values['quality']) >= 0.9
-    assert poses[0].pose.pose.position.x >= 20.0
-    assert poses[0].header.frame_id == 'map' and poses[0].pose.covariance[0] > 0
-    assert len(poses) == 1
-
-
-def test_every_change_of_the_state_is_published(client, vpr, map_path, show):
-    vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
     told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
-    poses = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
+    poses = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
     client.wait_for(lambda: told)
     show(1, 2, 3, 4, *[UNKNOWN] * 8, 20, 21, 22, 23)
     client.wait_for(lambda: len(poses) == 2 and told[-1].message == 'localised')
@@ -116,6 +98,15 @@ def test_every_change_of_the_state_is_published(client, vpr, map_path, show):
     assert 'lost' in states[3:]
     assert poses[0].pose.pose.position.x in (1.0, 2.0)
     assert poses[1].pose.pose.position.x in (20.0, 21.0, 22.0)
+    # Whoever comes late hears the last state, and the last pose.
+    late = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
+    last = client.listen(PoseWithCovarianceStamped, '/amcl/initialpose', LATCHED)
+    client.wait_for(lambda: late and last)
+    assert late[0].message == 'localised' and late[0].level == DiagnosticStatus.OK
+    values = {item.key: item.value for item in late[0].values}
+    assert values['problem'] == '' and float(values['quality']) >= 0.9
+    assert last[0].pose.pose.position.x >= 20.0 and len(last) == 1
+    assert last[0].header.frame_id == 'map' and last[0].pose.covariance[0] > 0
 
 
 def test_a_robot_that_is_put_elsewhere_gets_another_initial_pose(client, vpr, map_path, show):
@@ -143,7 +134,7 @@ def test_by_the_margin_the_newest_frame_alone_tells(client, vpr, map_path, show)
 def test_many_who_wait_take_no_threads_and_too_many_are_told(
     client, vpr, map_path, show, ask, monkeypatch
 ):
-    monkeypatch.setattr(whereabouts, '_MOST_CALLS', 5)
+    monkeypatch.setattr(localization, '_MOST_CALLS', 5)
     vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
     show(3)
     before = threading.active_count()

@@ -9,7 +9,6 @@ import sqlite3
 
 import pytest
 
-pytest.importorskip('rclpy')
 pytest.importorskip('rich')
 
 from convseq_ros.core.map.reader import open_map

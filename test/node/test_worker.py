@@ -7,11 +7,8 @@ import time
 from types import SimpleNamespace
 import weakref
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from convseq_ros.node.worker import Worker
+import pytest
 
 LIMIT_S = 10
 
@@ -31,6 +28,26 @@ def settled(condition):
         time.sleep(0.001)
 
 
+@pytest.fixture
+def busy(gate):
+    """Return a maker of a worker that holds a first item until the gate opens, and what it had."""
+
+    def make(*limits, size=0, **more):
+        handled = []
+
+        def handle(item):
+            handled.append(item)
+            gate.wait()
+
+        worker = Worker(handle, *limits, **more)
+        worker.start()
+        worker.put(0, size)
+        settled(lambda: handled == [0])
+        return worker, handled
+
+    return make
+
+
 def test_items_are_handled_in_order():
     handled = []
     worker = Worker(handled.append, 100)
@@ -42,17 +59,8 @@ def test_items_are_handled_in_order():
     assert worker.stop(LIMIT_S)
 
 
-def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(gate):
-    handled = []
-
-    def handle(item):
-        handled.append(item)
-        gate.wait()
-
-    worker = Worker(handle, 100, queue_bytes=10)
-    worker.start()
-    worker.put(0, 1000)
-    settled(lambda: handled == [0])
+def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(busy, gate):
+    worker, handled = busy(100, queue_bytes=10, size=1000)
     for item in range(1, 6):
         worker.put(item, 4)
     assert (worker.waiting, worker.dropped) == (2, 3)
@@ -70,17 +78,8 @@ def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(gate):
     assert worker.waiting == 2
 
 
-def test_the_oldest_items_are_dropped_and_counted(gate):
-    handled = []
-
-    def handle(item):
-        handled.append(item)
-        gate.wait()
-
-    worker = Worker(handle, 3)
-    worker.start()
-    worker.put(0)
-    settled(lambda: handled == [0])
+def test_the_oldest_items_are_dropped_and_counted(busy, gate):
+    worker, handled = busy(3)
     for item in range(1, 8):
         worker.put(item)
     assert (worker.waiting, worker.dropped) == (3, 4)
@@ -129,17 +128,8 @@ def test_what_waits_for_too_long_gives_way_to_what_follows_evenly(clock):
     assert worker.dropped == 150 - len(handled)
 
 
-def test_the_newest_item_is_handled_however_long_it_waited(gate, clock):
-    handled = []
-
-    def handle(item):
-        handled.append(item)
-        gate.wait()
-
-    worker = Worker(handle, 3, max_wait_s=0.01)
-    worker.start()
-    worker.put(0)
-    settled(lambda: handled == [0])
+def test_the_newest_item_is_handled_however_long_it_waited(busy, gate, clock):
+    worker, handled = busy(3, max_wait_s=0.01)
     worker.put(1)
     worker.put(2)
     clock.ms = 50
@@ -149,41 +139,24 @@ def test_the_newest_item_is_handled_however_long_it_waited(gate, clock):
     assert worker.stop(LIMIT_S)
 
 
-def test_an_action_comes_after_the_item_at_hand_and_before_the_next(gate):
-    done = []
-
-    def handle(item):
-        gate.wait()
-        done.append(item)
-
-    worker = Worker(handle, 3)
-    worker.start()
-    worker.put('first')
-    settled(lambda: worker.waiting == 0)
+def test_an_action_comes_after_the_item_at_hand_and_before_the_next(busy, gate):
+    worker, handled = busy(3)
     worker.put('second')
-    worker.between_items(lambda: done.append('action'))
+    worker.between_items(lambda: handled.append('action'))
     gate.set()
-    settled(lambda: len(done) == 3)
-    assert done == ['first', 'action', 'second']
+    settled(lambda: len(handled) == 3)
+    assert handled == [0, 'action', 'second']
     assert worker.stop(LIMIT_S)
 
 
-def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(gate):
-    done = []
-
-    def handle(item):
-        gate.wait()
-        done.append(item)
-
-    worker = Worker(handle, 9)
-    worker.start()
-    for item in range(5):
+def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(busy, gate):
+    worker, handled = busy(9)
+    for item in range(4):
         worker.put(item)
-    settled(lambda: worker.waiting == 4)
-    assert not worker.stop(0.01)
+    assert worker.waiting == 4 and not worker.stop(0.01)
     gate.set()
     assert worker.stop(LIMIT_S)
-    assert done == [0]
+    assert handled == [0]
 
 
 def test_a_worker_that_never_started_stops():

@@ -40,11 +40,6 @@ def test_distances_stamps_and_poses_agree_with_the_speed():
         )
 
 
-def test_stamps_do_not_drift_over_an_hour():
-    drive = Drive(frame_rate_hz=30.0, num_frames=108_001, start_ns=0)
-    assert drive.stamp_ns(108_000) == 3_600_000_000_000
-
-
 def test_a_frame_is_the_grey_of_the_shot():
     shot = next(draw(STREET, SMALL))
     frame = shot.frame
@@ -54,36 +49,9 @@ def test_a_frame_is_the_grey_of_the_shot():
     assert np.abs(shot.image @ weights - frame.gray).max() < 1.0
 
 
-def test_frames_are_drawn_only_when_asked_for():
-    shots = draw(Street(1e6), replace(SMALL, num_frames=100_000))
-    assert next(shots).distance_m == 20.0
-
-
-def test_the_seed_changes_noise_only():
-    one, other = (
-        next(draw(STREET, replace(SMALL, noise=4.0, seed=seed))).image.astype(float)
-        for seed in (1, 2)
-    )
-    change = one - other
-    assert 2.0 < change.std() < 12.0
-    assert abs(change.mean()) < 1.0
-
-
-def test_brightness_darkens():
-    normal, dark = (next(draw(STREET, replace(SMALL, brightness=b))).image for b in (1.0, 0.3))
-    assert dark.mean() == pytest.approx(0.3 * normal.mean(), abs=2.0)
-
-
 @pytest.mark.parametrize('light', LIGHTS)
 def test_every_light_gives_a_picture(light):
     assert next(draw(STREET, replace(SMALL, light=light))).image.std() > 8
-
-
-def test_standing_still_repeats_the_view():
-    shots = list(draw(STREET, replace(SMALL, speed_mps=0.0)))
-    change = shots[0].image.astype(float) - shots[1].image
-    assert np.abs(change).mean() < 4.0
-    assert shots[0].distance_m == shots[2].distance_m
 
 
 @pytest.mark.parametrize(

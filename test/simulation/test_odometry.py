@@ -62,26 +62,9 @@ def test_the_noise_is_as_large_as_it_says():
     assert along.std() == pytest.approx(0.05 * 10, rel=0.2)
 
 
-def test_the_size_of_the_steps_does_not_matter_to_the_noise():
-    drift = Drift(scale=0.0, yaw_bias_deg=0.0, noise_m=0.0, yaw_noise_deg=2.0)
-    turned = []
-    for seed in range(300):
-        odometer = Odometer(replace(drift, seed=seed))
-        for x in np.arange(0.0, 100.1, 10.0):
-            end = odometer.moved_to(pose(float(x), 0.0, 0.0))
-        turned.append(math.degrees(yaw_of(end)))
-    assert np.std(turned) == pytest.approx(2.0, rel=0.15)
-
-
 def test_the_same_seed_drifts_the_same_way_and_another_another():
     assert straight(Drift(seed=3)) == straight(Drift(seed=3))
     assert straight(Drift(seed=3))[-1] != straight(Drift(seed=4))[-1]
-
-
-def test_who_stands_still_does_not_drift():
-    odometer = Odometer(Drift(seed=1))
-    poses = {odometer.moved_to(pose(1.0, 2.0, 0.3)) for _ in range(5)}
-    assert len(poses) == 1
 
 
 @pytest.mark.parametrize('name', ['noise_m', 'yaw_noise_deg', 'seed'])

@@ -33,25 +33,12 @@ def test_a_bend_of_a_quarter_circle_replaces_each_corner():
     assert middle.yaw_rad == pytest.approx(math.pi / 4)
 
 
-def test_the_end_is_the_last_corner():
-    end = ROUTE.spot(ROUTE.length_m, 0.0, 0.0)
-    assert (end.x, end.y) == pytest.approx((60.0, 20.0))
-    assert math.remainder(end.yaw_rad - math.pi / 2, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_nothing_jumps_but_the_street_that_is_seen():
     step = 0.25
     spots = [ROUTE.spot(at, -1.5, 0.1) for at in np.arange(0, ROUTE.length_m, step)]
     for one, other in pairwise(spots):
         assert math.dist((one.x, one.y), (other.x, other.y)) < 1.5 * step
         assert abs(math.remainder(one.yaw_rad - other.yaw_rad, 2 * math.pi)) < 1.1 * step / 5.0
-
-
-def test_a_lane_to_the_left_lies_to_the_left():
-    middle, left = (ROUTE.spot(20.0, offset, 0.0) for offset in (0.0, 1.0))
-    assert (left.x - middle.x, left.y - middle.y) == pytest.approx((0.0, 1.0))
-    north = [ROUTE.spot(75.0, offset, 0.0) for offset in (0.0, 1.0)]
-    assert (north[1].x - north[0].x, north[1].y - north[0].y) == pytest.approx((-1.0, 0.0))
 
 
 @pytest.mark.parametrize('distance', [5.0, 52.0, 75.0, 110.0, 170.0])

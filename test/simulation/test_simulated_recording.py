@@ -55,16 +55,6 @@ def test_compressed_images_come_back_nearly_the_same(tmp_path, shots):
         assert np.abs(image.astype(float) - shot.image).mean() < 8
 
 
-def test_odometry_comes_back_with_the_same_stamps(tmp_path, shots):
-    write_recording(tmp_path / 'drive', shots)
-    odometry = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/odom']
-    assert len(odometry) == len(shots)
-    for message, shot in zip(odometry, shots, strict=True):
-        pose = message.pose.pose
-        assert (pose.position.x, pose.position.y) == shot.pose.position[:2]
-        assert (pose.orientation.z, pose.orientation.w) == shot.pose.orientation[2:]
-
-
 def test_an_existing_folder_is_left_alone(tmp_path, shots):
     (tmp_path / 'drive').mkdir()
     with pytest.raises(ConvseqError, match='exists already'):

@@ -110,7 +110,7 @@ def _write_ros1(path, rows):
     return path
 
 
-def _write_mcap(path, rows, compression, use_chunking=True, profile='ros2'):
+def _write_mcap(path, rows, compression=CompressionType.NONE, use_chunking=True, profile='ros2'):
     with path.open('wb') as file:
         writer = McapWriter(
             file, chunk_size=4096, compression=compression, use_chunking=use_chunking
@@ -131,36 +131,27 @@ def _write_mcap(path, rows, compression, use_chunking=True, profile='ros2'):
 
 def write_recording(base: Path, layout: str, rows: list) -> Path:
     """Write (topic, log time, message) rows below a folder; return the path to open."""
-    match layout:
-        case 'mcap folder':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.MCAP)
-        case 'mcap file':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.MCAP) / 'drive.mcap'
-        case 'mcap folder zstd':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.MCAP, CompressionMode.STORAGE)
-        case 'sqlite3 folder':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.SQLITE3)
-        case 'db3 file':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.SQLITE3) / 'drive.db3'
-        case 'sqlite3 folder compressed messages':
-            return _write_ros2(
-                base / 'drive', rows, StoragePlugin.SQLITE3, CompressionMode.MESSAGE
-            )
-        case 'sqlite3 folder compressed file':
-            return _write_ros2(base / 'drive', rows, StoragePlugin.SQLITE3, CompressionMode.FILE)
-        case 'ros1 bag':
-            return _write_ros1(base / 'drive.bag', rows)
-        case 'mcap zstd':
-            return _write_mcap(base / 'drive.mcap', rows, CompressionType.ZSTD)
-        case 'mcap lz4':
-            return _write_mcap(base / 'drive.mcap', rows, CompressionType.LZ4)
-        case 'mcap plain':
-            return _write_mcap(base / 'drive.mcap', rows, CompressionType.NONE)
-        case 'mcap without chunks':
-            return _write_mcap(base / 'drive.mcap', rows, CompressionType.NONE, False)
-        case 'mcap without profile':
-            return _write_mcap(base / 'drive.mcap', rows, CompressionType.NONE, profile='')
-    raise ValueError(layout)
+    folder, file = base / 'drive', base / 'drive.mcap'
+    mcap, sqlite = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+    return {
+        'mcap folder': lambda: _write_ros2(folder, rows, mcap),
+        'mcap file': lambda: _write_ros2(folder, rows, mcap) / 'drive.mcap',
+        'mcap folder zstd': lambda: _write_ros2(folder, rows, mcap, CompressionMode.STORAGE),
+        'sqlite3 folder': lambda: _write_ros2(folder, rows, sqlite),
+        'db3 file': lambda: _write_ros2(folder, rows, sqlite) / 'drive.db3',
+        'sqlite3 folder compressed messages': lambda: _write_ros2(
+            folder, rows, sqlite, CompressionMode.MESSAGE
+        ),
+        'sqlite3 folder compressed file': lambda: _write_ros2(
+            folder, rows, sqlite, CompressionMode.FILE
+        ),
+        'ros1 bag': lambda: _write_ros1(base / 'drive.bag', rows),
+        'mcap zstd': lambda: _write_mcap(file, rows, CompressionType.ZSTD),
+        'mcap lz4': lambda: _write_mcap(file, rows, CompressionType.LZ4),
+        'mcap plain': lambda: _write_mcap(file, rows),
+        'mcap without chunks': lambda: _write_mcap(file, rows, use_chunking=False),
+        'mcap without profile': lambda: _write_mcap(file, rows, profile=''),
+    }[layout]()
 
 
 @pytest.fixture

@@ -83,15 +83,6 @@ def test_whole_blocks_of_a_cut_compressed_chunk_are_saved(recorder):
     assert 0 < counts[0] < counts[1] < counts[2] < 20
 
 
-def test_a_last_record_of_a_few_bytes_is_no_trouble(recorder, pictures):
-    path = recorder.write('mcap plain', recorder.drive(pictures))
-    whole = path.read_bytes()
-    last_chunk = whole.rindex(pictures[11].tobytes())
-    for extra in range(1, 60):
-        path.write_bytes(whole[:last_chunk] + b'\x06' * extra)
-        assert len(read(path)[0]) == 11
-
-
 @pytest.mark.parametrize('with_metadata', [True, False])
 def test_cut_mcap_in_a_folder_is_saved(recorder, pictures, with_metadata):
     folder = recorder.write('mcap folder', recorder.drive(pictures))

@@ -122,19 +122,6 @@ def test_a_raw_image_that_is_too_large_is_unreadable():
         decode_image(message, SMALL)
 
 
-def test_a_folder_and_a_recording_heed_the_limit(recorder, pictures, tmp_path):
-    path = recorder.write('mcap file', recorder.drive(pictures))
-    tiny = ReadingConfig(max_image_mpx=0.01)
-    large = cv2.imencode('.png', np.zeros((101, 120), np.uint8))[1].tobytes()
-    (tmp_path / 'folder').mkdir()
-    (tmp_path / 'folder' / '1.png').write_bytes(large)
-    with pytest.raises(SourceError, match='max_image_mpx'):
-        list(open_source(tmp_path / 'folder', reading=tiny))
-    frames = list(open_source(path, reading=ReadingConfig(max_image_mpx=0.0100)))
-    sizes = [picture.size for picture in pictures]
-    assert [frame.gray is None for frame in frames] == [size > 10_000 for size in sizes]
-
-
 def test_a_picture_file_larger_than_any_picture_is_not_read(tmp_path):
     with (tmp_path / '1.png').open('wb') as file:
         file.write(picture('png'))

@@ -3,10 +3,8 @@
 """Every limit of what is read is a parameter; the line when it bites tells what to set."""
 
 import argparse
-import ast
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 import re
 from types import SimpleNamespace
 
@@ -21,14 +19,13 @@ from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positio
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
-from convseq_ros.sources.camera_file import read_camera_file
+from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.images import decode_image
-from convseq_ros.sources.pose_file import read_pose_file
+from convseq_ros.sources.pose_track import read_pose_file
 import cv2
 import numpy as np
 import pytest
 
-PACKAGE = Path(__file__).parents[2] / 'convseq_ros'
 LINE = re.compile(r' is more than (\w+), [\d.]+; make it smaller, or set \1 to ([\d.]+)')
 LEAST = {item.name: item.low for item in parameters(ReadingConfig)}
 PADDING = '# ' * 40 + '\n'
@@ -164,56 +161,3 @@ def test_a_command_that_reads_files_takes_every_limit(command):
     import_module(f'convseq_ros.cli.{command.replace("-", "_")}').describe(parser)
     for name in LEAST:
         assert f'--{name.replace("_", "-")}' in parser.format_help()
-
-
-def _named(path, name):
-    """Return what tells private functions of the same name apart."""
-    return (path.name if name.startswith('_') else '', name)
-
-
-def functions_and_calls():
-    """Return the place of the argument `reading` of who has one, and all calls by name."""
-    places, calls = {}, []
-    for path in set(PACKAGE.rglob('*.py')) - set(PACKAGE.glob('core/map/*.py')):
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.ClassDef):
-                for item in node.body:
-                    if isinstance(item, ast.FunctionDef) and item.name == '__init__':
-                        names = [one.arg for one in item.args.args]
-                        if 'reading' in names:
-                            places['', node.name] = names.index('reading') - 1
-            elif isinstance(node, ast.FunctionDef) and node.name != '__init__':
-                names = [one.arg for one in node.args.args]
-                if 'reading' in names:
-                    place = names.index('reading') - (names[0] == 'self')
-                    places[_named(path, node.name)] = place
-            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                calls.append((_named(path, node.func.id), node))
-    return places, calls
-
-
-def test_whoever_reads_says_how_much():
-    # But for the map: who opens one has read the mask.
-    places, calls = functions_and_calls()
-    assert len(places) > 25
-    silent = [
-        ast.unparse(call)
-        for name, call in calls
-        if name in places
-        and len(call.args) <= places[name]
-        and not any(word.arg == 'reading' for word in call.keywords)
-        and not any(isinstance(one, ast.Starred) for one in call.args)
-    ]
-    assert not silent
-
-
-def test_no_other_constant_bounds_what_a_file_may_hold():
-    bound = re.compile(r'^\s*\w*(most|max|longest|largest)_?\w*(bytes|mb|mpx|pixels)\b.*=', re.I)
-    found = {
-        f'{path.name}: {line.split(":")[0].split("=")[0].strip()}'
-        for path in PACKAGE.rglob('*.py')
-        for line in path.read_text(encoding='utf-8').splitlines()
-        if bound.match(line) and re.search(r'=\s*[\d(]', line)
-    }
-    # A row of a map's own format, of which none that is written comes near; a page to write.
-    assert found == {'database.py: _LONGEST_BYTES', 'page.py: MOST_MEGABYTES'}

@@ -8,8 +8,8 @@ import sys
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.sources import open_source
-from convseq_ros.sources.raw_message import typestore
 from convseq_ros.sources.recording import DECODERS, read_poses, Recording
+from convseq_ros.sources.topics import typestore
 import numpy as np
 import pytest
 
@@ -144,13 +144,6 @@ def test_images_that_cannot_be_decoded_are_frames_with_a_problem(recorder, layou
     named = [frame.problem.split(':')[0] for frame in frames]
     assert named == ['', 'encoding', 'step', 'data', '']
     assert [frame.stamp_ns for frame in frames] == [row[1] - 5_000_000 for row in rows]
-
-
-def test_compressed_depth_is_a_frame_with_a_problem(recorder, pictures):
-    row = ('/depth', 1, recorder.compressed(pictures[0], 1, name='16UC1; compressedDepth png'))
-    (frame,) = open_source(recorder.write('mcap folder', [row]))
-    assert frame.gray is None
-    assert 'compressedDepth' in frame.problem
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'mcap without chunks'])

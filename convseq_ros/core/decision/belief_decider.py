@@ -91,12 +91,7 @@ class BeliefDecider:
 
     def _best_look(self, best: int, seen: Observation) -> int:
         """Return the look of a place that the newest frame shows best."""
-        near = self._near
-        looks = {
-            one: strength_of(shown)
-            for one, shown in seen.verified.items()
-            if near.is_near(one, best, _WINDOW)
-        }
+        looks = self._strengths(best, seen)
         shown = max(looks, key=lambda one: looks[one], default=best)
         is_beside = shown in self._map.bounds.around(best, _WINDOW)
         return best if is_beside else shown
@@ -107,13 +102,14 @@ class BeliefDecider:
         near = self._near.mask(seen.places, best, _WINDOW)
         is_shown, learned = bool((seen.log_ratios[near] > 0).any()), self._observer.likelihood
         learned.confirm(is_shown)
-        strengths = [
-            strength_of(shown)
-            for one, shown in seen.verified.items()
-            if self._near.is_near(one, best, _WINDOW)
-        ]
-        if strengths and is_shown:
-            learned.learn(max(strengths), best >= session_start)
+        if is_shown and (strengths := self._strengths(best, seen)):
+            learned.learn(max(strengths.values()), best >= session_start)
+
+    def _strengths(self, best: int, seen: Observation) -> dict[int, float]:
+        """Return how strongly a place, and its looks, were verified."""
+        looked = np.array([*seen.verified], np.int64)
+        looks = looked[self._near.mask(looked, best, _WINDOW)].tolist()
+        return {one: strength_of(seen.verified[one]) for one in looks}
 
     def _candidates(
         self, best: int, posterior: Posterior, seen: Observation, query: Query

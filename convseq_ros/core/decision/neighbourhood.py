@@ -23,12 +23,12 @@ class Neighbourhood:
     def mask(
         self, places: Indices, index: int, distance: int = LINKS.beside
     ) -> npt.NDArray[np.bool_]:
-        """Return which of some places (n,), ascending, are near one."""
-        found = np.zeros(len(places) + 1, np.int64)
-        for some in self.ranges(index, distance):
-            found[np.searchsorted(places, some.start)] += 1
-            found[np.searchsorted(places, some.stop)] -= 1
-        return found.cumsum()[:-1] > 0
+        """Return which of some places (n,) are near one."""
+        first, *others = self.ranges(index, distance)
+        found = (places >= first.start) & (places < first.stop)
+        for some in others:
+            found |= (places >= some.start) & (places < some.stop)
+        return found
 
     def beside(self, places: Indices, index: int, distance: int) -> npt.NDArray[np.bool_]:
         """Return which of some places (n,) are of the same session, within a distance."""

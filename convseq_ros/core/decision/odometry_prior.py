@@ -87,6 +87,8 @@ class OdometryPrior:
 
     def shares(self, places: Indices, session_start: int) -> npt.NDArray[np.float64]:
         """Return the share in [0, 1] that odometry leaves of what enters places (n,)."""
+        if self._here is None:
+            return np.ones(len(places))
         off = [self._off(one, session_start) or (0.0, 0.0) for one in places.tolist()]
         return np.exp(-0.5 * np.array([sigmas for sigmas, _ in off]).clip(max=40.0) ** 2)
 

@@ -184,10 +184,10 @@ static inline void project_tile(const float *cells, intptr_t line, const float *
 
 // Fill in the projected regions [(size - 2) ** 2][32] of cells [size][size][8], of unit length.
 // axes: [72][32]; origin: [32], where they map the mean. Return 0, or -1 if there is no memory.
-KERNEL(project)(const float *cells, intptr_t size, intptr_t step, const float *axes,
-                    const float *origin, float *regions)
+KERNEL(project)(const float *cells, intptr_t size, const float *axes, const float *origin,
+                float *regions)
 {
-    intptr_t side = size - SPAN + 1, kept = (side + step - 1) / step;
+    intptr_t side = size - SPAN + 1;
     // Wide enough for a tile, and with what the last one reads beyond the image.
     intptr_t wide = size < REGION_ROWS + SPAN - 1 ? REGION_ROWS + SPAN - 1 : size;
     float *room = calloc((size_t)(size * wide * (BINS + 1)), sizeof *room);
@@ -200,7 +200,7 @@ KERNEL(project)(const float *cells, intptr_t size, intptr_t step, const float *a
                 room[(row * wide + column) * BINS + bin] = number;
                 squares[row * wide + column] += number * number;
             }
-    for (intptr_t row = 0; row < side && room; row += step)
+    for (intptr_t row = 0; row < side && room; row++)
         for (intptr_t done = 0, first; done < side; done = first + REGION_ROWS) {
             // The last tile ends with the row, and says again what the one before has said.
             first = done > side - REGION_ROWS ? side - REGION_ROWS : done;
@@ -209,14 +209,12 @@ KERNEL(project)(const float *cells, intptr_t size, intptr_t step, const float *a
                 project_tile(room + (row * wide + first) * BINS, wide * BINS, axes + axis,
                              dots[0] + axis);
             for (intptr_t column = done; column < side && column < first + REGION_ROWS; column++) {
-                if (column % step)
-                    continue;
                 float total = 0;
                 for (int down = 0; down < SPAN; down++)
                     for (int right = 0; right < SPAN; right++)
                         total += squares[(row + down) * wide + column + right];
                 place_region(dots[column - first], total > 0 ? 1 / sqrtf(total) : 1, origin,
-                             regions + (row / step * kept + column / step) * NUMBERS);
+                             regions + (row * side + column) * NUMBERS);
             }
         }
     free(room);

@@ -13,7 +13,7 @@ _disk_sums = kernel(
     'disk_sums', array('u2'), array('i8'), SIZE, array('f8'), SIZE, SIZE, array('f8')
 )
 _histograms = kernel('histograms', array('u1'), SIZE, array('f8'), array('f4'))
-_project = kernel('project', array('f4'), SIZE, SIZE, array('f4'), array('f4'), array('f4'))
+_project = kernel('project', array('f4'), SIZE, array('f4'), array('f4'), array('f4'))
 
 
 def disk_sums(
@@ -37,7 +37,7 @@ def project(cells: Cells) -> Regions:
     """Return what `projected_regions` does, to 1e-6."""
     cells, (projected, origin) = np.ascontiguousarray(cells), axes()
     regions = np.empty(((len(cells) - REGION.span + 1) ** 2, len(origin)), np.float32)
-    _project(cells, len(cells), 1, projected, origin, regions)
+    _project(cells, len(cells), projected, origin, regions)
     return regions
 
 

@@ -3,8 +3,10 @@
 // Where the regions of one image lie in another, and which of them moved alike.
 
 enum {
-    SPREAD = 32, // columns at a time; their sums stay in registers
-    VECTORS = SPREAD / LANES,
+    SPREAD = 32, // columns of a row are rounded up to so many
+    FIELD_REACH = 4, // cells about the common shift, FIELD_RADIUS: of neighbours; as FIELD has them
+    FIELD_RADIUS = 3,
+    FIELD_SPAN = 2 * FIELD_REACH + 1,
     FACTS = 5, // of a displacement: row, column, rows and columns moved, similarity
 };
 
@@ -20,78 +22,69 @@ static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
     return part;
 }
 
-// The products of each region with the one that lies so far away; images [side][32][side], and 32
-// numbers behind them that count for nothing. Rows of what is found begin where the part does.
-static inline void similarities(const float *query, const float *reference, intptr_t side,
-                                intptr_t down, intptr_t right, Part part, intptr_t wide,
-                                float *image)
+// The products of each region of some rows with those that lie so far away, and further to the
+// right; images: [FIELD_SPAN][rows][wide], `apart` numbers apart. What is not shared is anything.
+static inline void similarities(const float *query, const float *reference, intptr_t wide,
+                                Part part, intptr_t away, float *images, intptr_t apart)
 {
-    for (intptr_t row = part.top; row < part.bottom; row++) {
-        const float *here = query + row * NUMBERS * side + part.left;
-        const float *there = reference + (row + down) * NUMBERS * side + part.left + right;
-        for (intptr_t first = 0; first < part.right - part.left; first += SPREAD) {
-            const float *one = here + first, *other = there + first;
-            Floats sums[VECTORS] = {0};
-            for (int number = 0; number < NUMBERS; number++, one += side, other += side)
-#pragma GCC unroll 8
-                for (int part = 0; part < VECTORS; part++)
-                    sums[part] += floats(one + part * LANES) * floats(other + part * LANES);
-#pragma GCC unroll 8
-            for (int part = 0; part < VECTORS; part++)
-                store(image + row * wide + first + part * LANES, sums[part]);
+    for (intptr_t row = part.top; row < part.bottom; row++)
+        for (intptr_t first = 0; first < wide; first += LANES) {
+            const float *own = query + row * NUMBERS * wide + first, *other = reference + away +
+                               row * NUMBERS * wide + first;
+            Floats sums[FIELD_SPAN] = {0};
+            for (int number = 0; number < NUMBERS; number++, own += wide, other += wide) {
+                Floats here = floats(own);
+#pragma GCC unroll 9
+                for (int step = 0; step < FIELD_SPAN; step++)
+                    sums[step] = fused(here, floats(other + step), sums[step]);
+            }
+#pragma GCC unroll 9
+            for (int step = 0; step < FIELD_SPAN; step++)
+                store(images + step * apart + row * wide + first, sums[step]);
         }
-    }
 }
 
-// Add up lines, one weight each.
-static inline Floats weighed(const float *line, intptr_t apart, intptr_t count,
-                             const float *weights)
+// Add up neighbours along a line, one weight each.
+INLINE Floats weighed(const float *line, intptr_t apart, const float *weights)
 {
-    Floats sum = {0};
-    for (intptr_t step = 0; step < count; step++)
-        sum += weights[step] * floats(line + step * apart);
+    Floats sum = weights[0] * floats(line - FIELD_RADIUS * apart);
+#pragma GCC unroll 6
+    for (int step = 1; step <= 2 * FIELD_RADIUS; step++)
+        sum = fused(spread(weights[step]), floats(line + (step - FIELD_RADIUS) * apart), sum);
     return sum;
 }
 
-// Return numbers of the columns before `count`, and another one instead of those behind.
-static inline Floats before(Floats numbers, intptr_t first, intptr_t count, float behind)
+// Write 1 by the sum of the weights of a line's neighbours between first and end; 0 elsewhere.
+static void write_shares(const float *weights, intptr_t first, intptr_t end, intptr_t count,
+                         float *shares)
 {
-    Words is_before = *(const WordsAnywhere *)TURNED < (int32_t)(count - first);
-    return (Floats)chosen(is_before, (Words)numbers, (Words)spread(behind));
+    for (intptr_t place = 0; place < count; place++) {
+        float sum = 0;
+        for (intptr_t step = -FIELD_RADIUS; step <= FIELD_RADIUS; step++)
+            sum += place + step >= first && place + step < end ? weights[step + FIELD_RADIUS] : 0;
+        shares[place] = place >= first && place < end ? 1 / sum : 0;
+    }
 }
 
-// Replace each number of a part by the weighted mean around it, of those that there are; -infinity
-// behind it. room: [side][wide + 2 * radius], zeros beside the image, and [wide] for the norms.
-static inline void smooth(float *image, intptr_t side, Part part, intptr_t wide,
-                          const float *weights, intptr_t radius, float *room)
+// Write weighted means of neighbours, of those that there are, of a part of an image, which has
+// zeros above and below; -infinity beside it. shares: of rows and columns; line: has zeros beside.
+static inline void smooth(const float *image, Part part, intptr_t wide, const float *weights,
+                          const float *row_shares, const float *shares, float *line,
+                          float *smoothed)
 {
-    intptr_t framed = wide + 2 * radius, count = part.right - part.left;
-    float *norms = room + side * framed;
-    for (intptr_t x = 0; x < wide; x++) {
-        norms[x] = x < count ? 0 : 1;
-        for (intptr_t step = -radius; step <= radius && x < count; step++)
-            if (x + step >= 0 && x + step < count)
-                norms[x] += weights[step + radius];
-    }
     for (intptr_t y = part.top; y < part.bottom; y++) {
-        intptr_t top = y - radius < part.top ? part.top : y - radius;
-        intptr_t bottom = y + radius < part.bottom ? y + radius + 1 : part.bottom;
-        const float *own = weights + top - y + radius;
-        float norm = 0;
-        for (intptr_t step = 0; step < bottom - top; step++)
-            norm += own[step];
         for (intptr_t x = 0; x < wide; x += LANES) {
-            Floats sum = {0};
-            if (x < count)
-                sum = before(weighed(image + top * wide + x, wide, bottom - top, own), x, count, 0);
-            store(room + y * framed + radius + x, sum / norm);
+            Words shared = floats(shares + x) > 0;
+            Floats mean = row_shares[y] * weighed(image + y * wide + x, wide, weights);
+            store(line + x, (Floats)((Words)mean & shared));
+        }
+        for (intptr_t x = 0; x < wide; x += LANES) {
+            Floats own = floats(shares + x);
+            Words mean = (Words)(own * weighed(line + x, 1, weights));
+            store(smoothed + y * wide + x,
+                  (Floats)chosen(own > 0, mean, (Words)spread(-INFINITY)));
         }
     }
-    for (intptr_t y = part.top; y < part.bottom; y++)
-        for (intptr_t x = 0; x < count; x += LANES) {
-            Floats sum = weighed(room + y * framed + x, 1, 2 * radius + 1, weights);
-            store(image + y * wide + x, before(sum / floats(norms + x), x, count, -INFINITY));
-        }
 }
 
 // Take a row of similarities into the best so far, and which displacement gave them.
@@ -115,11 +108,10 @@ static inline float beside(float before, float middle, float after)
     return off > -0.5f && off < 0.5f ? off : off >= 0.5f ? 0.5f : off <= -0.5f ? -0.5f : 0;
 }
 
-// What all displacements say: volume[span][span][side][wide] by the place in the query, where rows
-// begin with what lies in the reference as well.
+// What all displacements say: volume[FIELD_SPAN][FIELD_SPAN][side][wide] by the query's region.
 typedef struct {
     const float *volume;
-    intptr_t side, wide, span, down, right; // the last two: what the first displacement is
+    intptr_t side, wide, down, right; // the last two: what the first displacement is
 } Volume;
 
 static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr_t y, intptr_t x,
@@ -130,15 +122,15 @@ static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr
     Part part = overlap(side, down, right);
     if (row < part.top || row >= part.bottom || column < part.left || column >= part.right)
         return NAN;
-    return all->volume[((i * all->span + j) * side + row) * all->wide + column - part.left];
+    return all->volume[((i * FIELD_SPAN + j) * side + row) * all->wide + column];
 }
 
 // Fill in rows and columns moved, between cells; return 0 if the best is none, or on the border.
 static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_t x,
                           int is_reference, float moved[2])
 {
-    intptr_t i = origin / all->span, j = origin % all->span;
-    if (origin < 0 || i == 0 || j == 0 || i == all->span - 1 || j == all->span - 1)
+    intptr_t i = origin / FIELD_SPAN, j = origin % FIELD_SPAN;
+    if (origin < 0 || i == 0 || j == 0 || i == FIELD_SPAN - 1 || j == FIELD_SPAN - 1)
         return 0;
     float middle = similarity(all, i, j, y, x, is_reference);
     moved[0] = (float)(all->down + i) +
@@ -152,64 +144,143 @@ static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_
 
 // Fill in displacements found[n][5] that lead from a region to another and back, and their count.
 //
-// query, reference: [side][32][side], and 32 numbers more. Displacements within `reach` of (down,
-// right) are searched; weights[2 * radius + 1]: of a region's neighbours on either side, and its
-// own. What comes back further than `tolerance` off is left out. found: [side ** 2][5].
+// query, reference: [side][32][wide], with `wide` + SPREAD numbers before and behind, wide: `side`
+// rounded up to SPREAD. Displacements within FIELD_REACH of (down, right) are searched, which are
+// less than `side`; weights[7]: of a region's neighbours on either side, and its own. What comes
+// back further than `tolerance` off is left out. found: [side ** 2][5].
 KERNEL(displacements)(const float *query, const float *reference, intptr_t side, intptr_t down,
-                      intptr_t right, intptr_t reach, const float *weights, intptr_t radius,
-                      float tolerance, float *found, int64_t *kept)
+                      intptr_t right, const float *weights, float tolerance, float *found,
+                      int64_t *kept)
 {
-    intptr_t span = 2 * reach + 1, wide = rounded_up(side, SPREAD);
-    // Best and which, there and back, and what is written behind the last row, unchanged.
-    intptr_t count = side * side + SPREAD, framed = side * (wide + 2 * radius);
-    size_t needed = (size_t)(span * span * side * wide + framed + wide + 4 * count);
+    enum { ALL = FIELD_SPAN * FIELD_SPAN };
+    intptr_t wide = rounded_up(side, SPREAD), image = side * wide;
+    intptr_t apart = image + 2 * FIELD_RADIUS * wide, border = wide + SPREAD;
+    // Of best and which there is room beside the image: what lies beside the query is met there.
+    intptr_t count = image + 2 * border;
+    size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + 3 * wide + 4 * count);
     float *volume = malloc(needed * sizeof *volume);
     if (!volume)
         return -1;
-    float *room = volume + span * span * side * wide, *best = room + framed + wide;
-    int32_t *origin = (int32_t *)(best + 2 * count);
+    float *images = volume + ALL * image, *line = images + FIELD_SPAN * apart;
+    float *row_shares = line + 2 * wide, *shares = row_shares + wide;
+    float *best = shares + FIELD_SPAN * wide, *back = best + count;
+    int32_t *origin = (int32_t *)(back + count), *back_origin = origin + count;
     *kept = 0;
-    memset(room, 0, (size_t)framed * sizeof *room);
+    memset(images, 0, (size_t)(FIELD_SPAN * apart + 2 * wide) * sizeof *images);
     for (intptr_t place = 0; place < 2 * count; place++) {
         best[place] = -INFINITY;
         origin[place] = -1;
     }
-    Volume all = {volume, side, wide, span, down - reach, right - reach};
-    for (intptr_t which = 0; which < span * span; which++) {
-        intptr_t lower = all.down + which / span, further = all.right + which % span;
-        Part part = overlap(side, lower, further);
-        if (part.top >= part.bottom || part.left >= part.right)
+    best += border, back += border, origin += border, back_origin += border;
+    Volume all = {volume, side, wide, down - FIELD_REACH, right - FIELD_REACH};
+    for (intptr_t j = 0; j < FIELD_SPAN; j++) {
+        Part part = overlap(side, 0, all.right + j);
+        write_shares(weights, part.left, part.right, wide, shares + j * wide);
+    }
+    for (intptr_t i = 0; i < FIELD_SPAN; i++) {
+        intptr_t lower = all.down + i;
+        Part rows = overlap(side, lower, 0);
+        if (rows.top >= rows.bottom)
             continue;
-        float *image = volume + which * side * wide;
-        similarities(query, reference, side, lower, further, part, wide, image);
-        smooth(image, side, part, wide, weights, radius, room);
-        for (intptr_t y = part.top; y < part.bottom; y++) {
-            intptr_t here = y * side + part.left, there = count + here + lower * side + further;
-            intptr_t columns = part.right - part.left;
-            keep_best(image + y * wide, columns, (int32_t)which, best + here, origin + here);
-            keep_best(image + y * wide, columns, (int32_t)which, best + there, origin + there);
+        write_shares(weights, rows.top, rows.bottom, wide, row_shares);
+        float *raw = images + FIELD_RADIUS * wide;
+        for (intptr_t j = 0; j < FIELD_SPAN; j++) { // what smoothing takes for zeros
+            memset(raw + j * apart + (rows.top - FIELD_RADIUS) * wide, 0,
+                   (size_t)(FIELD_RADIUS * wide) * sizeof *raw);
+            memset(raw + j * apart + rows.bottom * wide, 0,
+                   (size_t)(FIELD_RADIUS * wide) * sizeof *raw);
+        }
+        similarities(query, reference, wide, rows, lower * NUMBERS * wide + all.right, raw, apart);
+        for (intptr_t j = 0; j < FIELD_SPAN; j++) {
+            int32_t which = (int32_t)(i * FIELD_SPAN + j);
+            intptr_t further = all.right + j;
+            Part part = overlap(side, lower, further);
+            if (part.left >= part.right)
+                continue;
+            float *own = volume + which * image;
+            smooth(raw + j * apart, part, wide, weights, row_shares, shares + j * wide,
+                   line + wide / 2, own);
+            for (intptr_t y = part.top; y < part.bottom; y++) {
+                intptr_t here = y * wide, there = here + lower * wide + further;
+                keep_best(own + here, wide, which, best + here, origin + here);
+                keep_best(own + here, wide, which, back + there, back_origin + there);
+            }
         }
     }
     for (intptr_t y = 0; y < side; y++)
         for (intptr_t x = 0; x < side; x++) {
-            float there[2], back[2];
-            if (!refined(&all, origin[y * side + x], y, x, 0, there))
+            float there[2], from[2];
+            if (!refined(&all, origin[y * wide + x], y, x, 0, there))
                 continue;
             intptr_t row = (intptr_t)floorf((float)y + there[0] + 0.5f);
             intptr_t column = (intptr_t)floorf((float)x + there[1] + 0.5f);
             if (row < 0 || row >= side || column < 0 || column >= side ||
-                !refined(&all, origin[count + row * side + column], row, column, 1, back))
+                !refined(&all, back_origin[row * wide + column], row, column, 1, from))
                 continue;
-            float rows = there[0] - back[0], columns = there[1] - back[1];
+            float rows = there[0] - from[0], columns = there[1] - from[1];
             if (rows * rows + columns * columns > tolerance * tolerance)
                 continue;
             float *facts = found + FACTS * (*kept)++;
             facts[0] = (float)y, facts[1] = (float)x;
             facts[2] = there[0], facts[3] = there[1];
-            facts[4] = best[y * side + x];
+            facts[4] = best[y * wide + x];
         }
     free(volume);
     return 0;
+}
+
+// What displacements have, each as one row of numbers; of full vectors, the rest counts nothing.
+typedef struct {
+    intptr_t count;
+    double *y, *x, *moved[2], *counts; // y, x: in sides from the middle
+} Columns;
+
+// Write how far displacements are off a motion, squared, in cells.
+INLINE Doubles off_squared(const Columns *all, intptr_t place, const double *motion)
+{
+    Doubles y = doubles(all->y + place), x = doubles(all->x + place);
+    Doubles rows = doubles(all->moved[0] + place) - (motion[0] + motion[1] * y + motion[2] * x);
+    Doubles columns = doubles(all->moved[1] + place) - (motion[3] + motion[4] * y + motion[5] * x);
+    return rows * rows + columns * columns;
+}
+
+// Write a better motion: least squares, each displacement weighed by how far it is off this one.
+static void fit_again(const Columns *all, double by_sigma, double stiff, double motion[6])
+{
+    enum { SUMS = 12, AT_ONCE = 8, PARTS = 2 * AT_ONCE / LANES };
+    Doubles sums[SUMS][PARTS] = {0};
+    for (intptr_t first = 0; first < all->count; first += AT_ONCE)
+#pragma GCC unroll 4
+        for (int part = 0; part < PARTS; part++) { // the same 8 sums on all processors
+            intptr_t place = first + part * LANES / 2;
+            Doubles weight = 1 / (1 + by_sigma * off_squared(all, place, motion));
+            weight *= weight * doubles(all->counts + place);
+            Doubles y = doubles(all->y + place), x = doubles(all->x + place);
+            Doubles by_y = weight * y, by_x = weight * x;
+            sums[0][part] += weight, sums[1][part] += by_y, sums[2][part] += by_x;
+            sums[3][part] += by_y * y, sums[4][part] += by_y * x, sums[5][part] += by_x * x;
+#pragma GCC unroll 2
+            for (int axis = 0; axis < 2; axis++) {
+                Doubles moved = doubles(all->moved[axis] + place);
+                sums[6 + 3 * axis][part] += weight * moved;
+                sums[7 + 3 * axis][part] += by_y * moved, sums[8 + 3 * axis][part] += by_x * moved;
+            }
+        }
+    double total[SUMS] = {1e-6, 0, 0, stiff, 0, stiff};
+    for (int sum = 0; sum < SUMS; sum++)
+        for (int lane = 0; lane < AT_ONCE; lane++)
+            total[sum] += sums[sum][lane / (LANES / 2)][lane % (LANES / 2)];
+    double a = total[0], b = total[1], c = total[2], d = total[3], e = total[4], f = total[5];
+    // The inverse of a symmetric matrix ((a, b, c), (b, d, e), (c, e, f)).
+    double aa = d * f - e * e, ab = c * e - b * f, ac = b * e - c * d;
+    double bb = a * f - c * c, bc = b * c - a * e, cc = a * d - b * b;
+    double whole = a * aa + b * ab + c * ac;
+    for (int axis = 0; axis < 2; axis++) {
+        double *own = motion + 3 * axis, *sum = total + 6 + 3 * axis;
+        own[0] = (aa * sum[0] + ab * sum[1] + ac * sum[2]) / whole;
+        own[1] = (ab * sum[0] + bb * sum[1] + bc * sum[2]) / whole;
+        own[2] = (ac * sum[0] + bc * sum[1] + cc * sum[2]) / whole;
+    }
 }
 
 // Fit motion[2][3] to displacements found[count][5]: rows and columns moved are each affine in
@@ -218,37 +289,59 @@ KERNEL(displacements)(const float *query, const float *reference, intptr_t side,
 KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sigma,
                    intptr_t rounds, double stiff, double *motion, double *off)
 {
-    double middle = (double)(side - 1) / 2;
-    for (intptr_t round = 0; round <= rounds; round++) {
-        double a = 1e-6, b = 0, c = 0, d = stiff, e = 0, f = stiff, sums[2][3] = {{0}};
-        for (intptr_t one = 0; one < count; one++) {
-            const float *facts = found + FACTS * one;
-            double y = (facts[0] - middle) / (double)side, x = (facts[1] - middle) / (double)side;
-            double rows = facts[2] - (motion[0] + motion[1] * y + motion[2] * x);
-            double columns = facts[3] - (motion[3] + motion[4] * y + motion[5] * x);
-            double squared = rows * rows + columns * columns;
-            off[one] = sqrt(squared);
-            double weight = 1 / (1 + squared / (sigma * sigma));
-            weight *= weight;
-            a += weight, b += weight * y, c += weight * x;
-            d += weight * y * y, e += weight * y * x, f += weight * x * x;
-            for (int axis = 0; axis < 2; axis++) {
-                double moved = weight * facts[2 + axis];
-                sums[axis][0] += moved, sums[axis][1] += moved * y, sums[axis][2] += moved * x;
-            }
-        }
-        if (round == rounds)
-            break;
-        // The inverse of a symmetric matrix ((a, b, c), (b, d, e), (c, e, f)).
-        double aa = d * f - e * e, ab = c * e - b * f, ac = b * e - c * d;
-        double bb = a * f - c * c, bc = b * c - a * e, cc = a * d - b * b;
-        double whole = a * aa + b * ab + c * ac;
-        for (int axis = 0; axis < 2; axis++) {
-            double *own = motion + 3 * axis, *sum = sums[axis];
-            own[0] = (aa * sum[0] + ab * sum[1] + ac * sum[2]) / whole;
-            own[1] = (ab * sum[0] + bb * sum[1] + bc * sum[2]) / whole;
-            own[2] = (ac * sum[0] + bc * sum[1] + cc * sum[2]) / whole;
-        }
+    intptr_t room = rounded_up(count, 8);
+    double middle = (double)(side - 1) / 2, *numbers = calloc((size_t)(5 * room + 8), sizeof *off);
+    Columns all = {room, numbers, numbers + room, {numbers + 2 * room, numbers + 3 * room},
+                   numbers + 4 * room};
+    if (!numbers)
+        return -1;
+    for (intptr_t one = 0; one < count; one++) {
+        const float *facts = found + FACTS * one;
+        all.y[one] = (facts[0] - middle) / (double)side, all.x[one] = (facts[1] - middle) /
+                                                                      (double)side;
+        all.moved[0][one] = facts[2], all.moved[1][one] = facts[3], all.counts[one] = 1;
     }
+    for (intptr_t round = 0; round < rounds; round++)
+        fit_again(&all, 1 / (sigma * sigma), stiff, motion);
+    for (intptr_t first = 0; first < count; first += LANES / 2) {
+        Doubles squared = off_squared(&all, first, motion);
+        for (intptr_t lane = 0; lane < LANES / 2 && first + lane < count; lane++)
+            off[first + lane] = sqrt(squared[lane]);
+    }
+    free(numbers);
     return 0;
+}
+
+// Write what geometry says of a query and each reference, [several][4]: inliers, strength, and what
+// the query's upper and left half add to it; `shifts`: common shifts, [several][2]; the rest is as
+// in `displacements` and `fit_motion`.
+KERNEL(verify)(const float *query, const float *const *references, intptr_t several,
+               intptr_t side, const int64_t *shifts, const float *weights, float tolerance,
+               double sigma, intptr_t rounds, double stiff, double (*said)[4])
+{
+    intptr_t all = side * side;
+    double *off = malloc((size_t)(all + 3 * all) * sizeof *off);
+    float *found = (float *)(off + all);
+    int failed = !off;
+    for (intptr_t one = 0; one < several && !failed; one++) {
+        const int64_t *shift = shifts + 2 * one;
+        double motion[6] = {(double)shift[0], 0, 0, (double)shift[1], 0, 0}, sums[3] = {0};
+        int64_t kept = 0, inliers = 0;
+        failed |= CALL(displacements)(query, references[one], side, shift[0], shift[1], weights,
+                                      tolerance, found, &kept);
+        failed |= CALL(fit_motion)(found, kept, side, sigma, rounds, stiff, motion, off);
+        for (intptr_t place = 0; place < kept && !failed; place++) {
+            const float *facts = found + FACTS * place;
+            double each = facts[4] / (1 + off[place] * off[place] / (sigma * sigma));
+            inliers += off[place] <= sigma;
+            sums[0] += each;
+            sums[1] += 2 * facts[0] < (float)side ? each : 0;
+            sums[2] += 2 * facts[1] < (float)side ? each : 0;
+        }
+        said[one][0] = (double)inliers;
+        for (int sum = 0; sum < 3; sum++)
+            said[one][1 + sum] = sums[sum] > 0 ? sums[sum] : 0;
+    }
+    free(off);
+    return failed ? -1 : 0;
 }

@@ -2,27 +2,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Displacements and their motion, in C: kernels.c; `numpy_kernels` has the same."""
 
-from convseq_ros.core.compiled import array, DOUBLE, FLOAT, kernel, SIZE
+from collections.abc import Sequence
+
+from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
 import numpy as np
+import numpy.typing as npt
 
+_FLOATS, _DOUBLES, _WHOLES = array('f4'), array('f8'), array('i8')
 _displacements = kernel(
-    'displacements', array('f4'), array('f4'), SIZE, SIZE, SIZE, SIZE, array('f4'), SIZE, FLOAT,
-    array('f4'), array('i8'),
-)  # fmt: skip
-_fit_motion = kernel(
-    'fit_motion', array('f4'), SIZE, SIZE, DOUBLE, SIZE, DOUBLE, array('f8'), array('f8')
+    'displacements', _FLOATS, _FLOATS, SIZE, SIZE, SIZE, _FLOATS, FLOAT, _FLOATS, _WHOLES
 )
+_fit_motion = kernel('fit_motion', _FLOATS, SIZE, SIZE, DOUBLE, SIZE, DOUBLE, _DOUBLES, _DOUBLES)
+_verify = kernel(
+    'verify', _FLOATS, array('u8'), SIZE, SIZE, _WHOLES, _FLOATS, FLOAT, DOUBLE, SIZE, DOUBLE,
+    _DOUBLES,
+)  # fmt: skip
 _WEIGHTS = weights()
+_OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
 
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
     """Return what `numpy_kernels.displacements` does, to 1e-4 cells."""
     found, kept = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
     _displacements(
-        query.numbers, reference.numbers, query.side, *start, FIELD.reach_cells,
-        _WEIGHTS, FIELD.radius_cells, FIELD.tolerance_cells, found, kept,
+        query.first, reference.first, query.side, *start, _WEIGHTS, FIELD.tolerance_cells, found,
+        kept,
     )  # fmt: skip
     return found[: kept[0]]
 
@@ -30,6 +36,19 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
 def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motion:
     """Return what `numpy_kernels.fit_motion` does, to 1e-6 cells."""
     motion, off = initial_motion(start), np.empty(len(found))
-    sigma, stiffness = MOTION.sigma_cells, MOTION.stiffness
-    _fit_motion(found, len(found), side, sigma, MOTION.rounds, stiffness, motion, off)
+    _fit_motion(found, len(found), side, *_OF_MOTION, motion, off)
     return motion, off
+
+
+def verified(
+    query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
+) -> npt.NDArray[np.float64]:
+    """Return what `numpy_kernels.verified` does."""
+    said = np.empty((len(references), 4))
+    where = np.array([address(one.first) for one in references], np.uint64)
+    shifts = np.array(starts, np.int64).reshape(-1, 2)
+    _verify(
+        query.first, where, len(references), query.side, shifts, _WEIGHTS, FIELD.tolerance_cells,
+        *_OF_MOTION, said,
+    )  # fmt: skip
+    return said

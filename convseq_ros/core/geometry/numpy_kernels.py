@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import REGION
@@ -68,6 +69,25 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
         weighted = places / (1 + (off / sigma) ** 2) ** 2
         motion = np.linalg.solve(weighted @ places.T + stiff, weighted @ moved.T).T
     return motion, np.hypot(*(moved - motion @ places))
+
+
+def verified(
+    query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
+) -> npt.NDArray[np.float64]:
+    """
+    Return inliers, strength, and what the upper and the left half add to it, (n, 4).
+
+    As `Verification` has them, of a query and n references, given their common shifts.
+    """
+    said = np.empty((len(references), 4))
+    for row, reference, start in zip(said, references, starts, strict=True):
+        found = displacements(query, reference, start)
+        off = fit_motion(found, query.side, start)[1]
+        each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
+        above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
+        row[0] = (off <= MOTION.sigma_cells).sum()
+        row[1:] = [max(0.0, each[some].sum()) for some in (slice(None), above, beside)]
+    return said
 
 
 def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:

@@ -9,11 +9,12 @@ starts as the common shift and is fitted again and again to what agrees with it,
 is repeatable, and chance finds no motion that explains it best.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.displacement import Arranged, Displacements
+from convseq_ros.core.geometry.displacement import Arranged
 from convseq_ros.core.geometry.motion import MOTION
 from convseq_ros.core.types import Shift
 import numpy as np
@@ -35,13 +36,13 @@ class Verification:
 NOTHING = Verification(0, 0.0, 0.0)
 
 
-def verify(query: Arranged, reference: Arranged, shift: Shift) -> Verification:
-    """Return what the geometry of two images of one size says, given their common shift."""
-    found, off = _motion(query, reference, shift)
-    each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
-    above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
-    strengths = (max(0.0, float(each[some].sum())) for some in (slice(None), above, beside))
-    return Verification(int((off <= MOTION.sigma_cells).sum()), *strengths)
+def verify(
+    query: Arranged, references: Sequence[Arranged], shifts: Sequence[Shift]
+) -> list[Verification]:
+    """Return what geometry says of a query and references of its size, by their common shifts."""
+    starts = [_start(shift) for shift in shifts]
+    said = kernels_of(__package__).verified(query, references, starts).tolist()
+    return [Verification(int(inliers), *strengths) for inliers, *strengths in said]
 
 
 def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.float64]:
@@ -51,16 +52,13 @@ def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.
     Row and column of a region's middle in the query and in the reference, as shares of the image's
     height and width, and 1 for an inlier, else 0.
     """
-    found, off = _motion(query, reference, shift)
+    kernels, start = kernels_of(__package__), _start(shift)
+    found = kernels.displacements(query, reference, start)
+    off = kernels.fit_motion(found, query.side, start)[1]
     middles = np.hstack((found[:, :2], found[:, :2] + found[:, 2:4])) + REGION.span / 2
     cells = query.side + REGION.span - 1
     return np.column_stack((middles / cells, off <= MOTION.sigma_cells)).astype(np.float64)
 
 
-def _motion(
-    query: Arranged, reference: Arranged, shift: Shift
-) -> tuple[Displacements, npt.NDArray[np.float64]]:
-    """Return the field, and how far each region is off the motion of all, in cells."""
-    kernels, start = kernels_of(__package__), (round(shift[0]), round(shift[1]))
-    found = kernels.displacements(query, reference, start)
-    return found, kernels.fit_motion(found, query.side, start)[1]
+def _start(shift: Shift) -> tuple[int, int]:
+    return round(shift[0]), round(shift[1])

@@ -73,10 +73,14 @@ class Links:
 
     def looks(self, index: int) -> tuple[int, ...]:
         """Return the other places that show what a place shows, but for those beside it."""
+        if not self._links:
+            return ()
         found, beside = list[int](), self._around(index, LINKS.beside)
         for near in self._around(self.anchor(index), LINKS.reach):
-            if self.anchor(near) == near:
-                found += (near, *self._followers.get(near, ()))
+            if near in self._followers:
+                found += (near, *self._followers[near])
+            elif self.anchor(near) == near:
+                found.append(near)
         return tuple(sorted(one for one in found if one not in beside))
 
     def followers(self, anchor: int) -> tuple[int, ...]:

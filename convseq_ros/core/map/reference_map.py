@@ -165,7 +165,7 @@ class ReferenceMap:
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; those that are stored are read in one go."""
-        count = len(self)
+        count, indices = len(self), [int(index) for index in indices]  # SQLite has none of NumPy
         for index in indices:
             if not 0 <= index < count:
                 raise IndexError(f'reference {index} of {count}')

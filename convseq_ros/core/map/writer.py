@@ -78,7 +78,9 @@ class MapWriter:
             if append is not False:
                 return False
             if len(MapReader(self._path)):
-                raise MapError(f'{self._path}: exists already; append to it, or delete it first')
+                raise MapError(
+                    f'{self._path}: exists already; delete it first, or use build-map --append'
+                )
         elif append:
             raise MapError(f'{self._path}: {EMPTY}; make it without appending')
         about = {**settings.rows, 'tool': __version__}

@@ -6,19 +6,27 @@
 #define VARIANT avx2
 #define LANES 8
 #define ROWS 6
-#define PAIRS
+#define SMALL_SUMS // dot products of bytes are added up in 16 bits; see small_dots
 #include "vectors.h"
 
-static inline Words dot(Words sum, Words reference, Words query)
+// Add products of a query's bytes with a reference's, two and two, in 16 bits. One of both has to
+// be without signs: the reference's, if none of its bytes has one.
+static inline Words add_twos(Words sum, Words reference, Words query, int are_positive)
 {
-    return sum + (Words)_mm256_madd_epi16((__m256i)reference, (__m256i)query);
+    if (!are_positive) {
+        query = (Words)_mm256_sign_epi8((__m256i)query, (__m256i)reference);
+        reference = (Words)_mm256_abs_epi8((__m256i)reference);
+    }
+    __m256i twos = _mm256_maddubs_epi16((__m256i)reference, (__m256i)query);
+    sum = (Words)_mm256_add_epi16((__m256i)sum, twos);
+    __asm__("" : REGISTER(sum)); // else the compiler adds later, and runs out of registers
+    return sum;
 }
 
-static inline Words raised(Words bytes, int upper)
+// Return the sums of two and two numbers of 16 bits, so many times.
+static inline Words added(Words sums, int16_t times)
 {
-    __m256i zero = _mm256_setzero_si256();
-    return (Words)(upper ? _mm256_unpackhi_epi8(zero, (__m256i)bytes)
-                         : _mm256_unpacklo_epi8(zero, (__m256i)bytes));
+    return (Words)_mm256_madd_epi16((__m256i)sums, _mm256_set1_epi16(times));
 }
 
 #include "kernels.h"

@@ -10,7 +10,7 @@
 
 typedef int8x8_t QueryStep; // in the first lane, which products take for all
 
-static inline QueryStep query_step(const QueryNumber *row, int step)
+static inline QueryStep query_step(const int8_t *row, int step)
 {
     int32_t four;
     memcpy(&four, row + 4 * step, sizeof four);

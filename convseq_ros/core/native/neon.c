@@ -12,7 +12,7 @@ typedef struct {
     int8x16_t first, second; // a query's first two bytes of four, and its last two, again and again
 } QueryStep;
 
-static inline QueryStep query_step(const QueryNumber *row, int step)
+static inline QueryStep query_step(const int8_t *row, int step)
 {
     int16_t two[2];
     memcpy(two, row + 4 * step, sizeof two);

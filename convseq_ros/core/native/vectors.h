@@ -27,6 +27,7 @@ typedef Shorts ShortsAnywhere __attribute__((aligned(2), may_alias));
 enum {
     COLUMNS = 2 * LANES, // regions of a reference that are compared at once
     NUMBERS = 32, // of a region
+    STEPS = NUMBERS / 4, // of a dot product of bytes, four at a time
     LABEL_BITS = 15, // below a dot product of bytes in one word: where it was found
     LABEL = (1 << LABEL_BITS) - 1,
 };
@@ -114,24 +115,10 @@ static inline Floats widened(const uint16_t *halves)
 #endif
 }
 
-#ifdef PAIRS
-// Two products of 16 bits at a time. A reference's bytes are taken 256 times, a query's 128
-// times, so that a dot product lies above its label from the start.
-typedef int16_t QueryNumber;
-enum { STEPS = NUMBERS / 2, QUERY_SCALE = 128, SUM_SHIFT = LABEL_BITS };
-static inline Words raised(Words bytes, int upper);
-#else
-// Four products of bytes at a time.
-typedef int8_t QueryNumber;
-enum { STEPS = NUMBERS / 4, QUERY_SCALE = 1, SUM_SHIFT = 0 };
-#endif
-
 // Return a sum above its label.
 static inline Words labelled(Words sum, int32_t label)
 {
-#if defined(PAIRS)
-    return (void)label, sum;
-#elif defined(__AVX512VBMI2__)
+#if defined(__AVX512VBMI2__)
     __m512i top = (__m512i)(splat(label) << (32 - LABEL_BITS));
     return (Words)_mm512_shldi_epi32((__m512i)sum, top, LABEL_BITS);
 #elif defined(__aarch64__)
@@ -145,10 +132,10 @@ static inline Words labelled(Words sum, int32_t label)
 #ifdef __x86_64__
 typedef Words QueryStep;
 
-static inline QueryStep query_step(const QueryNumber *row, int step)
+static inline QueryStep query_step(const int8_t *row, int step)
 {
     int32_t word;
-    memcpy(&word, row + NUMBERS / STEPS * step, sizeof word);
+    memcpy(&word, row + 4 * step, sizeof word);
     return splat(word);
 }
 #endif
@@ -156,26 +143,16 @@ static inline QueryStep query_step(const QueryNumber *row, int step)
 // Return what half of a block of a reference has for a step.
 static inline Words reference_step(const int8_t *block, int step, int half)
 {
-#ifdef PAIRS
-    return raised(*(const WordsAnywhere *)(block + (step / 2 * 2 + half) * 4 * LANES), step % 2);
-#else
     return *(const WordsAnywhere *)(block + (2 * step + half) * 4 * LANES);
-#endif
 }
 
 // Return where byte 0 to 3 of a column lies in a vector: beside each other, or two and two, those
 // of four columns together, as they are unpacked.
 static inline int byte_place(int lane, int number)
 {
-#if defined(PAIRS) || defined(WIDENED)
+#ifdef WIDENED
     return lane / 4 * 16 + number / 2 * 8 + lane % 4 * 2 + number % 2;
 #else
     return 4 * lane + number;
 #endif
-}
-
-// Return what a sum begins with: what undoes the offset of the reference's bytes, or its label.
-static inline Words beginning(int32_t start, int32_t label)
-{
-    return splat(label * (SUM_SHIFT > 0) + (int32_t)((uint32_t)start << SUM_SHIFT));
 }

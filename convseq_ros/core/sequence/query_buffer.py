@@ -33,6 +33,7 @@ class BufferedFrame:
     row: Row | None = None  # pair scores (R,), NaN where there is none yet
     rescored: set[int] = field(default_factory=set)  # references whose pair score is exact
     verified: dict[int, Verification] = field(default_factory=dict)  # by reference
+    novelty: float = 1.0  # see `QueryBuffer.novelty`
 
 
 class QueryBuffer:
@@ -81,7 +82,9 @@ class QueryBuffer:
         """Add the newest frame, which may show so many references; keep so many frames at most."""
         features = self._matcher.extract(descriptor) if descriptor.informative else None
         row = None if features is None else np.full(usable, np.nan, np.float32)
-        self._keep(BufferedFrame(descriptor, features, row), most)
+        before = self._frames[-1].features if self._frames else None
+        new = _novelty(features, before)
+        self._keep(BufferedFrame(descriptor, features, row, novelty=new), most)
 
     def hold_places(self, missing: int, blank: Descriptor, most: int) -> None:
         """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
@@ -149,7 +152,7 @@ class QueryBuffer:
         """What geometry says of the newest frame and the one before, if it is asked."""
         features = [one.features for one in self.outward[:2]]
         shown = [one.arranged for one in features if one and one.arranged]
-        return verify(shown[0], shown[1], (0.0, 0.0)) if len(shown) == 2 else None
+        return verify(shown[0], shown[1:], [(0.0, 0.0)])[0] if len(shown) == 2 else None
 
     @property
     def novelty(self) -> float:
@@ -159,13 +162,7 @@ class QueryBuffer:
         1 up to a cosine of 0.5 of their regions, which frames of a drive hardly exceed; 0 if the
         image is the same.
         """
-        features = [one.features for one in self.outward[:2]]
-        shown = [one.arranged.numbers for one in features if one and one.arranged]
-        if len(shown) < 2 or not (
-            lengths := float(np.linalg.norm(shown[0]) * np.linalg.norm(shown[1]))
-        ):
-            return 1.0
-        return min(1.0, max(0.0, 2 - 2 * float(shown[0] @ shown[1]) / lengths))
+        return self.newest.novelty
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:
         self._frames = deque((*self._frames, frame), most)
@@ -182,3 +179,12 @@ class QueryBuffer:
                 met = ends - step
                 there = (met >= firsts) & (met < np.minimum(stops, len(one.row)))
                 yield one, one.features, one.row, met[there]
+
+
+def _novelty(features: Features | None, before: Features | None) -> float:
+    shown = [one.arranged.rows.ravel() for one in (features, before) if one and one.arranged]
+    if len(shown) < 2 or not (
+        lengths := float(np.linalg.norm(shown[0]) * np.linalg.norm(shown[1]))
+    ):
+        return 1.0
+    return min(1.0, max(0.0, 2 - 2 * float(shown[0] @ shown[1]) / lengths))

@@ -10,6 +10,7 @@ asked, not how similar it is, which survives night, seasons and another viewpoin
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from convseq_ros.core.constants import constants
@@ -77,12 +78,11 @@ def coherent_pair(
         Callable[[Regions, Regions | None], Shown],
     ],
     pack_query: Callable[[CoherentQuery], Any],
-    pack_reference: Callable[[Regions, Blocks | None], Any],
+    references: tuple[Callable[[Regions, Blocks | None], Any], Callable[[Any], Regions]],
     compare: Callable[
-        [Any, Wide | None, Sequence[Any]], tuple[Scores, npt.NDArray[np.float32] | None]
+        [Any, Wide | None, Sequence[Any], bool], tuple[Scores, npt.NDArray[np.float32] | None]
     ],
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
-    step: int = 1,
 ) -> PairScore:
     """
     Return the pair score of a kernel: `coherent_score`, less where whole images differ.
@@ -90,12 +90,15 @@ def coherent_pair(
     If there is a background, up to half of the score is lost as the global similarity falls.
     `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
     computes `coherent_score` of a query and some references, and their `global_similarity`, as
-    `pack_query` and `pack_reference` lay them out. By a `step` of more than 1 the score is a rough
-    one, whatever whole images show.
+    `pack_query` and the first of `references` lay them out; the second gives regions back. Rough
+    scores are those of every second region, whatever whole images show.
     """
     _, project, subtract = regions
+    pack_reference, regions_of = references
 
-    def extracted(query: Descriptor, least_bits: float, shown: Shown | None) -> _Query | None:
+    def extracted(
+        query: Descriptor, least_bits: float, shown: Shown | None, step: int = 1
+    ) -> _Query | None:
         own, blocks = shown or (project(query.cells), None)
         found = extract(query, least_bits, own, step)
         if found is None:
@@ -104,11 +107,14 @@ def coherent_pair(
         return _Query(found, pack_query(found), wide)
 
     def prepare(cells: Cells, background: Regions | None) -> Any:
-        regions, blocks = subtract(project(cells), background)
-        return pack_reference(thinned(regions, step), None if step > 1 else blocks)
+        return pack_reference(*subtract(project(cells), background))
 
-    def score(query: _Query, references: Sequence[Any]) -> Scores:
-        (shares, shifts), alike = compare(query.packed, query.wide, references)
+    def score(query: _Query, references: Sequence[Any], is_rough: bool = False) -> Scores:
+        (shares, shifts), alike = compare(query.packed, query.wide, references, is_rough)
         return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
-    return PairScore(name, exact, extracted, prepare, score, *regions, prepare_packed)
+    return PairScore(
+        name, exact, extracted, prepare, score, *regions, prepare_packed, regions_of,
+        extract_rough=partial(extracted, step=COHERENT.rough_step),
+        compare_rough=partial(score, is_rough=True),
+    )  # fmt: skip

@@ -9,8 +9,14 @@ from pathlib import Path
 import re
 from typing import Any
 
-from convseq_ros.evaluation.plots.figure import new_figure, save, take_texts_literally
-from convseq_ros.evaluation.plots.matrix import show_matches, show_scores, show_truth
+from convseq_ros.evaluation.plots import (
+    new_figure,
+    save,
+    show_matches,
+    show_scores,
+    show_truth,
+    take_texts_literally,
+)
 from convseq_ros.evaluation.report.shown import Shown
 import numpy as np
 import numpy.typing as npt

@@ -4,7 +4,7 @@
 
 from itertools import pairwise
 
-from convseq_ros.core.decision.belief import BELIEF, Belief
+from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
@@ -63,16 +63,6 @@ def test_at_first_the_robot_is_elsewhere(a_map):
     posterior = belief.posterior
     assert posterior.elsewhere == 1 and len(posterior.places) == len(posterior.mass) == 0
     assert belief.likeliest(5) == [] and belief.velocity(3) == 1.0
-
-
-def test_the_first_step_by_hand(a_map):
-    posterior = seen(Belief(a_map(5), Driven()), np.log([1, 1, 10, 1, 0.5]))
-    entered = (0.004 + 1e-4) / 5  # a 250th of elsewhere, and what jumps, evenly
-    weights = entered * np.array([1, 1, 10, 1, 0.5])
-    total = weights.sum() + 0.996
-    assert posterior.places.tolist() == [0, 1, 2, 3, 4]
-    assert posterior.mass == pytest.approx(weights / total)
-    assert posterior.elsewhere == pytest.approx(0.996 / total)
 
 
 def test_the_second_step_by_hand(a_map):
@@ -263,7 +253,3 @@ def test_without_links_mass_stays_in_its_session(a_map, lengths, both, step_m):
         mass, _ = masses(belief, len(whole))
         own = mass[first : min(end, len(whole))].sum()
         assert mass.sum() == pytest.approx(own, abs=1e-5)  # what was elsewhere at first
-
-
-def test_constants_are_shares():
-    assert all(0 < getattr(BELIEF, name) < 0.5 for name in BELIEF.__dataclass_fields__)

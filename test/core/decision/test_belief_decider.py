@@ -127,14 +127,6 @@ def test_from_the_fourth_keyframe_after_a_jump_nothing_of_the_old_place(
     assert accepted(matches[15:]) == [*range(there + 3, there + 12)]
 
 
-@both_searches
-def test_from_the_third_keyframe_after_the_end_of_the_map_nothing(street, drive, config):
-    matches = drive(PlaceRecognizer(street, config), [*range(45, 60), *range(900, 915)])
-    assert accepted(matches[2:15]) == [*range(47, 60)]
-    assert accepted(matches[17:]) == [None] * 13
-    assert matches[-1].localization.state is not LocalizationState.LOCALISED
-
-
 def test_a_place_that_the_map_holds_twice_is_accepted_once_its_looks_are_linked(map_of, drive):
     twice = map_of([*range(30), *range(30)])
     matches = drive(PlaceRecognizer(twice, OWN), range(5, 25))

@@ -34,13 +34,6 @@ def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map,
     assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, (9, 2)))
 
 
-def test_in_both_directions_every_velocity_but_none_has_its_opposite(a_map):
-    velocities, found, _ = moved(a_map(30), None, both=True)
-    ahead = [one for one in MOTION.velocities if one]
-    assert sorted(velocities.tolist()) == sorted([0, *ahead, *(-one for one in ahead)])
-    assert found[:, 0] == pytest.approx(10 + velocities)
-
-
 def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
     velocities, found, sigmas = moved(a_map(30, step_m=2.0), 0, 5, both=True, places=(10, 20))
     expected = np.where(velocities < 0, [[7.5], [17.5]], [[12.5], [22.5]]).T
@@ -53,11 +46,6 @@ def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
     for xs, yaw in (((5, 0), 0.0), ((0, 5), np.pi)):  # in reverse gear, as the robot is turned
         velocities, found, _ = moved(street, *xs, both=True, yaw=yaw)
         assert found[:, 0] == pytest.approx(np.where(velocities < 0, 12.5, 7.5))
-
-
-def test_who_stops_stays(a_map):
-    assert moved(a_map(30, step_m=2.0), 0, 5, 5)[1] == pytest.approx(np.full((9, 1), 10.0))
-    assert moved(a_map(30), 0, 5, 5)[1] == pytest.approx(np.full((9, 1), 10.0))
 
 
 def test_in_a_map_without_poses_a_way_counts_against_the_usual_way(a_map):
@@ -85,12 +73,3 @@ def test_whatever_odometry_says_there_are_no_infinities(a_map, xs, step_m, both,
     _, found, sigmas = moved(street, *xs, places=range(18), both=both, missing=missing)
     assert np.isfinite(found).all() and np.isfinite(sigmas).all()
     assert (sigmas >= MOTION.sigma_places).all()
-
-
-def test_after_a_reset_odometry_begins_anew(a_map):
-    model = MotionModel(a_map(30, step_m=1.0), False, ERROR)
-    for x in (0, 3):
-        model.move(at(x), 0)
-    model.reset()
-    model.move(at(500), 0)
-    assert model.moved(np.array([10]))[0][:, 0] == pytest.approx(10 + model.velocities)

@@ -4,7 +4,7 @@
 
 import math
 
-from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO, RecentMean, strength_of
+from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO, strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.geometry.verification import Verification
@@ -111,18 +111,6 @@ def test_a_lead_counts_by_strength_and_by_score_in_scales(a_map):
     assert set(seen.verified) == {30, *RIVALS, 28, 29, 31, 32}
 
 
-def test_a_lead_is_worth_no_more_than_most_and_no_less_than_least(a_map):
-    _, ratios = looked(a_map(100), Frame(scored(score=0.5), {30: 900.0}))
-    assert ratios[30] == RATIO.most
-    assert ratios[28] == RATIO.most - 2 * RATIO.beside  # beside it, which a frame hardly tells
-
-
-def test_a_single_score_that_stands_out_is_worth_a_few_scales_at_most(a_map):
-    _, ratios = looked(a_map(100), Frame(scored(score=0.9), {}))
-    expected = RATIO.constant + RATIO.score * RATIO.most_scales
-    assert ratios[30] == pytest.approx(expected)
-
-
 def test_what_lies_on_the_ground_alone_hardly_counts():
     assert strength_of(shown(224.0, 30.0)) == 90 and strength_of(shown(224.0, 190.0)) == 224
     assert strength_of(shown(3.0)) == RATIO.unrelated / 2
@@ -162,12 +150,6 @@ def test_what_was_believed_is_scored_and_the_likeliest_of_it_verified(a_map):
 def test_a_frame_without_scores_says_nothing(a_map):
     seen, ratios = looked(a_map(30), Frame(np.full(30, np.nan), {}), [3])
     assert ratios == {3: 0.0} and not seen.has_rivals
-
-
-def test_all_that_is_believed_is_told_of(a_map):
-    seen, ratios = looked(a_map(100), Frame(scored(), {}), listed=[*RIVALS, 30], believed=[5, 45])
-    assert {5, 45} <= {*seen.places.tolist()} and not {5, 45} & {*seen.verified}
-    assert ratios[5] == ratios[45] == UNSEEN
 
 
 def test_how_rarely_true_places_are_shown_is_learned(a_map):
@@ -244,22 +226,6 @@ def test_whatever_is_shown_ratios_are_finite_and_in_bounds(
     assert (np.diff(seen.places) > 0).all() and np.isfinite(seen.log_ratios).all()
     assert (seen.log_ratios >= 2 * RATIO.least).all() and (seen.log_ratios <= RATIO.most).all()
     assert seen.has_rivals or (seen.log_ratios <= 0).all()
-
-
-def test_a_mean_begins_as_usual_and_follows_what_comes():
-    mean = RecentMean(0.5, 10.0)
-    assert mean.value == 0.5
-    mean.add(2.0)
-    keep = 1 - 1 / RATIO.memory
-    assert mean.value == pytest.approx((keep * 5 + 2) / (keep * 10 + 1))
-    for _ in range(200):
-        mean.add(7.0)
-    assert mean.value == pytest.approx(7, abs=0.01)
-
-
-def test_the_second_gap_counts_twice_and_two_values_tell_nothing():
-    assert gumbel_scale(np.array([3.0, 5.0, 2.0])) == pytest.approx((2 + 2 * 1) / 2)
-    assert gumbel_scale(np.array([7.0, 1.0])) is gumbel_scale(np.zeros(0)) is None
 
 
 @pytest.mark.parametrize('true', [0.1, 3.0])

@@ -53,10 +53,6 @@ def test_no_more_candidates_than_asked_for_and_always_a_rival(a_map):
     assert len(decided(a_map, scores, one)[0].candidates) == 2
 
 
-def test_places_without_score_are_no_candidates(a_map):
-    assert len(decided(a_map, [-np.inf, -np.inf, 0.5])[0].candidates) == 1
-
-
 def test_neighbours_of_another_session_are_rivals_and_tell_theirs(a_map):
     scores = np.full(30, 0.1)
     scores[[9, 10, 12]] = 0.9, 0.8, 0.7
@@ -92,8 +88,3 @@ def test_where_no_sequence_ends_the_map_is_too_short_or_frames_are_too_few(
 ):
     said, _ = decided(a_map, [-np.inf] * 30, length=length, lengths=lengths)
     assert (said.reason, said.candidates, said.length) == (reason, (), length)
-
-
-def test_while_frames_are_too_few_only_the_newest_is_scored(a_map):
-    said, buffer = decided(a_map, [0.5] * 9, length=None)
-    assert said.reason is Reason.WARMING_UP and buffer.asked == [(1, [*range(9)])]

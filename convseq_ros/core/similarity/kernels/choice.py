@@ -4,7 +4,7 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, library
-from convseq_ros.core.similarity.kernels.numpy_coherent import COHERENT_PAIR, ROUGH_PAIR
+from convseq_ros.core.similarity.kernels.numpy_coherent import COHERENT_PAIR
 from convseq_ros.core.similarity.kernels.numpy_regional import REGIONAL
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.errors import ConfigError
@@ -30,14 +30,3 @@ def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
     kernels = {'coherent': coherent, 'regional': regional}[matching.matching]
     exact = kernels.float32()
     return (exact if wanted == 'float32' else kernels.int8()), exact
-
-
-def rough_kernel(matching: MatchingConfig) -> PairScore | None:
-    """Return the kernel of rough pair scores; None for a way of matching that has none."""
-    if matching.matching != 'coherent':
-        return None
-    if matching.kernel == 'numpy' or not available():
-        return ROUGH_PAIR
-    from convseq_ros.core.similarity.kernels import coherent
-
-    return coherent.rough(exact=matching.kernel == 'float32')

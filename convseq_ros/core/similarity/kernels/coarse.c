@@ -56,7 +56,7 @@ KERNEL(probe)(void)
     uint16_t halves[16];
     float direction[16], product = 0;
     // Bytes 1 and 2 again and again, wherever a layout has a region's four.
-    int32_t dots = 0, expected = QUERY_SCALE > 1 ? 0x201 * (1 + 2) : 1 + 2 * 2 + 3 + 2 * 4;
+    int32_t dots = 0, expected = 1 + 2 * 2 + 3 + 2 * 4;
     for (int number = 0; number < 16; number++)
         halves[number] = 0x3c00, direction[number] = (float)number; // ones
     CALL(peak)(1, &dots);

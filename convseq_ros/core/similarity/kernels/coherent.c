@@ -91,19 +91,13 @@ static void match_bytes(Pair *pair, const void *query, const void *reference, in
     for (int row = 0; row < ROWS; row++)
         best[row] = splat(INT32_MIN);
     for (intptr_t vector = 0; vector < pair->vectors; vector += 2) {
-        const int32_t *labels = pair->labels + first + vector, *start = pair->sums + first;
-        Words sums[ROWS][2], highest[2];
+        Words words[ROWS][2], highest[2];
+        labelled_dots((const int8_t *)query + first * NUMBERS,
+                      (const int8_t *)reference + vector * LANES * NUMBERS, pair->sums + first,
+                      pair->labels + first + vector, words);
 #pragma GCC unroll 16
         for (int row = 0; row < ROWS; row++) {
-            sums[row][0] = beginning(start[row], labels[row]);
-            sums[row][1] = beginning(start[row], labels[row + 1]);
-        }
-        add_byte_dots((const QueryNumber *)query + first * NUMBERS,
-                      (const int8_t *)reference + vector * LANES * NUMBERS, sums);
-#pragma GCC unroll 16
-        for (int row = 0; row < ROWS; row++) {
-            Words left = labelled(sums[row][0], labels[row]);
-            Words right = labelled(sums[row][1], labels[row + 1]);
+            Words left = words[row][0], right = words[row][1];
             best[row] = larger(best[row], larger(left, right));
             highest[0] = row ? larger(highest[0], left) : left;
             highest[1] = row ? larger(highest[1], right) : right;

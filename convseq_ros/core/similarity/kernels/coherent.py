@@ -20,7 +20,13 @@ from convseq_ros.core.similarity.kernels.panel import (
     ROWS,
     tiled,
 )
-from convseq_ros.core.similarity.kernels.references import alike, pack, pack_all, Reference
+from convseq_ros.core.similarity.kernels.references import (
+    alike,
+    pack,
+    pack_all,
+    Reference,
+    regions_of,
+)
 from convseq_ros.core.similarity.kernels.regions import less_background, normalized
 from convseq_ros.core.similarity.pair_score import PairScore, Scores
 import numpy as np
@@ -69,13 +75,13 @@ def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 
 def _compared(
-    query: _Query,
-    wide: Wide | None,
-    others: Sequence[Reference],
-    window: npt.NDArray[np.float64] = WINDOW,
+    query: _Query, wide: Wide | None, others: Sequence[Reference], is_rough: bool = False
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if query.packed[1] is None else _compare_bytes
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
+    window = WINDOW
+    if is_rough:
+        where, window = where + np.uint64(others[0].some), ROUGH_WINDOW
     own = *query.packed, query.start, query.count, query.side
     half = window[COHERENT.reach_cells :]
     compare(*own, *_grid(query.side), half, where, len(others), found)
@@ -83,23 +89,16 @@ def _compared(
     return scores, None if wide is None else alike(wide, others, where)
 
 
-def _pair(
-    name: str,
-    scale: float,
-    pack_query: Callable[[CoherentQuery], _Query],
-    step: int = 1,
-    window: npt.NDArray[np.float64] = WINDOW,
-) -> PairScore:
+def _pair(name: str, scale: float, pack_query: Callable[[CoherentQuery], _Query]) -> PairScore:
     """Return the pair score by bytes, if there is a scale, or by floats."""
     return coherent_pair(
         f'{name} {library().variant}',
         not scale,
         (normalized, project, less_background),
         pack_query,
-        partial(pack, scale=scale),
-        partial(_compared, window=window),
-        partial(pack_all, scale=scale, step=step),
-        step,
+        (partial(pack, scale=scale), partial(regions_of, scale=scale)),
+        _compared,
+        partial(pack_all, scale=scale),
     )
 
 
@@ -111,9 +110,3 @@ def float32() -> PairScore:
 def int8() -> PairScore:
     """Return the pair score by 8-bit products; scores are within 0.01 of the definition's."""
     return _pair('int8', _SCALE, _byte_query)
-
-
-def rough(exact: bool) -> PairScore:
-    """Return the rough pair score, by float32 products or by 8-bit ones."""
-    kind = ('float32', 0.0, _float_query) if exact else ('int8', _SCALE, _byte_query)
-    return _pair(*kind, COHERENT.rough_step, ROUGH_WINDOW)

@@ -3,11 +3,11 @@
 """Coherent pair scores by NumPy and OpenCV: the definition, and the fallback without C."""
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from threading import local
 from typing import Any
 
-from convseq_ros.core.encoding.regions import projected_regions, Regions, unit
+from convseq_ros.core.encoding.regions import projected_regions, Regions, thinned, unit
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
@@ -113,12 +113,10 @@ def _both(regions: Regions, blocks: Blocks | None) -> Shown:
 
 
 def _compare(
-    query: CoherentQuery,
-    wide: Wide | None,
-    references: Sequence[Shown],
-    window: npt.NDArray[np.float64] = WINDOW,
+    query: CoherentQuery, wide: Wide | None, references: Sequence[Shown], is_rough: bool = False
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
-    told = (coherent_score(query, one, window) for one, _ in references)
+    step, window = (COHERENT.rough_step, ROUGH_WINDOW) if is_rough else (1, WINDOW)
+    told = (coherent_score(query, thinned(one, step), window) for one, _ in references)
     scores, shifts = zip(*told, strict=True)
     found, blocks = (
         (np.array(scores, np.float32), np.array(shifts)),
@@ -129,14 +127,15 @@ def _compare(
     return found, global_similarity(wide, np.array(blocks, np.float64))
 
 
-_OF_REGIONS = normalized, projected_regions, less_background
-COHERENT_PAIR = coherent_pair('numpy', True, _OF_REGIONS, _same, _both, _compare)
-ROUGH_PAIR = coherent_pair(
+def _regions_of(reference: Shown) -> Regions:
+    return reference[0]
+
+
+COHERENT_PAIR = coherent_pair(
     'numpy',
-    False,
-    _OF_REGIONS,
+    True,
+    (normalized, projected_regions, less_background),
     _same,
-    _both,
-    partial(_compare, window=ROUGH_WINDOW),
-    step=COHERENT.rough_step,
+    (_both, _regions_of),
+    _compare,
 )

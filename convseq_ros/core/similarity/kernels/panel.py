@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from convseq_ros.core.compiled import address, array, FLOAT, INT, kernel, numbers, SIZE
-from convseq_ros.core.encoding.regions import Regions
+from convseq_ros.core.encoding.regions import REGION, Regions
 import numpy as np
 import numpy.typing as npt
 
@@ -16,10 +16,12 @@ Packed = tuple[Panel, npt.NDArray[np.int32] | None]
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _pack_reference = kernel('pack_reference', array('f4'), SIZE, FLOAT, INT, array('i1'))
+_unpack_reference = kernel('unpack_reference', array('i1'), SIZE, FLOAT, array('f4'))
 
-# Regions of a query and of a reference in a tile; of a query's bytes the width, and how many times
-# each is taken; what is added to a reference's.
-ROWS, COLUMNS, _WIDTH, _TIMES, _OFFSET, _ = numbers('shape', 6)
+# Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
+# above an origin of 0, and above one of 127.
+ROWS, COLUMNS, *_ADDED = numbers('shape', 4)
+_ORIGINS = 0, 127
 
 
 def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
@@ -38,9 +40,8 @@ def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
 def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Packed:
     """Return regions (G, 32), times a scale, as signed bytes."""
     whole = np.clip(np.rint(tiled(regions, ROWS) * np.float32(scale)), -127, 127)
-    start = (origin - _OFFSET) * whole.sum(axis=1)
-    packed = (whole * _TIMES).astype(f'i{_WIDTH}').view(np.int8)
-    return packed, start.astype(np.int32)
+    start = (origin - _ADDED[_ORIGINS.index(origin)]) * whole.sum(axis=1)
+    return whole.astype(np.int8), start.astype(np.int32)
 
 
 def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
@@ -48,6 +49,19 @@ def reference_bytes(regions: Regions, scale: float, origin: int = 0) -> Panel:
     packed = empty_panel(rounded_up(len(regions), COLUMNS) * 32, np.int8)
     _pack_reference(regions, len(regions), scale, origin, packed)
     return packed
+
+
+def regions_of_bytes(packed: Panel, count: int, scale: float) -> Regions:
+    """Return so many regions (N, 32) of a reference from its bytes, to half a step of these."""
+    regions = np.empty((count, REGION.numbers), np.float32)
+    _unpack_reference(packed, count, 1 / scale, regions)
+    return regions
+
+
+def regions_of_floats(packed: Panel, count: int) -> Regions:
+    """Return the same from its floats."""
+    blocks = packed.reshape(-1, REGION.numbers, COLUMNS).swapaxes(1, 2)
+    return blocks.reshape(-1, REGION.numbers)[:count]
 
 
 def query_floats(regions: Regions) -> Packed:

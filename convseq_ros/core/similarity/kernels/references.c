@@ -5,22 +5,24 @@
 // Lay out references as they are compared, in panels; shown: 0 for one without any gradient.
 //
 // packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
-// normalised (see there) if `typical` is not 0, and less the background if there is one: then a
-// panel ends with the sums of blocks of its regions. Regions are bytes if there is a scale, else
-// floats as they come. Of rows and columns of regions, one of each `step` is taken.
+// normalised (see there) if `typical` is not 0, and less the background if there is one. A panel has
+// the regions, then every `step`-th region of every `step`-th row, and ends with the sums of blocks
+// of regions if there is a background. Without a scale regions are floats as they come, and `room`
+// bytes hold both; else they are bytes.
 KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, intptr_t step,
                 float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
-                void *const *panels, int8_t *shown)
+                intptr_t room, int8_t *const *panels, int8_t *shown)
 {
-    intptr_t side = (size - SPAN + step) / step, count = side * side;
-    intptr_t numbers = size * size * BINS;
-    intptr_t blocks = (side + block - 1) / block, bytes = scale > 0 ? 1 : sizeof(float);
-    float *cells = malloc((size_t)(2 * numbers + count * NUMBERS) * sizeof *cells);
+    intptr_t side = size - SPAN + 1, count = side * side, numbers = size * size * BINS;
+    intptr_t blocks = (side + block - 1) / block;
+    // Cells as they are, and normalised; regions, and some of them.
+    float *cells = malloc((size_t)(2 * numbers + 2 * count * NUMBERS) * sizeof *cells);
     float *normal = cells + numbers;
     int failed = !cells;
     for (intptr_t one = 0; one < several && !failed; one++) {
-        float *regions = scale > 0 ? normal + numbers : panels[one];
+        float *regions = scale > 0 ? normal + numbers : (float *)panels[one];
+        float *some = normal + numbers + count * NUMBERS;
         uint16_t any = 0;
         for (intptr_t place = 0; place < numbers; place += LANES) {
             intptr_t first = place < numbers - LANES ? place : numbers - LANES;
@@ -32,16 +34,22 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
             continue;
         if (typical > 0)
             failed |= CALL(normalize)(cells, size, middle, beside, typical, normal);
-        failed |= CALL(project)(typical > 0 ? normal : cells, size, step, axes, origin,
-                                regions);
+        failed |= CALL(project)(typical > 0 ? normal : cells, size, axes, origin, regions);
         if (background) {
-            float *sums = (float *)((char *)panels[one] +
-                                    rounded_up(count, COLUMNS) * NUMBERS * bytes);
+            float *sums = (float *)(panels[one] + room);
             memset(sums, 0, (size_t)(blocks * blocks * NUMBERS) * sizeof *sums);
             CALL(subtract)(regions, background, side, block, sums);
         }
-        if (scale > 0)
-            CALL(pack_reference)(regions, count, scale, 0, panels[one]);
+        if (!(scale > 0))
+            continue;
+        intptr_t kept = 0;
+        for (intptr_t row = 0; row < side; row += step)
+            for (intptr_t column = 0; column < side; column += step)
+                memcpy(some + NUMBERS * kept++, regions + (row * side + column) * NUMBERS,
+                       NUMBERS * sizeof *some);
+        CALL(pack_reference)(regions, count, scale, 0, panels[one]);
+        CALL(pack_reference)(some, kept, scale, 0,
+                             panels[one] + rounded_up(count, COLUMNS) * NUMBERS);
     }
     free(cells);
     return failed ? -1 : 0;

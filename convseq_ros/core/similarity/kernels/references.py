@@ -9,6 +9,7 @@ from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZ
 from convseq_ros.core.encoding.kernels import axes
 from convseq_ros.core.encoding.regions import REGION, Regions, thinned
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
+from convseq_ros.core.similarity.coherent import COHERENT
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
     from_products,
@@ -24,6 +25,8 @@ from convseq_ros.core.similarity.kernels.panel import (
     Panel,
     reference_bytes,
     reference_floats,
+    regions_of_bytes,
+    regions_of_floats,
     rounded_up,
 )
 import numpy as np
@@ -32,7 +35,7 @@ import numpy.typing as npt
 _FLOATS, _ADDRESSES = array('f4'), array('u8')
 _prepare = kernel(
     'prepare', _ADDRESSES, SIZE, SIZE, SIZE, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS,
-    _FLOATS, SIZE, FLOAT, _ADDRESSES, array('i1'),
+    _FLOATS, SIZE, FLOAT, SIZE, _ADDRESSES, array('i1'),
 )  # fmt: skip
 _lateral_products = kernel(
     'lateral_products', _FLOATS, SIZE, SIZE, _ADDRESSES, SIZE, SIZE, array('f8')
@@ -41,67 +44,77 @@ _lateral_products = kernel(
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The regions of a reference, as bytes or floats, and behind them its blocks."""
+    """The regions of a reference, as bytes or floats; behind them some, and all in blocks."""
 
     panel: Panel
     address: int  # of the panel
-    blocks: int  # where they begin, in numbers of 4 bytes; 0 if there are none
+    count: int  # regions
+    some: int  # where those begin that rough scores compare, in bytes
+    blocks: int  # where blocks begin, in numbers of 4 bytes; 0 if there are none
     length: float  # of the vector of all blocks
 
 
 def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
     """Return a reference from its regions, as bytes if there is a scale, and its blocks."""
-    shown = reference_bytes(regions, scale) if scale else reference_floats(regions)
+    shown, some = (
+        reference_bytes(one, scale) if scale else reference_floats(one)
+        for one in (regions, thinned(regions, COHERENT.rough_step))
+    )
     behind = np.zeros(0, np.float32) if blocks is None else blocks
-    panel = empty_panel(shown.nbytes + behind.nbytes, np.uint8)
-    panel[: shown.nbytes], panel[shown.nbytes :] = shown.view(np.uint8), behind.view(np.uint8)
-    begin = 0 if blocks is None else shown.nbytes // 4
-    return Reference(panel, address(panel), begin, float(lengths(behind)))
+    parts = [one.view(np.uint8).ravel() for one in (shown, some, behind)]
+    panel = empty_panel(sum(map(len, parts)), np.uint8)
+    np.concatenate(parts, out=panel)
+    begin = 0 if blocks is None else (len(parts[0]) + len(parts[1])) // 4
+    return Reference(
+        panel, address(panel), len(regions), len(parts[0]), begin, float(lengths(behind))
+    )
 
 
 def pack_all(
-    packed: Sequence[Packed],
-    normalizes: bool,
-    background: Regions | None,
-    scale: float,
-    step: int = 1,
+    packed: Sequence[Packed], normalizes: bool, background: Regions | None, scale: float
 ) -> list[Reference | None]:
-    """
-    Return what `pack` does of each reference, from its packed cells; None without gradient.
-
-    Of rows and columns of regions, one of each `step` is taken.
-    """
-    size, shown = len(packed[0]), np.empty(len(packed), np.int8)
+    """Return what `pack` does of each reference, from its packed cells; None without gradient."""
+    size, shown, step = len(packed[0]), np.empty(len(packed), np.int8), COHERENT.rough_step
     side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
-    if background is not None:
-        background = np.ascontiguousarray(thinned(background, step), np.float32)
-    side = rounded_up(side, step) // step
-    room = rounded_up(side**2, COLUMNS) * REGION.numbers * (1 if scale else 4)
+    count, each = side**2, REGION.numbers * (1 if scale else 4)
+    some = rounded_up(count, COLUMNS) * each
+    room = some + rounded_up((-(-side // step)) ** 2, COLUMNS) * each
     behind = 0
     if background is not None:
+        background = np.ascontiguousarray(background, np.float32)
         behind = (-(-side // block)) ** 2 * REGION.numbers * 4
     cells = [np.ascontiguousarray(one) for one in packed]
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
-    where = addresses(panels)
     _prepare(
         addresses(cells), len(packed), size, step, PACKED_UNIT, own.middle, own.side,
-        own.saturation if normalizes else 0.0, *axes(), background, block, scale, where, shown,
+        own.saturation if normalizes else 0.0, *axes(), background, block, scale, room,
+        addresses(panels), shown,
     )  # fmt: skip
     made = [panels[one] for one in np.flatnonzero(shown)]
     if not made:
         return [None] * len(packed)
-    if not scale:
-        for regions in (panel[:room].view(np.float32) for panel in made):
-            regions[:] = reference_floats(regions.reshape(-1, REGION.numbers)[: side**2])
+    for panel in made if not scale else ():
+        numbers = panel[:room].view(np.float32)
+        regions = numbers[: count * REGION.numbers].reshape(-1, REGION.numbers).copy()
+        numbers[: some // 4] = reference_floats(regions)
+        numbers[some // 4 :] = reference_floats(thinned(regions, step))
     blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
     begin = room // 4 if behind else 0
     found = iter(
         [
-            Reference(panel, address(panel), begin, length)
+            Reference(panel, address(panel), count, some, begin, length)
             for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
         ]
     )
     return [next(found) if any_ else None for any_ in shown]
+
+
+def regions_of(reference: Reference, scale: float) -> Regions:
+    """Return the regions (N, 32) of a reference; of bytes, to half a step of these."""
+    panel = reference.panel[: reference.some]
+    if scale:
+        return regions_of_bytes(panel.view(np.int8), reference.count, scale)
+    return regions_of_floats(panel.view(np.float32), reference.count)
 
 
 def alike(

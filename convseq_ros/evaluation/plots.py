@@ -1,0 +1,178 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures by matplotlib, which is imported only when one is drawn, and the picture of the demo."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from convseq_ros.errors import ConvseqError, pip_install
+from convseq_ros.results import complete_or_absent
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Image: TypeAlias = npt.NDArray[np.uint8]
+Pair: TypeAlias = tuple[Image, Image, str, str, bool]
+_DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
+NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # low scores to high
+UNSCORED = '#4c4c4c'
+EDGE = '#0f1720'
+_PALE, _DIM = '#e8eef4', '#9fb0c0'
+VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
+MOST_PAIRS = 4
+MOST_CELLS = 320
+MOST_DOTS = 1500
+DENSE = 500  # from here on dots have no edge, which would hide their neighbours
+_NUM_SHADES = 64
+
+
+def new_figure(width: float, height: float, face: str = 'white') -> Any:
+    """Return an empty matplotlib figure, inches; ConvseqError if matplotlib is not installed."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ConvseqError(f'figures need matplotlib: {pip_install("matplotlib")}') from None
+    figure = Figure(figsize=(width, height), dpi=100, facecolor=face)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def take_texts_literally(figure: Any) -> None:
+    """Draw a dollar sign in a name as one; matplotlib would take two for a formula."""
+    for text in figure.findobj(lambda artist: hasattr(artist, 'set_parse_math')):
+        text.set_parse_math(False)
+
+
+def save(figure: Any, *paths: Path, **options: Any) -> None:
+    """
+    Write a figure in the format that each name ends with: png, svg or pdf.
+
+    A file is complete or absent. It has no date, so the same figure gives the same file.
+    `options` are those of `savefig`.
+    """
+    from matplotlib import rc_context
+
+    take_texts_literally(figure)
+    for path in paths:
+        kind = path.suffix[1:]
+        undated = {_DATES[kind]: None} if kind in _DATES else None
+        with complete_or_absent(path) as part:
+            with rc_context({'svg.hashsalt': 'convseq_ros', 'pdf.fonttype': 42}):
+                figure.savefig(part, format=kind, metadata=undated, **options)
+
+
+def show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
+    """
+    Draw scores, shape (Q, R): brighter is more similar, gray where nothing was scored (NaN).
+
+    In a large matrix each block shows its highest score, so that a thin path stays visible.
+    """
+    from matplotlib.colors import LinearSegmentedColormap
+
+    num_queries, num_references = scores.shape
+    small = reduced(scores)
+    known = small[np.isfinite(small)]
+    low, high = np.percentile(known, (1, 99.8)) if known.size else (0.0, 1.0)
+    shades = LinearSegmentedColormap.from_list('night', NIGHT, _NUM_SHADES)
+    axes.imshow(
+        np.ma.masked_invalid(small),
+        cmap=shades.with_extremes(bad=UNSCORED),
+        vmin=low,
+        vmax=high if high > low else low + 1,
+        extent=(-0.5, num_references - 0.5, num_queries - 0.5, -0.5),
+        aspect='auto',
+        interpolation='none',
+    )
+    if known.size < small.size:
+        axes.plot([], [], 's', color=UNSCORED, label='not scored')
+
+
+def show_truth(axes: Any, truth: npt.NDArray[np.bool_]) -> None:
+    """Draw the edge of the right pairs; `truth` is bool, shape (Q, R)."""
+    small = reduced(truth.astype(np.float32))
+    if small.any() and not small.all() and min(small.shape) > 1:
+        rows, columns = (
+            (np.arange(few) + 0.5) * all_ / few - 0.5
+            for few, all_ in zip(small.shape, truth.shape, strict=True)
+        )
+        axes.contour(columns, rows, small, levels=[0.5], colors='white', linewidths=0.8)
+        axes.plot([], [], color='white', label='white: edge of the truth')
+
+
+def show_matches(
+    axes: Any, matches: npt.NDArray[np.int_], verdicts: npt.NDArray[np.str_], size: float
+) -> None:
+    """
+    Draw a dot for each match, or for every n-th where there are very many.
+
+    `matches` (N, 2) are query and reference, `verdicts` (N,) 'right', 'wrong' or 'rejected',
+    `size` is the width of a dot in points.
+    """
+    step = max(1, -(-len(matches) // MOST_DOTS))
+    edge = {'markeredgecolor': EDGE, 'markeredgewidth': 0.6 * (len(matches) < DENSE)}
+    for verdict in reversed(VERDICT_COLORS):
+        queries, references = matches[verdicts == verdict].T
+        if len(queries):
+            look = {'color': VERDICT_COLORS[verdict], 'markersize': size, **edge}
+            label = f'{len(queries)} {verdict}'
+            axes.plot(references[::step], queries[::step], 'o', label=label, **look)
+
+
+def reduced(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the highest value of each block, so that neither side is longer than MOST_CELLS."""
+    for axis in (0, 1):
+        block = -(-values.shape[axis] // MOST_CELLS)
+        if block > 1:
+            starts = np.arange(0, values.shape[axis], block)
+            values = np.fmax.reduceat(values, starts, axis=axis)
+    return values
+
+
+def demo_picture(
+    path: Path,
+    pairs: Sequence[Pair],
+    scores: npt.NDArray[np.float32],
+    truth: npt.NDArray[np.int_],
+    found: npt.NDArray[np.int_],
+    title: str,
+    tolerance: int = 2,
+) -> None:
+    """
+    Draw one PNG, 1600 x 900: matched pairs beside the matrix of scores they were found in.
+
+    Up to four pairs are drawn: query and match, uint8 BGR (H, W, 3) or gray (H, W), their two
+    captions, and whether the match is right. `scores` (Q, R) is NaN where nothing was scored;
+    `truth` and `found` (Q,) are the right and the accepted reference, -1 for none; a match is
+    right at most `tolerance` references from the truth.
+    """
+    figure = new_figure(16, 9, EDGE)
+    heading = figure.text(0.03, 0.945, title, color=_PALE, weight='bold', size=22, va='center')
+    heading.set_size(min(22, 22 * 1504 / heading.get_window_extent().width))
+    left = 0.46 if pairs else 0.08
+    sides = {'left': 0.03, 'right': 0.4, 'bottom': 0.05, 'top': 0.88, 'wspace': 0.03}
+    grid = figure.add_gridspec(max(3, len(pairs[:MOST_PAIRS])), 2, **sides)
+    for row, (*images, query, match, right) in enumerate(pairs[:MOST_PAIRS]):
+        for column, (image, caption) in enumerate(zip(images, (query, match), strict=True)):
+            axes = figure.add_subplot(grid[row, column], anchor='N')
+            rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+            axes.imshow(rgb, interpolation='antialiased')
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set(color=VERDICT_COLORS['right' if right else 'wrong'], linewidth=3)
+            axes.set_xlabel(caption, color=_DIM, fontsize=12, loc='left', labelpad=5)
+    axes = figure.add_axes((left, 0.1, 0.97 - left, 0.77), facecolor=EDGE)
+    show_scores(axes, scores)
+    line = np.where(truth >= 0, truth, np.nan)
+    axes.plot(line, np.arange(len(truth)), color='white', linewidth=1.2, label='truth')
+    queries = np.flatnonzero(found >= 0)
+    matches = np.stack((queries, found[queries]), 1)
+    close = (truth[queries] >= 0) & (abs(found[queries] - truth[queries]) <= tolerance)
+    show_matches(axes, matches, np.where(close, 'right', 'wrong'), size=4.5)
+    axes.set_xlabel('reference', color=_PALE, fontsize=14)
+    axes.set_ylabel('query', color=_PALE, fontsize=14)
+    axes.tick_params(colors=_DIM, labelsize=11)
+    axes.spines[:].set(color=_DIM, linewidth=0.8)
+    place = {'loc': 'lower left', 'bbox_to_anchor': (0, 1.005), 'ncols': 4, 'borderaxespad': 0}
+    axes.legend(frameon=False, fontsize=12, labelcolor=_PALE, markerscale=1.6, **place)
+    save(figure, path)

@@ -1,0 +1,274 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What other topics report of an image: where it was taken, how deep, and by which camera."""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
+from convseq_ros.core.types import Camera, Pose
+from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.topic_finder import camera_info_beside
+from convseq_ros.node.topics import FollowingSubscription
+from convseq_ros.node_config import NodeConfig
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.camera_info import camera_from_info, fitted
+from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
+from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.node import Node
+from rclpy.time import Time
+from sensor_msgs.msg import CameraInfo, Image
+
+_DEPTH, _INFO_DEPTH = 200, 10  # messages of odometry and of camera_info that may wait
+_KEPT = 20_000
+_VAIN_WAITS = 3
+_LOST_FRAMES = 20
+_LOG_PERIOD_S = 10.0
+
+
+class Waiting:
+    """
+    Has an image wait for a message of its moment, in the worker's thread.
+
+    It waits for `wait_s` only, and after three images that waited in vain none waits before a
+    message comes again.
+    """
+
+    def __init__(self, wait_s: float) -> None:
+        self.wait_s = wait_s
+        self.changed = threading.Condition()
+        self._in_vain = 0
+
+    def until(self, has_come: Callable[[], bool]) -> None:
+        """Wait, while `changed` is held, until a message has come, or not longer than allowed."""
+        if self._in_vain < _VAIN_WAITS and not self.changed.wait_for(has_come, self.wait_s):
+            self._in_vain += 1
+
+    def came(self) -> None:
+        """Have those look that wait, while `changed` is held."""
+        self._in_vain = 0
+        self.changed.notify()
+
+
+class Odometry:
+    """
+    Listens to `odom` and returns the pose at the stamp of an image.
+
+    An image often comes before the odometry of its moment, and waits for it: a pose between two
+    of the odometry is what an offline run finds, one that is extrapolated is a guess.
+
+    `frame_id` is the frame in which the odometry is given, empty before it is heard; `missing`
+    counts images without a pose since then.
+    """
+
+    def __init__(self, node: Node, wait_s: float) -> None:
+        self.frame_id = ''
+        self.missing = 0
+        self._node = node
+        self._track = PoseTrack(kept=_KEPT)
+        self._lost_in_a_row = 0
+        self.waiting = Waiting(wait_s)
+        self._subscription = FollowingSubscription(
+            node, OdometryMessage, 'odom', self._on_odometry, _DEPTH
+        )
+        self.follow = self._subscription.move
+
+    def pose_at(self, stamp_ns: int) -> Pose | None:
+        """Return the pose at a time; None if there is none."""
+        with self.waiting.changed:
+            if self.heard or self._node.count_publishers(self._subscription.topic):
+                self.waiting.until(lambda: self._has_reached(stamp_ns))
+            pose = self._track.at(stamp_ns)
+            self._lost_in_a_row = 0 if pose else self._lost_in_a_row + 1
+            last_ns = self._track.last_stamp_ns
+        if pose is None and last_ns is not None:
+            self.missing += 1
+            if self._lost_in_a_row >= _LOST_FRAMES:
+                ahead_s = (last_ns - stamp_ns) / 1e9
+                self._node.get_logger().warning(
+                    f'{self._subscription.topic}: has no pose at the time of the images; its '
+                    f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
+                    '; check that it comes and that both clocks agree',
+                    throttle_duration_sec=_LOG_PERIOD_S,
+                )
+        return pose
+
+    @property
+    def heard(self) -> bool:
+        return self._track.last_stamp_ns is not None
+
+    def _has_reached(self, stamp_ns: int) -> bool:
+        """Return whether there is nothing more to wait for."""
+        last_ns = self._track.last_stamp_ns
+        return last_ns is not None and not 0 < stamp_ns - last_ns <= LONGEST_GAP_NS
+
+    def _on_odometry(self, message: Any) -> None:
+        stamp_ns = stamp_to_ns(message.header.stamp)
+        pose = pose_from_message(message.pose.pose)
+        if not stamp_ns or pose is None:
+            self._node.get_logger().warning(
+                f'{self._subscription.topic}: odometry without a stamp, or with values that are '
+                'not a pose, is left out',
+                once=True,
+            )
+            return
+        with self.waiting.changed:
+            self.frame_id = message.header.frame_id
+            self._track.add(stamp_ns, pose)
+            self.waiting.came()
+
+
+class DepthImages:
+    """
+    Listens to a topic of depth images that are registered to the camera; to none if it is empty.
+
+    `unreadable` counts depth images that could not be decoded, `missing` images without one since
+    the first came.
+    """
+
+    def __init__(self, node: Node, topic: str, wait_s: float, reading: ReadingConfig) -> None:
+        self.unreadable = self.missing = 0
+        self._logger, self._reading = node.get_logger(), reading
+        self._newest = deque[tuple[int, Any]](maxlen=KEPT)
+        self.waiting = Waiting(wait_s)
+        self._topic = topic
+        if topic:
+            FollowingSubscription(node, Image, topic, self._on_depth, KEPT)
+
+    def at(self, stamp_ns: int) -> Depth | None:
+        """Return the depth image of a time; None if there is none."""
+        with self.waiting.changed:
+            if not self._newest:
+                return None
+            self.waiting.until(lambda: self._newest[-1][0] >= stamp_ns)
+            found = nearest(self._newest, stamp_ns)
+        if found is None:
+            self.missing += 1
+            return None
+        try:
+            return decode_depth(found, self._reading)
+        except ImageError as error:
+            self.unreadable += 1
+            line = f'{self._topic}: {error}; its frame has no depth'
+            self._logger.warning(line, throttle_duration_sec=_LOG_PERIOD_S)
+            return None
+
+    def _on_depth(self, message: Any) -> None:
+        with self.waiting.changed:
+            self._newest.append((stamp_to_ns(message.header.stamp), message))
+            self.waiting.came()
+
+
+class FrameContext:
+    """
+    Listens to `odom`, `camera_info` and a topic of depth; all are optional.
+
+    `topics` are those of images, resolved, if there are several cameras: `camera` and `depth` are
+    then of the first.
+    """
+
+    def __init__(
+        self, node: Node, config: NodeConfig, reading: ReadingConfig, topics: Sequence[str]
+    ) -> None:
+        self.odometry = Odometry(node, config.odom_wait_s)
+        self.depth = DepthImages(node, config.depth_topic, config.odom_wait_s, reading)
+        mount = Mount(node, config.base_frame)
+        infos = {'': 'camera_info'}
+        if len(topics) > 1:
+            infos = {topic: camera_info_beside(topic) for topic in topics}
+        self._cameras = {
+            topic: CameraDescription(node, mount, info) for topic, info in infos.items()
+        }
+        self.camera = next(iter(self._cameras.values()))
+
+    def follow(self, topics: Mapping[str, str]) -> None:
+        """Listen to other topics instead, those of 'odom' and 'camera_info' that are given."""
+        if 'odom' in topics:
+            self.odometry.follow(topics['odom'])
+        if 'camera_info' in topics:
+            self.camera.follow(topics['camera_info'])
+
+    def pose_at(self, stamp_ns: int) -> Pose | None:
+        """Return where an image was taken; may wait for odometry."""
+        return self.odometry.pose_at(stamp_ns)
+
+    def depth_at(self, topic: str, stamp_ns: int) -> Depth | None:
+        """Return the depth image of an image of a topic; may wait for it."""
+        is_own = self._cameras.get(topic, self.camera) is self.camera
+        return self.depth.at(stamp_ns) if is_own else None
+
+    def camera_for(self, topic: str, height: int, width: int) -> Camera | None:
+        """Return the camera that takes the images of a topic, of a size in pixels."""
+        return self._cameras.get(topic, self.camera).for_image(height, width)
+
+
+class CameraDescription:
+    """
+    Listens to a topic of camera_info; the last message holds.
+
+    `mount` finds where its frame is on the robot.
+    """
+
+    def __init__(self, node: Node, mount: 'Mount', topic: str = 'camera_info') -> None:
+        self._camera: Camera | None = None
+        self._mount, self._frame_id = mount, ''
+        self._logger = node.get_logger()
+        self._subscription = FollowingSubscription(
+            node, CameraInfo, topic, self._on_camera_info, _INFO_DEPTH
+        )
+        self.follow = self._subscription.move
+
+    @property
+    def known(self) -> bool:
+        return self._camera is not None
+
+    def for_image(self, height: int, width: int) -> Camera | None:
+        """Return the camera as it describes images of a size, in pixels; None if unknown."""
+        if (camera := self._camera) is None:
+            return None
+        return replace(fitted(camera, height, width), mount=self._mount.of(self._frame_id))
+
+    def _on_camera_info(self, message: Any) -> None:
+        try:
+            self._camera = camera_from_info(message)
+            self._frame_id = message.header.frame_id
+        except SourceError as error:
+            self._camera = None
+            self._logger.warning(f'{self._subscription.topic}: {error}', once=True)
+
+
+class Mount:
+    """Asks TF where cameras are, where tf2_ros is installed: each once, for it is fixed."""
+
+    def __init__(self, node: Node, base_frame: str) -> None:
+        self._logger, self._base_frame = node.get_logger(), base_frame
+        self._found: dict[str, Pose] = {}
+        self._buffer: Any = None
+        try:
+            from tf2_ros import Buffer, TransformListener
+        except ImportError:
+            return
+        self._buffer = Buffer()
+        self._listener = TransformListener(self._buffer, node)
+
+    def of(self, optical_frame: str) -> Pose | None:
+        """Return where the camera of a frame (z along the lens) is, x along the lens, if known."""
+        if optical_frame not in self._found and self._buffer and optical_frame:
+            frames = self._base_frame, optical_frame, Time()
+            if self._buffer.can_transform(*frames):
+                found = self._buffer.lookup_transform(*frames).transform
+                where = {'position': found.translation, 'orientation': found.rotation}
+                lens = pose_from_message(SimpleNamespace(**where))
+                if lens is not None:
+                    self._found[optical_frame] = pose_of(matrix(lens) @ inverse(ROBOT_LENS))
+                    position = self._found[optical_frame].position
+                    self._logger.info(
+                        f'{optical_frame} is at {position} m in {self._base_frame}, by TF'
+                    )
+        return self._found.get(optical_frame)
