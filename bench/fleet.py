@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 from convseq_ros import Config, Frame
-from convseq_ros.cli.fleet_build import build_one
+from convseq_ros.cli.fleet import build_one
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -89,7 +89,7 @@ def int8_peak() -> float | None:
     if not available():
         return None
     run, result = kernel('peak', SIZE, array('i4')), np.empty(1, np.int32)
-    products = 2 * numbers('shape', 3)[1]  # four a column, of one vector of two
+    products = 2 * numbers('shape', 2)[1]  # four a column, of one vector of two
     operations = 2 * products * _ACCUMULATORS * _LOOPS
     return _most_a_second(lambda: run(_LOOPS, result), operations)
 

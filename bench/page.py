@@ -39,7 +39,9 @@ make board                     # two minutes: the first two tables for the machi
 _SPLIT = """
 *Computed* from a measured split: what the kernels of pair scores take (*by peak*) is multiplied by
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
-in a cycle than this one takes longer. *Share of a core* is that of a camera of 30 Hz with 8
+in a cycle than this one takes longer. Sequences have 10 frames; *own length*: as by default, by
+information gain, which costs a pair score by the paper for each frame of the sequence. *Share of a
+core* is that of a camera of 30 Hz with 8
 keyframes a second.
 """
 _ADVICE = """
@@ -52,9 +54,9 @@ _ADVICE = """
 * `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
 * Raw images go through shared memory if camera and node have
   `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.
-* Approximated are the pair scores of 8-bit kernels (the best candidates are scored again in
-  float32; `kernel: float32` avoids it), which places are scored (`search: exhaustive` scores all)
-  and cells in a map (half precision; answers are the same before and after saving).
+* Approximated are regions as 8-bit kernels read them (by the paper's rule, the best candidates are
+  scored again in float32; `kernel: float32` avoids it), which places are scored (`search:
+  exhaustive` scores all) and cells in a map (half precision; answers are the same before and after saving).
 
 Another computer: `make board` writes `board.json`. Please send it.
 """
@@ -83,7 +85,10 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
     frames = [row for row in rows if row['part'] == 'frames' and row['side'] == 'whole']
     by_side = {(row['what'], row['side']): row['value'] for row in rows}
     here = (_value(rows, 'peak of a core, int8'), measured['about']['machine']['clock_ghz'])
-    first = [['frame', 'here, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP', 'at 142 GOP/s']]
+    first = [
+        ['frame', 'here, ms', 'own length, ms', 'by peak, ms', 'by clock, ms', 'pairs', 'GOP',
+         'at 142 GOP/s'],
+    ]  # fmt: skip
     second = [['processor class', 'GOP/s', 'GHz', 'places', 'ms', 'frames/s', 'share of a core']]
     for row in frames:
         split = [
@@ -92,7 +97,8 @@ def summary(measured: Mapping[str, Any]) -> list[list[list[str]]]:
         ]
         also = [by_side[row['what'], side] for side in ('pairs in full', 'operations')]
         at_142 = split[0] * here[0] / _ROBOT_PEAK + split[1] if here[0] else None
-        numbers = [row['value'], *split, *also]
+        dynamic = by_side[row['what'], 'with a length by information gain']
+        numbers = [row['value'], dynamic, *split, *also]
         first.append([row['what'], *map(number, numbers), _text(at_142, ' ms')])
     idle_ms = _value(rows, 'between', between.BY_SCENE) or 0.0
     machines = {'this machine': here} | ROBOTS

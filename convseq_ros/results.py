@@ -72,21 +72,14 @@ def row(match: Match, duration_ms: float) -> dict[str, object]:
 
 
 def _relative(pose: RelativePose | None) -> dict[str, str | None]:
-    """Return what is measured of the query's base in the reference's."""
-    position: tuple[float | None, ...] = (None,) * 3
-    turn: tuple[float | None, ...] = (None,) * 4
-    sigma_m = sigma_rad = None
-    if pose:
-        position, turn = pose.position_m or position, pose.orientation
-        sigma_m, sigma_rad = pose.position_sigma_m, pose.heading_sigma_rad
+    position: tuple[float | None, ...] = (pose and pose.position_m) or (None,) * 3
+    turn: tuple[float | None, ...] = pose.orientation if pose else (None,) * 4
+    values = [_decimals(one, 4) for one in position] + [_decimals(one, 6) for one in turn]
+    names = [f'{axis}_m' for axis in 'xyz'] + [f'q{axis}' for axis in 'xyzw']
     return {
-        **{
-            f'relative_{axis}_m': _decimals(one, 4)
-            for axis, one in zip('xyz', position, strict=True)
-        },
-        **{f'relative_q{axis}': _decimals(one, 6) for axis, one in zip('xyzw', turn, strict=True)},
-        'position_sigma_m': _decimals(sigma_m, 4),
-        'heading_sigma_rad': _decimals(sigma_rad, 5),
+        **{f'relative_{name}': value for name, value in zip(names, values, strict=True)},
+        'position_sigma_m': _decimals(pose.position_sigma_m, 4) if pose else None,
+        'heading_sigma_rad': _decimals(pose.heading_sigma_rad, 5) if pose else None,
     }
 
 
@@ -159,7 +152,6 @@ class ResultWriter:
             raise
 
     def abandon(self) -> None:
-        """Leave the rows so far in the part file."""
         self._end.set()
         self._news.set()
         with suppress(OSError):

@@ -43,6 +43,8 @@ LIGHTS = ('day', 'evening', 'night', 'overcast')
 BEGINNING = 15  # keyframes of a round that do not count
 HALF = 2996  # the last frame of the map of `laps`, by its name
 SIZE = 10_000  # keyframes of a large map
+SHAPE = 120, 160  # of an image, pixels
+PIXELS = SHAPE[0] * SHAPE[1]
 
 
 def ring(width_m: float, depth_m: float, town: int) -> Route:
@@ -67,8 +69,8 @@ def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]
         light=light,
         noise=3.0,
         seed=number,
-        width_px=160,
-        height_px=120,
+        width_px=SHAPE[1],
+        height_px=SHAPE[0],
     )
     for shot in draw(route, drive):
         yield replace(shot.frame, pose=None), shot.pose
@@ -214,17 +216,17 @@ def of_size(_data: Path) -> None:
     config = make_config({'exclusion_s': 30.0})
     spent_s, reported, rng = 0.0, 0, np.random.default_rng(0)
     with tempfile.TemporaryDirectory() as folder:
-        drawn = Path(folder, 'drawn.npy')
+        drawn = Path(folder, 'drawn')
         drawing = Process(target=_draw, args=(drawn,))  # whose memory does not count
         drawing.start()
         drawing.join()
-        images = np.load(drawn, mmap_mode='r')
+        images = drawn.stat().st_size // PIXELS
         with MapBuilder(Path(folder, 'large.db'), config) as builder:
             made = builder.reference_map
             for number in count():
-                image = images[number % len(images)]
-                noise = rng.integers(-8, 9, image.shape)
-                gray = np.clip(image + noise, 0, 255).astype(np.uint8)
+                at = number % images * PIXELS
+                image = np.fromfile(drawn, np.uint8, PIXELS, offset=at).reshape(SHAPE)
+                gray = np.clip(image + rng.integers(-8, 9, SHAPE), 0, 255).astype(np.uint8)
                 began_s = time.process_time()
                 builder.process(Frame(number * 10**8, gray))
                 spent_s += time.process_time() - began_s
@@ -243,7 +245,7 @@ def of_size(_data: Path) -> None:
 def _draw(path: Path) -> None:
     route = ring(150.0, 100.0, 5)
     passes = [driven(route, number, light) for number, light in enumerate(LIGHTS)]
-    np.save(path, np.array([frame.gray for one in passes for frame, _ in one]))
+    np.array([frame.gray for one in passes for frame, _ in one]).tofile(path)
 
 
 PARTS: dict[str, Callable[[Path], None]] = {

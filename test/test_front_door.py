@@ -219,6 +219,12 @@ def test_the_node_without_ros_says_what_to_do_in_one_line():
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_the_node_refuses_what_ros_would_pass_over():
+    result = node('-p', 'map_path:=map.db')
+    assert result.returncode == 2
+    assert result.stderr == 'vpr_node: -p: parameters and remaps follow --ros-args\n'
+
+
 @pytest.mark.parametrize('word', ['-h', '--help'])
 def test_the_help_of_the_node_names_every_parameter_and_starts_nothing(word):
     result = node(word)

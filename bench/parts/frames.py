@@ -35,6 +35,7 @@ from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence import query_buffer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
+from convseq_ros.core.similarity.coherent import COHERENT
 from convseq_ros.core.types import Frame, Match
 import numpy as np
 
@@ -82,24 +83,36 @@ _UNCOMPILED_MS = 40.0  # by NumPy alone, 1,000 places
 class Drive:
     """Gives a recogniser one frame after another."""
 
-    def __init__(self, work: Work, size: int, search: str = 'shortlist') -> None:
+    def __init__(
+        self, work: Work, size: int, search: str = 'shortlist', length: int = LENGTH
+    ) -> None:
         chosen = MatchingConfig(search=search, threads=work.threads)
-        config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=LENGTH))
+        config = Config(matching=chosen, sequence=SequenceConfig(fixed_length=length))
         read_into_file_cache(work.map_path(size))
         self._recognizer = PlaceRecognizer(open_map(work.map_path(size)), config)
         self._recognizer.matcher.warm_up()
         self._images, self._size = work.images, size
         self._numbers = count()
         self.matches: list[Match] = []
-        self.right = 0
+        self.right = self.rough_pairs = 0
         self.kernel = self._recognizer.matcher.kernel
+        self._recognizer.matcher.rough_scores = self._counted(
+            self._recognizer.matcher.rough_scores
+        )
+
+    def _counted(self, scored: Callable[..., Any]) -> Callable[..., Any]:
+        def score(query: Any, indices: Any) -> Any:
+            self.rough_pairs += len(indices)
+            return scored(query, indices)
+
+        return score
 
     def warm_up(self) -> None:
         """Process the first frames of a drive; what was right so far does not count."""
         for _ in range(_WARM_FRAMES):
             self.frame_ms()
         self.matches.clear()
-        self.right = 0
+        self.right = self.rough_pairs = 0
 
     def frame_ms(self) -> float:
         """Return how long the next frame took."""
@@ -133,7 +146,10 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
     drive.warm_up()
     took_ms = [drive.frame_ms() for _ in range(rounds)]
     low, median, high = (float(one) for one in np.percentile(took_ms, (25, 50, 75)))
-    matches, right = [*drive.matches], drive.right
+    matches, right, rough = [*drive.matches], drive.right, drive.rough_pairs / rounds
+    dynamic = Drive(work, size, length=0)
+    dynamic.warm_up()
+    dynamic_ms = float(np.median([dynamic.frame_ms() for _ in range(rounds)]))
     with _watched() as spent_s:
         total_ms = float(np.mean([drive.frame_ms() for _ in range(rounds)]))
     stages_ms = {stage: 1e3 * spent_s[stage] / rounds for stage in STAGES}
@@ -143,7 +159,8 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
         wanted_ms = _UNCOMPILED_MS
     pairs = float(np.median([match.pairs_scored for match in matches]))
     regions = np.mean([salient(describe(image)) for image in work.images[::8]])
-    operations = pairs * float(regions) * REGIONS * OPERATIONS / 1e9
+    whole_pairs = pairs + rough / COHERENT.rough_step**4
+    operations = whole_pairs * float(regions) * REGIONS * OPERATIONS / 1e9
     by_peak_ms = sum(stages_ms[stage] for stage in BY_PEAK) if available() else 0.0
     whole = Finding(
         what=what, side='whole', value=median, low=low, high=high, runs=rounds,
@@ -151,8 +168,10 @@ def _frames(work: Work, size: int, ideal_ms: float | None) -> list[Finding]:
         note=f'{drive.kernel}; {right} of {len(matches)} right',
     )  # fmt: skip
     split = {
+        'with a length by information gain': (dynamic_ms, 'ms'),
         'operations': (operations, 'GOP'),
         'pairs in full': (pairs, 'pairs'),
+        'rough pairs': (rough, 'pairs'),
         'scales with the integer peak': (by_peak_ms, 'ms'),
         'scales with the clock': (median - by_peak_ms, 'ms'),
     }

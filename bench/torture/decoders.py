@@ -16,15 +16,14 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
-from convseq_ros.evaluation.report import read_runs
+from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
 from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
-from convseq_ros.sources.pose_file import read_pose_file
-from convseq_ros.sources.pose_track import pose_from_message
-from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.pose_track import pose_from_message, read_pose_file
+from convseq_ros.sources.topics import RawMessage
 import numpy as np
 
 from bench.torture import corpus

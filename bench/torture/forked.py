@@ -21,21 +21,10 @@ _MOST_TOLD = 100_000  # bytes of what a child says
 
 def problem_of(work: Callable[[], int], most_s: float = MOST_S) -> str:
     """
-    Return what is wrong with a piece of work, if it is done as a command would do it.
+    Return what is wrong with work that returns an exit code, done as a command would do it.
 
-    Parameters
-    ----------
-    work : callable
-        Returns an exit code; what it prints on standard error is looked at.
-    most_s : float
-        Seconds of the processor that it may take.
-
-    Returns
-    -------
-    str
-        Empty if it ended in time, within memory, by 0 or by 1 with one line and without a
-        traceback.
-
+    It is empty if the work ended within so many seconds of the processor, within memory, by 0, or
+    by 1 with one line on standard error and no traceback.
     """
     reader, writer = os.pipe()
     child = os.fork()

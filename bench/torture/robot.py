@@ -29,31 +29,14 @@ _NAME = '/vpr_node'
 
 
 class Robot:
-    """
-    Whoever lives beside a node.
-
-    Attributes
-    ----------
-    process : Popen
-        The node.
-    node : rclpy.node.Node
-        Ours.
-    answers : int
-        Heard so far.
-    took_ms : list of float
-        From the call that published an image to its answer, of those by `publish`.
-    greeted : int
-        Images of `greet` that the node knows of.
-    told : mapping of str to str
-        Its last diagnostics.
-
-    """
+    """Whoever lives beside a node, whose `process` it is."""
 
     def __init__(self, process: subprocess.Popen[bytes], context: Context) -> None:
         self.process = process
-        self.answers = self.greeted = 0
-        self.took_ms: list[float] = []
-        self.told: Mapping[str, str] = {}
+        self.answers = 0  # heard so far
+        self.greeted = 0  # images of `greet` that the node knows of
+        self.took_ms: list[float] = []  # from the call of `publish` to the answer
+        self.told: Mapping[str, str] = {}  # the node's last diagnostics
         self._sent_s: dict[int, float] = {}
         self.node = rclpy.create_node('robot', context=context)
         self._executor = SingleThreadedExecutor(context=context)

@@ -21,7 +21,7 @@ import traceback
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map import autosave
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import slices_of, unlink, without, write_slices
+from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_new
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -57,22 +57,12 @@ class Acknowledged:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """
-    What a program does.
+    """What a program does, given the map's path and how many places are added at once."""
 
-    Parameters
-    ----------
-    prepare : callable
-        Makes the files that it finds, given the map's path and how many places are added at once.
-    act : callable
-        What it does; it acknowledges what must be there from then on.
-    check : callable
-        Raises AssertionError if something does not hold, given what was acknowledged.
-
-    """
-
-    prepare: Callable[[Path, list[int]], None]
+    prepare: Callable[[Path, list[int]], None]  # makes the files that it finds
+    # What it does; it acknowledges what must be there from then on.
     act: Callable[[Path, list[int], Acknowledged], None]
+    # Raises AssertionError if something does not hold, given what was acknowledged.
     check: Callable[[Path, list[int], int], None]
 
 
@@ -224,7 +214,9 @@ def _linked_or_not(path: Path, commits: list[int], acknowledged: int) -> None:
 
 
 def _thin(path: Path, commits: list[int], acknowledged: Acknowledged) -> None:
-    write_slices(without(slices_of(path), {commits[0]}), path, replaces=True)
+    slices = slices_of(path)
+    left = joined(without(slices, {commits[0]}))
+    write_new(left, path, instead=slices[0].reference_map)
     acknowledged.value = 1
 
 

@@ -47,7 +47,7 @@ RETIRED = {
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run a sub-command; 0 when it did its work, 1 with one line when it could not."""
+    """Run a sub-command; 0 when done, 1 with one line when it could not be, 2 for wrong usage."""
     parser = argparse.ArgumentParser(
         prog='convseq',
         description='Training-free visual place recognition on a CPU.',
@@ -57,6 +57,9 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--version', action='version', version=__version__)
     parser.add_argument('command', choices=[*COMMANDS, *RETIRED], metavar='command')
     parser.add_argument('arguments', nargs=argparse.REMAINDER)
+    if not (sys.argv[1:] if args is None else args):
+        parser.print_help(sys.stderr)
+        return 2
     chosen = parser.parse_args(args)
     if chosen.command in RETIRED:
         print(f'convseq {chosen.command}: {RETIRED[chosen.command]}', file=sys.stderr)

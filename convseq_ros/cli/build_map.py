@@ -5,6 +5,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 import json
 from pathlib import Path
 import sys
@@ -20,7 +21,7 @@ from convseq_ros.cli.options import (
     given,
 )
 from convseq_ros.cli.recording_info import describe_recording, quoted
-from convseq_ros.cli.terminal import progress
+from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import (
     Config,
     EncodingConfig,
@@ -58,7 +59,6 @@ class Built:
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument('map', type=Path, help='map file to make; each camera makes a session')
     add_images(parser)
@@ -84,16 +84,13 @@ def add_no_links(parser: argparse.ArgumentParser) -> None:
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Declare what decides which images become places, and how."""
-    add_parameters(parser, 'keyframes', parameters(KeyframeConfig))
-    add_parameters(parser, 'motion', parameters(MotionConfig))
-    add_parameters(parser, 'images', [*_encoding(), *parameters(ReadingConfig)])
-    add_parameters(parser, 'robot', _mount())
-    add_parameters(parser, 'links', of_links())
+    for title, known in _settings().items():
+        add_parameters(parser, title, known)
 
 
 def chosen_settings(chosen: argparse.Namespace) -> Config:
     """Return the configuration that these arguments ask for."""
-    config = make_config(given(chosen, _asked()))
+    config = make_config(given(chosen, chain.from_iterable(_settings().values())))
     return replace(config, encoding=with_mask_read(config.encoding, config.reading))
 
 
@@ -152,7 +149,7 @@ def build(
     model = open_model(config)
     reading = with_first_stage(config, model).reading
     sources = open_each_camera(recording, reading=reading, **images)
-    started, say = time.monotonic(), tell or _warn
+    started, say = time.monotonic(), tell or warn
     name = recording.stem if session is None else session
     frames = added = unreadable = with_pose = 0
     interrupted = False
@@ -201,10 +198,6 @@ def build(
     )
 
 
-def _warn(problem: str) -> None:
-    print(f'warning: {problem}', file=sys.stderr)
-
-
 def _why_no_pose(chosen: argparse.Namespace) -> str:
     if chosen.odom or chosen.poses:
         return (
@@ -221,29 +214,19 @@ def _why_no_pose(chosen: argparse.Namespace) -> str:
     return f'none were asked for; add {remedy}'
 
 
-def _asked() -> list[Parameter]:
-    """Return the parameters that decide what is read and becomes a place, and how it is stored."""
-    groups = KeyframeConfig, MotionConfig, ReadingConfig
-    return [
-        *(item for group in groups for item in parameters(group)),
-        *_encoding(),
-        *_mount(),
-        *of_links(),
-    ]
-
-
 def of_links() -> list[Parameter]:
     """Return what says which places of a drive are its past."""
     return [item for item in parameters(OnlineConfig) if item.name.startswith('exclusion')]
 
 
-def _mount() -> list[Parameter]:
-    """Return what says where cameras are on the robot."""
-    return [item for item in parameters(RobotConfig) if item.name == 'camera_to_base']
-
-
-def _encoding() -> list[Parameter]:
-    """Return what a map keeps of the encoding and a user may choose, and by what it is matched."""
-    chosen = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
-    both = *parameters(EncodingConfig), *parameters(MatchingConfig)
-    return [item for item in both if item.name in chosen]
+def _settings() -> dict[str, list[Parameter]]:
+    """Return what decides which images become places, and what a map keeps, by its title."""
+    kept = 'image_size_px', 'image_mask', 'image_rotation_deg', 'descriptor_model', 'matching'
+    encoding = [*parameters(EncodingConfig), *parameters(MatchingConfig)]
+    return {
+        'keyframes': [*parameters(KeyframeConfig)],
+        'motion': [*parameters(MotionConfig)],
+        'images': [item for item in encoding if item.name in kept] + [*parameters(ReadingConfig)],
+        'robot': [item for item in parameters(RobotConfig) if item.name == 'camera_to_base'],
+        'links': of_links(),
+    }

@@ -27,7 +27,6 @@ motion, `image_size_px`, `image_mask`, `image_rotation_deg`, `camera_to_base`, `
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument('--markdown', action='store_true', help='print docs/PARAMETERS.md')
 
 
@@ -59,7 +58,6 @@ def yaml(known: Iterable[Parameter]) -> str:
 
 
 def markdown(known: Iterable[Parameter]) -> str:
-    """Return docs/PARAMETERS.md."""
     lines = []
     for item in known:
         allowed = item.bounds.replace('|', 'or')

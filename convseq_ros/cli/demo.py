@@ -33,7 +33,6 @@ _COMPARED = (
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         '--data',
         type=Path,
@@ -152,20 +151,16 @@ def _draw(
     for each in accepted:
         found[int(each['query_index'])] = int(each['reference_index'])
     shown = accepted[:: max(1, len(accepted) // 3)][:3]
-    queries = _images(drives.query, [int(each['query_index']) for each in shown], reading)
-    wanted = [int(each['reference_index']) for each in shown]
-    references = _images(drives.reference, wanted, reading)
-    pairs = [
-        (
-            queries[int(each['query_index'])],
-            references[int(each['reference_index'])],
-            f'query {each["query_index"]}',
-            f'reference {each["reference_index"]}',
-            _right(each, drives.truth),
+    pairs = [(int(each['query_index']), int(each['reference_index'])) for each in shown]
+    queries = _images(drives.query, [query for query, _ in pairs], reading)
+    references = _images(drives.reference, [place for _, place in pairs], reading)
+    pictures = [
+        (queries[query], references[place], f'query {query}', f'reference {place}', right)
+        for (query, place), right in zip(
+            pairs, (_right(each, drives.truth) for each in shown), strict=True
         )
-        for each in shown
     ]
-    demo_picture(path, pairs, scores, drives.truth, found, drives.told)
+    demo_picture(path, pictures, scores, drives.truth, found, drives.told)
 
 
 def _images(

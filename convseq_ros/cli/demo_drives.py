@@ -8,9 +8,9 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
-import sys
 from typing import NamedTuple
 
+from convseq_ros.cli.terminal import warn
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import draw, Drive
@@ -24,11 +24,7 @@ import numpy.typing as npt
 
 
 def make_empty(folder: Path, marker: str) -> None:
-    """
-    Make a folder anew if a demo, which knows its own by a file of that name, made it before.
-
-    ConvseqError if somebody else made it, and it is not empty.
-    """
+    """Make a folder anew; ConvseqError if it is not empty and no demo, by its marker, made it."""
     mark = folder / marker
     if folder.exists() and any(folder.iterdir()) and not mark.is_file():
         raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')
@@ -67,16 +63,13 @@ def _usable(
     reading: ReadingConfig,
 ) -> str:
     if len(topics) > 1:
-        print(
-            f'warning: {path}: left out {", ".join(topics)}: several could be meant',
-            file=sys.stderr,
-        )
+        warn(f'{path}: left out {", ".join(topics)}: several could be meant')
     if len(topics) != 1:
         return ''
     try:
         read(path, topics[0], reading)
     except SourceError as error:
-        print(f'warning: left out {topics[0]}: {error}', file=sys.stderr)
+        warn(f'left out {topics[0]}: {error}')
         return ''
     return topics[0]
 

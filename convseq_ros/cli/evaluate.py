@@ -20,7 +20,6 @@ from convseq_ros.evaluation.table import format_table, summary_rows
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     forms = [f'{name}:{kind.argument}' if kind.argument else name for name, kind in KINDS.items()]
     # A table of options reads better in few lines.
     # fmt: off

@@ -3,63 +3,204 @@
 """Many maps on many processes or machines: `convseq fleet build` and so on."""
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, replace
 from functools import lru_cache
 import json
 from pathlib import Path
+import sys
 from threading import Event
+import time
+from typing import Any
 from uuid import uuid4
 
-from convseq_ros.cli import fleet_build
-from convseq_ros.cli.fleet_build import add_cluster, chosen_cluster
+from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.map_link import add_outputs, make_outputs
-from convseq_ros.cli.options import chosen_config
-from convseq_ros.cli.replay import add_replay, in_words, replay_chosen, warn
-from convseq_ros.cli.terminal import progress
+from convseq_ros.cli.options import add_images, chosen_config, chosen_images
+from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
+from convseq_ros.cli.terminal import progress, warn
+from convseq_ros.config import Config
+from convseq_ros.core.encoding.first_stage import with_first_stage
+from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
+from convseq_ros.core.map.lock import MapLock
+from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.session import warm_up
-from convseq_ros.errors import ConvseqError, MapError
-from convseq_ros.fleet.cluster import connected, done
+from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
+from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.fleet.link import serve
 from convseq_ros.fleet.session import FleetSession
 from convseq_ros.onnx_model import open_model
+from convseq_ros.sources import recordings_in
 from convseq_ros.sources.folder import natural_key
 
-COMMANDS = {
-    'build': 'build a map of each recording in a folder, in parallel',
-    'link': 'recognise each session of the maps in a folder in the others',
-    'replay': 'recognise the frames of a recording in all maps of a folder',
-    'serve': 'have robots ask all maps of a folder',
-}
+Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build_one`
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of each command."""
-    commands = parser.add_subparsers(dest='work', required=True, metavar='|'.join(COMMANDS))
-    for name, text in COMMANDS.items():
-        own = commands.add_parser(name, help=text, description=text.capitalize() + '.')
-        describe_one, do = VERBS[name]
-        describe_one(own)
-        own.set_defaults(do=do)
+    verbs = parser.add_subparsers(dest='work', required=True, metavar='build|link|replay|serve')
+
+    def add(name: str, act: Callable[..., int], text: str) -> argparse.ArgumentParser:
+        made = verbs.add_parser(name, help=text, description=text.capitalize() + '.')
+        made.set_defaults(act=act)
+        return made
+
+    own = add('build', _build, 'build a map of each recording in a folder, in parallel')
+    own.add_argument('folder', type=Path, help='folder of recordings, one map each')
+    help_ = 'folder for the maps, made if there is none; finished maps in it are kept'
+    own.add_argument('-o', '--output', type=Path, required=True, metavar='MAPS', help=help_)
+    add_images(own, poses=False)
+    add_no_links(own)
+    own.add_argument('--json', action='store_true', help='print the result as JSON')
+    _add_cluster(own)
+    add_settings(own)
+    own = add('link', _link, 'recognise each session of the maps in a folder in the others')
+    own.add_argument('map', type=Path, metavar='MAPS', help='folder of maps; none is changed')
+    _add_cluster(own)
+    add_outputs(own)
+    folder = 'folder of maps, which answer as one would'
+    own = add('replay', _replay, 'recognise the frames of a recording in all maps of a folder')
+    own.add_argument('maps', type=Path, help=folder)
+    own.add_argument('recording', type=Path, help='recording or folder of images')
+    _add_cluster(own)
+    add_replay(own)
+    own = add('serve', _serve, 'have robots ask all maps of a folder')
+    own.add_argument('maps', type=Path, help=folder)
+    _add_cluster(own)
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Run the one that was chosen."""
-    return int(chosen.do(chosen))
+    return int(chosen.act(chosen))
 
 
-def _describe_serve(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('maps', type=Path, help='folder of maps, which answer as one would')
-    add_cluster(parser)
+def _add_cluster(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('cluster')
+    group.add_argument(
+        '--workers',
+        type=int,
+        metavar='N',
+        help='workers on this machine (as many as it has cores); not with a scheduler',
+    )
+    group.add_argument(
+        '--scheduler',
+        default='',
+        metavar='tcp://HOST:PORT',
+        help='a running scheduler of Dask, whose workers see the same files, instead; on another '
+        'machine tls://HOST:PORT, with the certificates in the configuration of Dask',
+    )
+
+
+def _chosen_cluster(chosen: argparse.Namespace) -> Cluster:
+    """Return the cluster that is asked for; FleetError if that makes no sense."""
+    workers = chosen.workers
+    if workers is not None and chosen.scheduler:
+        raise FleetError('--workers is for this machine; a scheduler has its own')
+    if workers is not None and workers < 1:
+        raise FleetError(f'--workers {workers}: needs at least 1')
+    return Cluster(chosen.scheduler, workers or usable_cores())
+
+
+def _build(chosen: argparse.Namespace) -> int:
+    """Build what is not there yet, and say what came of each recording."""
+    cluster, config = _chosen_cluster(chosen), chosen_settings(chosen)
+    maps = _maps(chosen.folder, chosen.output)
+    kept, failed, jobs = dict[str, int](), dict[str, str](), dict[str, Job]()
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    for path, recording in maps.items():
+        try:
+            if path.exists() and (places := len(_opened(path, config))):
+                kept[str(path)] = places
+                continue
+        except MapError as error:
+            failed[str(path)] = str(error)
+            continue
+        job = recording.resolve(), path.resolve(), config, not chosen.no_links
+        jobs[str(path)] = *job, chosen_images(chosen)
+    started, built = time.monotonic(), dict[str, Built]()
+    if jobs:
+        try:
+            with connected(cluster) as client:
+                for name, result in progress(
+                    done(client, build_one, jobs), len(jobs), chosen.output.name, 'maps'
+                ):
+                    if isinstance(result, ConvseqError):
+                        failed[name] = str(result)
+                        continue
+                    built[name], warnings = result
+                    for warning in warnings:
+                        warn(warning)
+        finally:
+            _clean(jobs)
+    for name, why in failed.items():
+        print(f'convseq fleet: {name}: {why.removeprefix(f"{name}: ")}', file=sys.stderr)
+    seconds = time.monotonic() - started
+    if chosen.json:
+        print(
+            json.dumps(
+                {
+                    'built': [asdict(one) | {'map': name} for name, one in built.items()],
+                    'kept': [*kept],
+                    'failed': failed,
+                    'seconds': seconds,
+                }
+            )
+        )
+    else:
+        places = sum(one.references for one in built.values()) + sum(kept.values())
+        print(
+            f'{chosen.output}: {len(built) + len(kept)} maps, {places} places; {len(built)} built '
+            f'in {seconds:.1f} s, {len(kept)} kept, {len(failed)} failed'
+        )
+    return int(bool(failed))
+
+
+def build_one(
+    recording: Path,
+    path: Path,
+    config: Config,
+    links: bool = True,
+    images: Mapping[str, Any] | None = None,
+) -> tuple[Built, list[str]]:
+    """Build a map, which is there whole or not at all; return what was built, and warnings."""
+    warnings: list[str] = []
+    with replaced(path) as part:
+        built = build(recording, part, config, links=links, tell=warnings.append, **(images or {}))
+    return built, [f'{recording.name}: {one}' for one in warnings]
+
+
+def _maps(folder: Path, output: Path) -> dict[Path, Path]:
+    """Return the recordings of a folder by their maps; SourceError if two want one name."""
+    found: dict[Path, Path] = {}
+    for recording in recordings_in(folder):
+        name = recording.name if recording.is_dir() else recording.name.partition('.')[0]
+        other = found.setdefault(output / f'{name}.db', recording)
+        if other != recording:
+            raise SourceError(
+                f'{recording}: its map would have the name of that of {other.name}; rename one'
+            )
+    return found
+
+
+def _opened(path: Path, config: Config) -> MapReader:
+    asked = with_first_stage(config, open_model(config))
+    return MapReader(path, asked.encoding, config.keyframes)
+
+
+def _clean(jobs: dict[str, Job]) -> None:
+    """Delete what workers that were killed left beside the maps."""
+    for _, path, *_ in jobs.values():
+        with suppress(MapError), MapLock(path):
+            pass
 
 
 def _serve(chosen: argparse.Namespace) -> int:
     """Tell a scheduler its maps; without one, be it until Ctrl-C."""
     paths = maps_in(chosen.maps)
-    with connected(chosen_cluster(chosen)) as client:
+    with connected(_chosen_cluster(chosen)) as client:
         serve(client, paths)
         address = client.scheduler.address
         print(f'{address}: {len(paths)} maps; vpr_node --ros-args -p fleet:={address}', flush=True)
@@ -68,19 +209,11 @@ def _serve(chosen: argparse.Namespace) -> int:
     return 0
 
 
-def _describe_replay(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument('maps', type=Path, help='folder of maps, which answer as one would')
-    parser.add_argument('recording', type=Path, help='recording or folder of images')
-    add_cluster(parser)
-    add_replay(parser)
-
-
 def _replay(chosen: argparse.Namespace) -> int:
     """Replay, write the table, and sum it up."""
     paths, told = maps_in(chosen.maps), set[str]()
     # Without a scheduler, workers are of this process: messages are not pickled, and cost half.
-    with connected(replace(chosen_cluster(chosen), are_threads=True)) as client:
+    with connected(replace(_chosen_cluster(chosen), are_threads=True)) as client:
         sources, config = chosen.topic.split(), chosen_config(chosen)
         model = open_model(config)
         session = FleetSession(client, paths, config, sources=sources, describe=model)
@@ -114,15 +247,6 @@ def maps_in(folder: Path) -> list[Path]:
     return found
 
 
-def _describe_link(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        'map', type=Path, metavar='MAPS', help='folder of maps; none of them is changed'
-    )
-    add_cluster(parser)
-    add_outputs(parser)
-
-
 def _link(chosen: argparse.Namespace) -> int:
     """
     Link all maps as if merged, a session a job; print what was found, and make what is asked for.
@@ -141,7 +265,7 @@ def _link(chosen: argparse.Namespace) -> int:
     whole, once = joined(slices), (tuple(paths), uuid4().hex)
     jobs = {f'{one.start}': (*once, one) for one in not_linked(whole)}
     links = list[Link]()
-    with connected(chosen_cluster(chosen)) as client:
+    with connected(_chosen_cluster(chosen)) as client:
         found = done(client, links_in, jobs)
         for _, those in progress(found, len(jobs), chosen.map.name, 'sessions'):
             if isinstance(those, ConvseqError):
@@ -164,11 +288,3 @@ def links_in(paths: tuple[Path, ...], run: str, session: range) -> list[Link]:
 @lru_cache(maxsize=1)
 def _slices(paths: tuple[Path, ...], _run: str) -> list[SessionSlice]:
     return [one for path in paths for one in slices_of(path)]
-
-
-VERBS = {
-    'build': (fleet_build.describe, fleet_build.run),
-    'link': (_describe_link, _link),
-    'replay': (_describe_replay, _replay),
-    'serve': (_describe_serve, _serve),
-}

@@ -4,7 +4,6 @@
 
 import argparse
 from datetime import datetime, UTC
-from importlib import metadata
 from itertools import groupby, pairwise
 import json
 import math
@@ -19,12 +18,13 @@ from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
-from convseq_ros.cli.terminal import printable
+from convseq_ros.cli.terminal import printable, warn
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.evaluation.provenance import processor, version_of
 import cv2
 import numpy as np
 
@@ -37,10 +37,10 @@ def describe_installation() -> dict[str, str | int]:
         'python': platform.python_version(),
         'numpy': np.__version__,
         'opencv': cv2.__version__,
-        'rclpy': _version_of('rclpy'),
+        'rclpy': version_of('rclpy', 'ros-rclpy'),
         'kernels': found.variant or f'numpy: {found.problem}',
         'machine': platform.machine(),
-        'processor': _processor(),
+        'processor': processor(),
         'cores': os.cpu_count() or 0,
         'system': platform.platform(),
         'ros': os.environ.get('ROS_DISTRO', ''),
@@ -48,24 +48,7 @@ def describe_installation() -> dict[str, str | int]:
     }
 
 
-def _version_of(package: str) -> str:
-    for name in (package, f'ros-{package}'):  # of apt's, and of PyPI's
-        try:
-            return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return ''
-
-
-def _processor() -> str:
-    """Return the name that Linux has for the processor; empty if it has none, as on ARM."""
-    with open('/proc/cpuinfo', encoding='utf-8', errors='replace') as file:
-        named = (line.partition(':')[2].strip() for line in file if line.startswith('model name'))
-        return next(named, '')
-
-
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         'file',
         type=Path,
@@ -103,7 +86,7 @@ def run(chosen: argparse.Namespace) -> int:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes
         facts |= {'descriptor_numbers': numbers, 'descriptor_bytes': size}
     if opened.problem:
-        print(f'warning: {opened.problem}', file=sys.stderr)
+        warn(opened.problem)
     if chosen.json:
         print(json.dumps(facts))
     else:

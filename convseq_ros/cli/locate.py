@@ -25,7 +25,6 @@ import cv2
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument(
         'images', type=Path, nargs='+', help='one image, or the last few of a drive in order'
     )
@@ -68,6 +67,8 @@ def _frames(
     reading = recognizer.config.reading
     frames = []
     for number, path in enumerate(images, 1):
+        if path.is_dir():
+            raise SourceError(f'{path}: a folder; give its last few pictures, or use replay')
         try:
             gray, color = gray_and_color(read_picture(path, reading), reading)
         except ConvseqError as error:

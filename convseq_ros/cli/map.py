@@ -23,7 +23,6 @@ from convseq_ros.core.map.edit import (
     slices_of,
     unlink,
     write_new,
-    write_slices,
 )
 from convseq_ros.errors import MapError
 
@@ -140,7 +139,7 @@ def _split(chosen: argparse.Namespace) -> None:
             raise MapError(f'{path}: exists already; name another folder with -o')
     folder.mkdir(parents=True, exist_ok=True)
     for path, slices in files.items():
-        write_slices(slices, path, of_map(path))
+        write_new(joined(slices), path, of_map(path))
     _report(chosen, files)
 
 
@@ -151,7 +150,7 @@ def _remove(chosen: argparse.Namespace) -> None:
         left = [one for one in slices if one not in removed]
         if not left:
             raise MapError(f'{chosen.map}: nothing would be left of it; delete the file instead')
-        write_slices(left, chosen.map, of_map(chosen.map), replaces=True)
+        write_new(joined(left), chosen.map, of_map(chosen.map), slices[0].reference_map)
     else:
         bound(chosen.map, chosen.max_looks, of_map(chosen.map))
     _report(chosen, {chosen.map: slices})

@@ -20,7 +20,7 @@ from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import SessionSlice, slices_in, write_slices
+from convseq_ros.core.map.edit import joined, SessionSlice, slices_in, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, pose_of
@@ -89,7 +89,7 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
         first = whole.sessions[session[min(after)]]
         frame = first.frame or f'linked {whole.map_id}'
         moved = [_moved(one, after, frame) for one in slices]
-        write_slices(moved, chosen.output, of_map(chosen.output))
+        write_new(joined(moved), chosen.output, of_map(chosen.output))
 
 
 def _refuse_existing(chosen: argparse.Namespace) -> None:

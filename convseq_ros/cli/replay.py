@@ -11,13 +11,12 @@ from importlib import import_module
 import json
 from pathlib import Path
 import statistics
-import sys
 import time
 from typing import Any
 
 from convseq_ros.cli.options import add_config, add_images, chosen_config, chosen_images
 from convseq_ros.cli.processes import need_ros
-from convseq_ros.cli.terminal import progress
+from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -32,7 +31,6 @@ Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     parser.add_argument('recording', type=Path, help='recording or folder of images')
     parser.add_argument(
         '--map',
@@ -132,11 +130,6 @@ def in_words(summary: dict[str, Any], slow: str) -> str:
     )
 
 
-def warn(line: str) -> None:
-    """Print a warning."""
-    print(f'warning: {line}', file=sys.stderr)
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[Listener]:
     """Open a table or, by its name, a recording; yield what writes to it."""
@@ -148,7 +141,7 @@ def _opened(path: Path) -> Iterator[Listener]:
         return
     with ResultWriter(path) as table:
         if table.kept:
-            print(f'warning: {table.kept}: rows of a run that did not end', file=sys.stderr)
+            warn(f'{table.kept}: rows of a run that did not end')
         yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
 
 
@@ -167,7 +160,7 @@ def _keep(session: Session) -> None:
     try:
         session.save()
     except MapError as error:
-        print(f'warning: {error}', file=sys.stderr)
+        warn(str(error))
 
 
 def replay(
@@ -178,7 +171,7 @@ def replay(
         started = time.perf_counter()
         match = recognizer.process(frame)
         if match.reason is Reason.UNREADABLE:
-            print(f'warning: frame {match.query_index}: {frame.problem}', file=sys.stderr)
+            warn(f'frame {match.query_index}: {frame.problem}')
         duration_ms = (time.perf_counter() - started) * 1e3
         for tell in listeners:
             own = recognizer.of(frame.source) if isinstance(recognizer, Cameras) else recognizer

@@ -23,6 +23,11 @@ def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames')
     yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
 
 
+def warn(line: str) -> None:
+    """Print a warning on standard error."""
+    print(f'warning: {line}', file=sys.stderr)
+
+
 def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
     """Return what shows how far a map is written."""
     return lambda steps: progress(steps, len(steps), path.name, '64 places')

@@ -16,11 +16,7 @@ _GREEN, _GREY, _YELLOW = (63, 185, 80), (140, 140, 140), (230, 200, 40)
 
 
 class Viewer:
-    """
-    Shows frame after frame; or writes a .rrd file for `rerun FILE` instead of opening the viewer.
-
-    ConvseqError if rerun is not installed.
-    """
+    """Shows frame after frame, or writes a .rrd file; ConvseqError without rerun."""
 
     def __init__(self, file: Path | None = None) -> None:
         try:
@@ -41,7 +37,6 @@ class Viewer:
     def write(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
-        """Show a frame and its answer."""
         rerun, best, known = self._rerun, match.best, recognizer.reference_map
         rerun.set_time('time', timestamp=np.datetime64(match.query_stamp_ns, 'ns'))
         rerun.log('answer/score', rerun.Scalars(best.score if best else 0.0))

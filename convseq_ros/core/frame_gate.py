@@ -86,7 +86,7 @@ class Standstill:
             return False
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
-            if self._by_image and last is not None:
+            if self._by_image and last is not None and not self._has_moved(seen):
                 most = self._config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
         if not still:
@@ -100,6 +100,12 @@ class Standstill:
         if seen is None or self._seen is None:
             return False
         return distance(seen, self._seen) < self._most_apart
+
+    def _has_moved(self, seen: Glance | None) -> bool:
+        """Return whether a glance alone says that it moves."""
+        if seen is None or self._seen is None:
+            return False
+        return distance(seen, self._seen) > GLANCE.moved
 
     def pass_over(self, pose: Pose | None, seen: Glance | None) -> None:
         """Take in where a frame was that moved, and a glance of it, whatever else it shows."""

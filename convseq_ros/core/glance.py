@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Glance = npt.NDArray[np.float32]  # (2, 48, 64) of length 1, hence the same in a dimmer light
 
+_AREA = cv2.INTER_AREA  # each pixel is the mean of those that it covers
+
 
 @constants
 class GLANCE:
@@ -23,13 +25,21 @@ class GLANCE:
     share: float = 0.9  # of the least distance that was safe lately, below which all is near
     surprise: float = 0.7  # of that distance is safe if a far frame comes before any near one
     beside: float = 0.25  # of that distance lies a frame at most from one that shows the same
+    # Twice the distance of any of 262 pairs of images that are 98.5 % alike: with noise, in 3 % to
+    # all of the light, up to 4 pixels apart.
+    moved: float = 0.7
     still: float = 4.0  # distance by which frames differ at most, by how unlike they may be
 
 
 def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
     """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
-    size = GLANCE.width_px, GLANCE.height_px
-    small = np.sqrt(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    size = width, height = GLANCE.width_px, GLANCE.height_px
+    # Halves are made ten times as fast as other shares.
+    while min(gray.shape[0] // height, gray.shape[1] // width) >= 8 and not any(
+        side % 2 for side in gray.shape
+    ):
+        gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=_AREA)
+    small = np.sqrt(cv2.resize(gray, size, interpolation=_AREA), dtype=np.float32)
     edges: Glance = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
     length = float(np.linalg.norm(edges))
     if length < GLANCE.least_edge * edges.size**0.5:

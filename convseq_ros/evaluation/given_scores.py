@@ -58,12 +58,10 @@ class GivenScores(Matcher):
         """Forget nothing: rows are numbered."""
 
     def extract(self, _descriptor: Descriptor) -> Features | None:
-        """Return the row of the frame."""
         row = self._rows[self.frame]
         return Features(row, lambda: row) if np.isfinite(row).any() else None
 
     def scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Scores]:
-        """Return the given scores."""
         return [query.approximate[indices] for query, indices in asked]
 
     def with_shift(self, _query: Features, candidates: Candidates) -> Candidates:

@@ -136,7 +136,6 @@ def _ranked(
 def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
 ) -> _Answers:
-    """Return the answers with a part of the map."""
     if method.kind.recognizer:
         found = recognize(material, method.config, span)
         return _ranked(material, method, found, rows, span)

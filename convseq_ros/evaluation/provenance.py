@@ -21,9 +21,13 @@ def provenance() -> dict[str, Any]:
         'versions': {
             'convseq_ros': __version__,
             'python': platform.python_version(),
-            **{name: version for name in _LIBRARIES if (version := _version(name))},
+            **{name: version for name in _LIBRARIES if (version := version_of(name))},
         },
-        'machine': {'cpu': _cpu(), 'cores': os.cpu_count(), 'system': platform.platform()},
+        'machine': {
+            'cpu': processor() or platform.processor() or platform.machine(),
+            'cores': os.cpu_count(),
+            'system': platform.platform(),
+        },
         'commit': _commit(),
         'date': datetime.now(UTC).isoformat(timespec='seconds'),
     }
@@ -40,17 +44,21 @@ def _commit() -> str | None:
     return done.stdout.strip() or None
 
 
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
+def version_of(*names: str) -> str:
+    """Return the version of the first of some packages that is installed; empty if none is."""
+    for name in names:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return ''
 
 
-def _cpu() -> str:
+def processor() -> str:
+    """Return the name that Linux has for the processor; empty if it has none, as on ARM."""
     try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace').splitlines()
     except OSError:
-        lines = []
-    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    return names[0] if names else platform.processor() or platform.machine()
+        return ''
+    named = (line.partition(':')[2].strip() for line in lines if line.startswith('model name'))
+    return next(named, '')

@@ -9,24 +9,12 @@ import time
 from typing import Any
 
 from convseq_ros.config import Config, flatten, with_values
+from convseq_ros.core import types
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import (
-    Anchor,
-    Camera,
-    Candidate,
-    Descriptor,
-    Frame,
-    Localization,
-    LocalizationState,
-    Match,
-    Reason,
-    RelativePose,
-    Status,
-)
 from convseq_ros.evaluation.drive import model_at
 from convseq_ros.evaluation.material import Material
 from convseq_ros.onnx_model import OnnxModel
@@ -46,7 +34,7 @@ _VECTORS = 'orientation', 'position_m', 'direction'
 class Recognition:
     """What the recogniser answered to the Q frames of a query."""
 
-    matches: list[Match]  # references are numbered as those of the whole drive
+    matches: list[types.Match]  # references are numbered as those of the whole drive
     durations_ms: list[float]  # time of each `process`
     rows: Scores
     fields: list[Dots]  # the inliers of each best candidate
@@ -125,7 +113,7 @@ def _recognized(
         poses = RelativePoses(posed_map, recognizer.matcher, config.reading)
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
     images = material.query.in_color if model and model.wants_color else material.query
-    shown: Iterable[tuple[Frame, Descriptor | None]] = ((one, None) for one in images)
+    shown: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((one, None) for one in images)
     if span:
         shown = query.described
     matches, fields, durations = [], [], []
@@ -134,7 +122,7 @@ def _recognized(
         started = time.perf_counter()
         match = recognizer.process(frame, descriptor)
         durations.append((time.perf_counter() - started) * 1e3)
-        newest = None if match.reason is Reason.OUT_OF_ORDER else recognizer.buffer.row
+        newest = None if match.reason is types.Reason.OUT_OF_ORDER else recognizer.buffer.row
         if newest is not None:
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest
@@ -154,12 +142,12 @@ def _recognized(
 
 
 def _with_pose(
-    match: Match,
-    frame: Frame,
+    match: types.Match,
+    frame: types.Frame,
     recognizer: PlaceRecognizer,
     poses: RelativePoses | None,
-    camera: Camera | None,
-) -> Match:
+    camera: types.Camera | None,
+) -> types.Match:
     features = recognizer.buffer.newest.features
     if poses is None or features is None or match.accepted is None:
         return match
@@ -168,7 +156,7 @@ def _with_pose(
     return replace(match, relative_pose=poses.measure(features, seen, match.accepted))
 
 
-def _numbered(match: Match, number: Mapping[int, int]) -> Match:
+def _numbered(match: types.Match, number: Mapping[int, int]) -> types.Match:
     """Return an answer whose references are frames of the whole drive."""
     candidates = tuple(
         replace(one, reference_index=number[one.reference_stamp_ns]) for one in match.candidates
@@ -176,25 +164,26 @@ def _numbered(match: Match, number: Mapping[int, int]) -> Match:
     return replace(match, candidates=candidates)
 
 
-def _match(stored: dict[str, Any]) -> Match:
-    """Return an answer of what JSON made of it."""
+def _match(stored: dict[str, Any]) -> types.Match:
     pose, place = stored['relative_pose'], stored['localization']
     if pose:
         vectors = {name: pose[name] and tuple(pose[name]) for name in _VECTORS}
-        pose = RelativePose(**{**pose, **vectors, 'covariance': np.array(pose['covariance'])})
+        pose = types.RelativePose(
+            **{**pose, **vectors, 'covariance': np.array(pose['covariance'])}
+        )
     if place:
-        place = Localization(**{**place, 'state': LocalizationState(place['state'])})
+        place = types.Localization(**{**place, 'state': types.LocalizationState(place['state'])})
     candidates = tuple(
-        Candidate(**{**one, 'shift': one['shift'] and tuple(one['shift'])})
+        types.Candidate(**{**one, 'shift': one['shift'] and tuple(one['shift'])})
         for one in stored['candidates']
     )
     changed = {
-        'status': Status(stored['status']),
-        'reason': Reason(stored['reason']),
+        'status': types.Status(stored['status']),
+        'reason': types.Reason(stored['reason']),
         'candidates': candidates,
         'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
         'localization': place,
         'relative_pose': pose,
-        'anchor': stored['anchor'] and Anchor(**stored['anchor']),
+        'anchor': stored['anchor'] and types.Anchor(**stored['anchor']),
     }
-    return Match(**{**stored, **changed})
+    return types.Match(**{**stored, **changed})

@@ -67,31 +67,24 @@ class Run:
     reading: ReadingConfig = ReadingConfig()  # which files are too large
 
     def about_set(self) -> Mapping[str, Any]:
-        """Return what set.json holds."""
         return read_json(self.folder.parent / 'set.json', self.reading)
 
     def scores(self) -> npt.NDArray[np.float32] | None:
         """Return the pair scores, query by reference, if the folder has them."""
-        path = self.folder / 'scores.npy'
-        return read_array(path, reading=self.reading) if path.exists() else None
+        return self._array(self.folder / 'scores.npy')
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
         """Return which references are right, query by reference, with the whole map."""
-        path = self._base() / 'truth.npz'
-        return read_array(path, 'right', self.reading) if path.exists() else None
+        return self._array(self._base() / 'truth.npz', 'right')
 
     def fields(self) -> list[Dots]:
         """Return the inliers of each row's best candidate, if the folder has them."""
-        path = self.folder / 'fields.npz'
-        if not path.exists():
-            return [NO_DOTS] * len(self.frames)
-        dots, ends = (read_array(path, name, self.reading) for name in ('dots', 'ends'))
-        return np.split(dots, ends[:-1])
+        dots, ends = (self._array(self.folder / 'fields.npz', name) for name in ('dots', 'ends'))
+        return [NO_DOTS] * len(self.frames) if dots is None else np.split(dots, ends[:-1])
 
     def poses(self, drive: str) -> npt.NDArray[np.float64] | None:
         """Return where each frame of `query` or `reference` was, (N, 7), if the folder says."""
-        path = self._base() / 'poses.npz'
-        return read_array(path, drive, self.reading) if path.exists() else None
+        return self._array(self._base() / 'poses.npz', drive)
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
@@ -100,6 +93,9 @@ class Run:
             drive = 'query'
         path = folder / drive / f'{index:06d}.jpg'
         return path if path.exists() else None
+
+    def _array(self, path: Path, name: str = '') -> Any:
+        return read_array(path, name, self.reading) if path.exists() else None
 
     def _base(self) -> Path:
         base = self.about_set().get('base')
@@ -123,7 +119,6 @@ def write_table(path: Path, columns: Iterable[str], rows: Iterable[Mapping[str, 
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file in one step."""
     write_text(path, json.dumps(content, indent=1) + '\n')
 
 

@@ -9,19 +9,7 @@ import math
 from typing import Any
 
 from convseq_ros.core.types import Match
-from convseq_ros.evaluation.metrics import (
-    average_precision,
-    block_intervals,
-    Curve,
-    Flags,
-    highest_wrong,
-    precision_recall,
-    recall_at,
-    recall_at_full_precision,
-    reliability,
-    share,
-    Values,
-)
+from convseq_ros.evaluation import metrics
 from convseq_ros.evaluation.protocols import CLOSED, Outcome
 import numpy as np
 import numpy.typing as npt
@@ -35,18 +23,17 @@ Summary = dict[str, Any]
 class Verdicts:
     """What is right and what is wrong, one entry for each of M answers."""
 
-    matched: Flags  # there is a best reference at all
-    known: Flags  # there is a right one
-    correct: Flags  # the best one is right
-    slip: Flags  # it is the right place but a little off
-    accepted: Flags  # the method stands by it
+    matched: metrics.Flags  # there is a best reference at all
+    known: metrics.Flags  # there is a right one
+    correct: metrics.Flags  # the best one is right
+    slip: metrics.Flags  # it is the right place but a little off
+    accepted: metrics.Flags  # the method stands by it
     lengths: npt.NDArray[np.int64]  # k; 0 where none could be chosen
     # How sure the method is, by criterion; NaN where it does not say.
-    values: Mapping[str, Values]
+    values: Mapping[str, metrics.Values]
 
-    def curve(self, criterion: str, positives: int | None = None) -> Curve:
-        """Return the precision-recall curve over the matched frames."""
-        return precision_recall(
+    def curve(self, criterion: str, positives: int | None = None) -> metrics.Curve:
+        return metrics.precision_recall(
             self.correct[self.matched], self.sure(criterion)[self.matched], positives
         )
 
@@ -59,11 +46,11 @@ class Verdicts:
         }
         return Verdicts(**flags, values={name: one[chosen] for name, one in self.values.items()})
 
-    def taken(self, criterion: str, threshold: float) -> Flags:
+    def taken(self, criterion: str, threshold: float) -> metrics.Flags:
         """Return which answers exceed a threshold."""
         return self.matched & (self.sure(criterion) > threshold)
 
-    def sure(self, criterion: str) -> Values:
+    def sure(self, criterion: str) -> metrics.Values:
         """Return the values of a criterion, -inf where the method does not say."""
         values = self.values[criterion]
         return np.where(np.isnan(values), -np.inf, values)
@@ -122,10 +109,10 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     right = int(verdicts.correct.sum())
     known_curve = verdicts.curve(criterion, answerable)
     return {
-        'accuracy_matched': share(right, answerable),
-        'accuracy_all': share(right, int(verdicts.known.sum())),
-        'auc_pr': average_precision(verdicts.curve(criterion)),
-        'recall_at_100_precision': recall_at_full_precision(known_curve),
+        'accuracy_matched': metrics.share(right, answerable),
+        'accuracy_all': metrics.share(right, int(verdicts.known.sum())),
+        'auc_pr': metrics.average_precision(verdicts.curve(criterion)),
+        'recall_at_100_precision': metrics.recall_at_full_precision(known_curve),
     }
 
 
@@ -143,7 +130,7 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
         'accepted_right': int(right.sum()),
         'false_closures': int((verdicts.accepted & ~right & ~slips).sum()),
         'slips': int(slips.sum()),
-        'accepted_recall': share(int(right.sum()), int(verdicts.known.sum())),
+        'accepted_recall': metrics.share(int(right.sum()), int(verdicts.known.sum())),
     }
 
 
@@ -151,7 +138,7 @@ def first_closures(
     verdicts: Verdicts,
     halves: Sequence[str],
     way: npt.ArrayLike | None = None,
-    taken: Flags | None = None,
+    taken: metrics.Flags | None = None,
 ) -> dict[str, float | None]:
     """
     Return how far after its first known frame each run has its first right closure.
@@ -200,7 +187,7 @@ def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
             continue
         wrong = [one.matched & ~(one.correct | one.slip) for one in all_verdicts]
         threshold = max(
-            highest_wrong(~flags, one.sure(criterion))
+            metrics.highest_wrong(~flags, one.sure(criterion))
             for flags, one in zip(wrong, all_verdicts, strict=True)
         )
         found = []
@@ -212,7 +199,7 @@ def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
                 {
                     name: threshold if math.isfinite(threshold) else None,
                     f'{name}_by': criterion,
-                    f'{name}_recall': share(right, int(verdicts.known.sum())),
+                    f'{name}_recall': metrics.share(right, int(verdicts.known.sum())),
                     f'{name}_first': first,
                 }
             )
@@ -230,17 +217,17 @@ def _mean_recall(found: Sequence[Summary], name: str) -> float:
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
     """Return every figure of one method on one set, with 95 % intervals of the main ones."""
     lengths = verdicts.lengths[verdicts.lengths > 0]
-    intervals = block_intervals(
+    intervals = metrics.block_intervals(
         len(verdicts.matched), lambda chosen: figures(verdicts.of(chosen), criterion)
     )
-    recalls = recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
+    recalls = metrics.recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
     metres = None
     if outcome.way_m is not None:
         metres = first_closures(verdicts, outcome.halves, outcome.way_m)
     counts = Counter(lengths.tolist())
     sure = verdicts.values['confidence']
     told = verdicts.matched & ~np.isnan(sure)
-    table = reliability(sure[told], (verdicts.correct | verdicts.slip)[told])
+    table = metrics.reliability(sure[told], (verdicts.correct | verdicts.slip)[told])
     return {
         'protocol': outcome.protocol,
         'criterion': criterion,

@@ -5,11 +5,13 @@
 from collections.abc import Callable, Mapping, Sequence
 import csv
 import io
+import math
 from pathlib import Path
-from typing import Any
+import pickle  # nosec B403
+import re
+from typing import Any, BinaryIO
 
-from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.array_pickle import read_objects
+from convseq_ros.errors import one_line, SourceError
 from convseq_ros.files import read_array, read_array_header, read_text
 from convseq_ros.reading_config import AS_PICKLE, ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
@@ -80,9 +82,7 @@ def read_npy(
     except OSError as error:
         raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
     except Exception as error:
-        raise SourceError(
-            f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
-        ) from None
+        raise SourceError(f'{path}: not a readable .npy file ({one_line(error)})') from None
     if stored.dtype == np.bool_ and stored.ndim == 2:
         if stored.shape != shape:
             raise SourceError(
@@ -155,3 +155,77 @@ def _load(path: Path, reading: ReadingConfig) -> npt.NDArray[Any]:
             return read_array(path, reading=reading)
         reading.refuse_file(path, path.stat().st_size, AS_PICKLE)
         return read_objects(file, shape, fortran)
+
+
+# Arrays of objects in a pickle of a stranger. No name of a pickle leads to NumPy, whose own way to
+# fill an array believes what it is told of its type, and then reads where there is nothing. The
+# module of Python that reads pickles is used, not that in C, which takes the memory for a number
+# of a name before it looks at the name.
+_PLAIN = re.compile(r'[biufSU]\d{1,6}')  # types of numbers and texts, with their size
+_OBJECT = re.compile(r'O\d?')
+_ORDERS = '<>|='
+
+
+class _Type:
+    """Stands in for NumPy's dtype: its name, and its byte order."""
+
+    def __init__(self, name: str, *_: object) -> None:
+        self.name, self.order = str(name), '='
+
+    def __setstate__(self, state: Sequence[Any]) -> None:
+        self.order = str(state[1])
+
+    @property
+    def is_object(self) -> bool:
+        return bool(_OBJECT.fullmatch(self.name))
+
+    def values(self, data: bytes | str) -> list[Any]:
+        """Return the numbers or texts in some bytes."""
+        if not _PLAIN.fullmatch(self.name) or self.order not in _ORDERS:
+            raise pickle.UnpicklingError(f'holds values of type {self.name}')
+        content = data.encode('latin1') if isinstance(data, str) else bytes(data)
+        return list(np.frombuffer(content, self.order + self.name).tolist())
+
+
+class _Array:
+    """Stands in for an array, of which it keeps the values, in the order of memory."""
+
+    values: Sequence[Any] = ()
+
+    def __setstate__(self, state: Sequence[Any]) -> None:
+        *_, kind, _, data = state
+        self.values = list(data) if kind.is_object else kind.values(data)
+
+
+def _scalar(kind: _Type, data: Any) -> Any:
+    return data if kind.is_object else kind.values(data)[0]
+
+
+class _Unpickler(pickle._Unpickler):
+    def find_class(self, module: str, name: str) -> Callable[..., Any]:
+        # A pickle can change what it is given, so that each is given its own function.
+        if module in ('numpy.core.multiarray', 'numpy._core.multiarray'):
+            if name == '_reconstruct':
+                return lambda *_: _Array()
+            if name == 'scalar':
+                return lambda kind, data: _scalar(kind, data)
+        elif (module, name) == ('numpy', 'dtype'):
+            return lambda name, *_: _Type(name)
+        elif (module, name) == ('numpy', 'ndarray'):
+            return lambda *_: None  # is only named
+        elif (module, name) == ('_codecs', 'encode'):
+            return lambda text, _: text.encode('latin1')
+        raise pickle.UnpicklingError(f'holds {module}.{name}, which is no array')
+
+
+def read_objects(
+    file: BinaryIO, shape: tuple[int, ...], is_fortran: bool
+) -> npt.NDArray[np.object_]:
+    """Return an array of objects behind a .npy header; an exception of any kind if it is none."""
+    found = _Unpickler(io.BytesIO(file.read()), encoding='latin1').load()
+    if not isinstance(found, _Array) or len(found.values) != math.prod(shape):
+        raise ValueError(f'holds no array of shape {shape}')
+    stored = np.empty(len(found.values), object)
+    for index, value in enumerate(found.values):
+        stored[index] = value.values if isinstance(value, _Array) else value
+    return stored.reshape(shape, order='F' if is_fortran else 'C')

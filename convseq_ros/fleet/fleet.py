@@ -4,7 +4,8 @@
 
 from bisect import bisect_right
 from collections import deque, OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, count
 from pathlib import Path
@@ -35,7 +36,6 @@ class FleetScores:
         self._directions = deque[Floats](maxlen=KEPT)
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._mean.reset()
         self._directions.clear()
         self._drive, self._frame = self._drive + 1, 0
@@ -70,18 +70,32 @@ class _Worker:
     where: str = ''  # its address, if there is a choice
     future: Any = None
     actor: Any = None
-    is_given_up: bool = False
+    problem: str = ''  # why it is not asked any more
 
-    def send(self, until: float, method: str, *what: Any) -> Any:
-        """Ask, and return what will hold the answer; anew on another worker, if this one died."""
+    def ask(self, timeout_s: float, method: str, what: tuple[Any, ...]) -> Any:
+        """
+        Return the answer, of another worker if this one dies; None if they die again and again.
+
+        FleetError if it takes longer than the timeout.
+        """
+        until = time.monotonic() + timeout_s
+        for _ in range(0 if self.problem else _TRIES):
+            try:
+                return self._answer(until, Call(method, what))
+            except TimeoutError:
+                raise FleetError(f'a worker did not answer within {timeout_s:g} s') from None
+            except Exception as error:
+                last = error
+                self.where, self.actor, self.future = '', None, None
+        self.problem = self.problem or f'asked {_TRIES} workers in vain ({last})'
+        return None
+
+    def _answer(self, until: float, call: Call) -> Any:
         if self.actor is None:
             chosen = {'workers': [self.where], 'allow_other_workers': True} if self.where else {}
             self.future = self.client.submit(Holder, self.paths, actor=True, pure=False, **chosen)
             self.actor = self.future.result(timeout=max(0.0, until - time.monotonic()))
-        return self.actor.ask(Call(method, what))
-
-    def receive(self, reply: Any, until: float) -> Any:
-        """Return the answer; OSError if the worker died, TimeoutError if it takes too long."""
+        reply = self.actor.ask(call)
         while True:
             try:
                 return reply.result(timeout=_LOOKED_AT_EVERY_S)
@@ -90,10 +104,6 @@ class _Worker:
                     raise OSError('its worker died') from None
                 if time.monotonic() > until:
                     raise
-
-    def forget(self) -> None:
-        """Have the next question go to another worker."""
-        self.where, self.actor, self.future = '', None, None
 
 
 @dataclass(eq=False)
@@ -125,6 +135,7 @@ class Fleet:
             )
             if some
         ]
+        self._threads = ThreadPoolExecutor(max(1, len(self._workers)), 'fleet')
         abouts: dict[str, About] = {}
         for answer in self._ask_all('about', [()] * len(self._workers)):
             found, lost = answer or ({}, {})
@@ -168,7 +179,6 @@ class Fleet:
         return FleetScores(self.ask, self._usual, both, next(self._cameras))
 
     def ask(self, question: Question) -> Answer:
-        """Ask all shards."""
         offsets = [
             {path: self.offsets[path] for path in worker.paths if path not in self.missing}
             for worker in self._workers
@@ -199,43 +209,22 @@ class Fleet:
             found |= zip(some, reply, strict=True)
         return found
 
-    def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-        yield from self._ask_some(method, [*zip(self._workers, what, strict=True)])
+    def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> list[Any]:
+        return self._ask_some(method, [*zip(self._workers, what, strict=True)])
 
     def _ask_some(
         self, method: str, asked: Sequence[tuple[_Worker, tuple[Any, ...]]]
     ) -> list[Any]:
         """Ask some workers at once; None for each that has died again and again."""
-        found: list[Any] = [None] * len(asked)
-        until = time.monotonic() + self.timeout_s
-        waiting = [one for one, (worker, _) in enumerate(asked) if not worker.is_given_up]
-        errors = dict[int, Exception]()
-        for _ in range(_TRIES):
-            again: list[int] = []
-            replies = [
-                (one, _tried(asked[one][0].send, until, method, *asked[one][1])) for one in waiting
-            ]
-            for one, reply in replies:
-                worker = asked[one][0]
-                answer = reply
-                if not isinstance(reply, Exception):
-                    answer = _tried(worker.receive, reply, until)
-                if isinstance(answer, TimeoutError):
-                    raise FleetError(f'a worker did not answer within {self.timeout_s:g} s')
-                if isinstance(answer, Exception):
-                    worker.forget()
-                    errors[one] = answer
-                    again.append(one)
-                else:
-                    found[one] = answer
-            if not (waiting := again):
-                return found
-        for one in waiting:
-            worker = asked[one][0]
-            worker.is_given_up = True
-            for path in worker.paths:
-                why = f'{path}: asked {_TRIES} workers in vain ({errors[one]})'
-                self.missing.setdefault(path, why)
+        waiting = [
+            self._threads.submit(worker.ask, self.timeout_s, method, what)
+            for worker, what in asked
+        ]
+        found = [one.result() for one in waiting]
+        for worker, _ in asked:
+            if worker.problem:
+                for path in worker.paths:
+                    self.missing.setdefault(path, f'{path}: {worker.problem}')
         return found
 
 
@@ -258,14 +247,6 @@ class _Pictures:
         while len(kept) > _KEPT[with_images]:
             kept.popitem(last=False)
         return [found[index] for index in indices]
-
-
-def _tried(work: Callable[..., Any], *what: Any) -> Any:
-    """Return what a work returns, or its error."""
-    try:
-        return work(*what)
-    except Exception as error:
-        return error
 
 
 def _unlike(one: About, first: About) -> str | None:

@@ -114,7 +114,6 @@ class FleetLink:
         return session
 
     def _answer(self, session: FleetSession) -> None:
-        """Answer frames until the end, or an error."""
         cameras = session.cameras
         self.problem = ''
         while True:

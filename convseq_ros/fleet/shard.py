@@ -92,7 +92,6 @@ class Shard:
         self._known = dict[int, Known]()  # by camera
 
     def about(self) -> About:
-        """Return what the fleet must know."""
         own = self._map
         settings = own.encoding, own.keyframes, tuple(own.sessions), len(own)
         return About(
@@ -109,7 +108,6 @@ class Shard:
         return Answer(Best(along + offset, sums[along]), Best(newest + offset, row[newest]))
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
-        """Return what is large of some places."""
         return self._map.pictures(indices, with_images)
 
     def _followed(self, question: Question) -> Known | None:
@@ -152,11 +150,9 @@ class Holder:
                 self._lost[path] = str(error)
 
     def ask(self, call: Call) -> Any:
-        """Return what a method returns."""
         return getattr(self, call.method)(*call.what)
 
     def about(self) -> tuple[dict[str, About], dict[str, str]]:
-        """Return what is known of each map, and why others cannot be opened."""
         return {path: shard.about() for path, shard in self._shards.items()}, self._lost
 
     def answer(self, question: Question, offsets: Mapping[str, int]) -> Answer:
@@ -167,7 +163,6 @@ class Holder:
     def pictures(
         self, wanted: Mapping[str, Sequence[int]], with_images: bool
     ) -> dict[str, list[Picture] | str]:
-        """Return what is large of some places of maps, or why they cannot be read."""
         found = dict[str, list[Picture] | str]()
         for path, indices in wanted.items():
             try:
@@ -178,7 +173,6 @@ class Holder:
 
 
 def merged(answers: Sequence[Answer], question: Question) -> Answer:
-    """Return what some shards say together."""
     if any(one.lacks for one in answers):
         return Answer(lacks=True)
     along = _best([one.along for one in answers], question.along)

@@ -25,6 +25,9 @@ def main() -> NoReturn:
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(_help())
         sys.exit(0)
+    if sys.argv[1:] and sys.argv[1] != '--ros-args':  # ROS would pass over it without a word
+        print(f'vpr_node: {sys.argv[1]}: parameters and remaps follow --ros-args', file=sys.stderr)
+        sys.exit(2)
     from importlib.util import find_spec
 
     if find_spec('rclpy') is None:

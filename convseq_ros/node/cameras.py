@@ -39,19 +39,16 @@ class ImageSubscription:
         self.topic = node.resolve_topic_name(topic)
 
     def start(self) -> None:
-        """Begin to listen."""
         self._subscription = FollowingSubscription(
             self._node, self._kind, self.topic, self._on_message, self._depth
         )
 
     def stop(self) -> None:
-        """Listen no more."""
         if self._subscription:
             self._subscription.destroy()
         self._subscription = None
 
     def follow(self, topic: str) -> None:
-        """Listen to another topic instead."""
         is_listening = self._subscription is not None
         self.stop()
         self.topic = topic

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 import math
 import sys
+from uuid import UUID
 
 from builtin_interfaces.msg import Time
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
-from convseq_ros.core.types import Candidate, Match, Pose
+from convseq_ros.core.types import Candidate, Match, Pose, RelativePose, UNKNOWN_M2
 from convseq_ros.results import row
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
@@ -27,17 +28,9 @@ _FIRST_NS, _LAST_NS = -(2**31) * _NS, 2**31 * _NS - 1  # builtin_interfaces/Time
 _NOWHERE = (math.nan, math.nan, math.nan)
 
 CANDIDATE = np.dtype(
-    [
-        ('x', '<f4'),
-        ('y', '<f4'),
-        ('z', '<f4'),
-        ('score', '<f4'),
-        ('index', '<u4'),
-        ('length', '<u4'),
-        ('stamp_sec', '<i4'),
-        ('stamp_nanosec', '<u4'),
-        ('session', '<u4'),
-    ]
+    [(name, '<f4') for name in ('x', 'y', 'z', 'score')]
+    + [('index', '<u4'), ('length', '<u4'), ('stamp_sec', '<i4'), ('stamp_nanosec', '<u4')]
+    + [('session', '<u4')]
 )
 """One row of `~/candidates`."""
 
@@ -51,7 +44,6 @@ _FIELD_TYPES = {
 
 
 def stamp_to_ns(stamp: Time) -> int:
-    """Return a stamp in nanoseconds."""
     return int(stamp.sec) * _NS + int(stamp.nanosec)
 
 
@@ -95,11 +87,7 @@ def row_message(header: Header, text: str, values: Mapping[str, object]) -> Diag
 
 
 def candidates_message(match: Match, places: Sequence[Place], frame_id: str) -> PointCloud2:
-    """
-    Return the candidates of a match, best first, one point each, with the poses of their places.
-
-    A place without a pose gives NaN, and a cloud that is not dense.
-    """
+    """Return the candidates, best first, a point each; NaN for a place without a pose."""
     rows = np.zeros(len(match.candidates), CANDIDATE)
     poses = [places[candidate.reference_index].pose for candidate in match.candidates]
     for number, (candidate, pose) in enumerate(zip(match.candidates, poses, strict=True)):
@@ -109,18 +97,6 @@ def candidates_message(match: Match, places: Sequence[Place], frame_id: str) -> 
         length, session = match.sequence_length, candidate.session
         rows[number] = (x, y, z, score, index, length, stamp.sec, stamp.nanosec, session)
     return cloud_message(rows, match_header(match, frame_id), all(poses))
-
-
-def candidates_from_message(message: PointCloud2) -> npt.NDArray[np.void]:
-    """
-    Return the rows of a `~/candidates` message, shape (candidates,), best first.
-
-    ValueError if it has other fields.
-    """
-    if message.is_bigendian or message.fields != cloud_fields(CANDIDATE):
-        names = ', '.join(item.name for item in message.fields)
-        raise ValueError(f'expected the fields {", ".join(CANDIDATE.names or ())}, got {names}')
-    return np.frombuffer(bytes(message.data), CANDIDATE)
 
 
 def loop_closure_message(query_stamp_ns: int, accepted: Candidate) -> Float64MultiArray:
@@ -135,13 +111,11 @@ def loop_closure_index_message(query_index: int, accepted: Candidate) -> Int64Mu
 
 
 def point_message(position: tuple[float, float, float]) -> Point:
-    """Return a position."""
     x, y, z = position
     return Point(x=x, y=y, z=z)
 
 
 def pose_only_message(pose: Pose) -> PoseMessage:
-    """Return a pose."""
     x, y, z, w = pose.orientation
     return PoseMessage(
         position=point_message(pose.position), orientation=Quaternion(x=x, y=y, z=z, w=w)
@@ -187,11 +161,7 @@ def match_header(match: Match, frame_id: str) -> Header:
 
 
 def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) -> PointCloud2:
-    """
-    Return rows (points,), little-endian, as a message, one point each.
-
-    It is dense if no number is NaN.
-    """
+    """Return rows (points,), little-endian, one point each; dense if no number is NaN."""
     return PointCloud2(
         header=header,
         height=1,
@@ -218,3 +188,86 @@ def cloud_fields(row: np.dtype[np.void]) -> list[PointField]:
 def type_name(kind: type) -> str:
     """Return the name of a message's type on the ROS graph, such as sensor_msgs/msg/Image."""
     return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+# `~/closure` is a PointCloud2 of one point. A reader in Python or C++ takes its fields by name
+# (docs/backends/README.md), and new fields can be added at the end.
+LAYOUT = 1  # of the fields below; it changes when one goes or means something else
+# Fields of 8 bytes come first, then those of 4: each lies where its type wants it.
+CLOSURE = np.dtype(
+    [
+        # Of the query's base in the reference's base frame, metres; NaN where not measured.
+        *((name, '<f8') for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')),
+        ('direction', '<f8', 3),  # of the position, unit vector, also where its length is unknown
+        # Of x, y, z and turns about these axes, row by row; 1e6 where not measured.
+        ('covariance', '<f8', 36),
+        ('layout', '<u4'),
+        ('query_sec', '<i4'),
+        ('query_nanosec', '<u4'),
+        ('reference_sec', '<i4'),
+        ('reference_nanosec', '<u4'),
+        ('query_id', '<u4'),  # frames answered before
+        ('reference_id', '<u4'),  # index of the place in the map
+        ('session', '<u4'),  # number of the place's session in the map, from 0
+        ('confidence', '<f4'),  # probability in [0, 1] that the place is right; NaN if unknown
+        ('inliers', '<u4'),  # correspondences that agree with the pose, or moved alike
+        ('map_id', '<u1', 16),  # the bytes of UUIDs
+        ('reference_session', '<u1', 16),
+        ('query_session', '<u1', 16),  # zero if this drive is no part of the map
+    ]
+)
+"""The one row of `~/closure`."""
+
+_NOTHING = UUID(int=0)
+
+
+def closure_message(
+    match: Match, reference_map: ReferenceMap, frame_id: str, session_start: int
+) -> PointCloud2:
+    """Return an accepted match as a closure; places from `session_start` on are of this drive."""
+    accepted = match.accepted
+    if accepted is None:
+        raise ValueError('a closure needs an accepted match')
+    row = np.zeros(1, CLOSURE)
+    _write_pose(row, match.relative_pose)
+    row['layout'] = LAYOUT
+    for name, stamp_ns in (
+        ('query', match.query_stamp_ns),
+        ('reference', accepted.reference_stamp_ns),
+    ):
+        stamp = stamp_from_ns(stamp_ns)
+        row[f'{name}_sec'], row[f'{name}_nanosec'] = stamp.sec, stamp.nanosec
+    row['query_id'] = match.query_index % 2**32
+    row['reference_id'] = accepted.reference_index
+    row['confidence'] = math.nan if match.confidence is None else match.confidence
+    measured = match.relative_pose
+    row['inliers'] = measured.inliers if measured else accepted.inliers or 0
+    place = reference_map.places[accepted.reference_index]
+    row['session'] = place.session
+    row['map_id'] = _bytes(reference_map.map_id)
+    row['reference_session'] = _bytes(reference_map.sessions[place.session].id)
+    if session_start < len(reference_map):
+        newest = reference_map.places[len(reference_map) - 1]
+        row['query_session'] = _bytes(reference_map.sessions[newest.session].id)
+    return cloud_message(row, match_header(match, frame_id), is_dense=False)
+
+
+def _write_pose(row: npt.NDArray[np.void], measured: RelativePose | None) -> None:
+    nowhere = (math.nan,) * 3
+    position = measured.position_m if measured else None
+    direction = measured.direction if measured else None
+    row['x'], row['y'], row['z'] = position or nowhere
+    orientation = measured.orientation if measured else (math.nan,) * 4
+    row['qx'], row['qy'], row['qz'], row['qw'] = orientation
+    row['direction'] = direction or nowhere
+    covariance = measured.covariance if measured else np.eye(6) * UNKNOWN_M2
+    row['covariance'] = covariance.ravel()
+
+
+def _bytes(ident: str) -> npt.NDArray[np.uint8]:
+    """Return the bytes of a UUID; zeros if it is none."""
+    try:
+        made = UUID(ident)
+    except ValueError:
+        made = _NOTHING
+    return np.frombuffer(made.bytes, np.uint8)

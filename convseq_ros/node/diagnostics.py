@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node counts about itself, and how it is, on /diagnostics."""
+"""What the node counts about itself, and how it is: on /diagnostics and in its log."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -39,12 +39,10 @@ class Statistics:
     reasons: Counter[str] = field(default_factory=Counter)
 
     def arrived(self, arrival_ns: int) -> None:
-        """Count a message."""
         self.received += 1
         self.last_arrival_ns = arrival_ns
 
     def answered(self, match: Match, arrival_ns: int, duration_ms: float) -> None:
-        """Count an answer."""
         self.processed += 1
         self.reasons[match.reason.value] += 1
         self.last_match = match
@@ -69,50 +67,40 @@ class Situation:
 
     @property
     def map_size(self) -> int:
-        """Places in the map."""
         return len(self.session.recognizer.reference_map)
 
 
+@dataclass(eq=False)
 class Diagnostics:
-    """
-    Publishes a status at a steady pace, whatever the node's clock does.
+    """Publishes a status at a steady pace, whatever the node's clock does."""
 
-    `situation` returns how the node is, `advice` says why no images may come.
-    """
+    node: Node
+    statistics: Statistics
+    situation: Callable[[], Situation]  # how the node is
+    advice: Callable[[], str]  # why no images may come
+    period_s: float
 
-    def __init__(
-        self,
-        node: Node,
-        statistics: Statistics,
-        situation: Callable[[], Situation],
-        advice: Callable[[], str],
-        period_s: float,
-    ) -> None:
-        self._node = node
-        self._statistics = statistics
-        self._situation = situation
-        self._advice = advice
+    def __post_init__(self) -> None:
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
-        self._publisher = advertise(node, DiagnosticArray, '/diagnostics')
-        self._timer = node.create_timer(
-            period_s, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.node.create_timer(self.period_s, self._publish, clock=clock)
 
     def _publish(self) -> None:
-        situation = self._situation()
+        situation = self.situation()
         received_hz, processed_hz, dropped_now = self._rates(situation)
         level, text = self._state(situation, dropped_now)
-        values = _values(self._statistics, situation)
+        values = _values(self.statistics, situation)
         values |= {'received_hz': received_hz, 'processed_hz': processed_hz}
-        name = f'{self._node.get_fully_qualified_name().lstrip("/")}: place recognition'
+        name = f'{self.node.get_fully_qualified_name().lstrip("/")}: place recognition'
         message = DiagnosticArray(status=[status_message(level, name, text, values)])
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self.node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
     def _rates(self, situation: Situation) -> tuple[float, float, int]:
         now_ns = time.monotonic_ns()
-        counts = self._statistics.received, self._statistics.processed, situation.dropped
+        counts = self.statistics.received, self.statistics.processed, situation.dropped
         then_ns, *before = self._last
         received, processed, dropped = (new - old for new, old in zip(counts, before, strict=True))
         self._last = (now_ns, *counts)
@@ -125,7 +113,7 @@ class Diagnostics:
         silence = self._silence(situation)
         if not situation.map_size and not situation.session.is_growing:
             return DiagnosticStatus.ERROR, (
-                f'no map; call {self._node.get_fully_qualified_name()}/load_map or set map_path'
+                f'no map; call {self.node.get_fully_qualified_name()}/load_map or set map_path'
             )
         if not situation.enabled:
             return DiagnosticStatus.OK, 'disabled'
@@ -137,7 +125,7 @@ class Diagnostics:
             return DiagnosticStatus.WARN, silence
         if self._has_twin():
             return DiagnosticStatus.WARN, (
-                f'another node is named {self._node.get_fully_qualified_name()}; end it, or '
+                f'another node is named {self.node.get_fully_qualified_name()}; end it, or '
                 'rename one: -r __node:=NAME'
             )
         if situation.model_problem:
@@ -165,29 +153,30 @@ class Diagnostics:
         return DiagnosticStatus.OK, 'recognising places'
 
     def _has_twin(self) -> bool:
-        names = self._node.get_node_names_and_namespaces()
-        return names.count((self._node.get_name(), self._node.get_namespace())) > 1
+        names = self.node.get_node_names_and_namespaces()
+        return names.count((self.node.get_name(), self.node.get_namespace())) > 1
 
     def _cannot_keep(self, situation: Situation) -> bool:
         """Return whether what the map gains is not written, or what another one had gained."""
-        before, self._unkept = self._unkept, self._statistics.unkept
+        before, self._unkept = self._unkept, self.statistics.unkept
         return self._unkept > before or situation.session.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""
-        silent_s = (time.monotonic_ns() - self._statistics.last_arrival_ns) / 1e9
+        silent_s = (time.monotonic_ns() - self.statistics.last_arrival_ns) / 1e9
         if silent_s < _SILENCE_S or not situation.enabled:
             return ''
-        text = f'no images for {silent_s:.0f} s: {self._advice()}'
-        self._node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
+        text = f'no images for {silent_s:.0f} s: {self.advice()}'
+        self.node.get_logger().warning(text, throttle_duration_sec=_LOG_PERIOD_S)
         return text
 
 
 def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     match, session = statistics.last_match, situation.session
     known = session.cameras.localization
+    state = 'enabled' if situation.enabled else 'disabled'
     values: dict[str, object] = {
-        'state': _state_word(situation),
+        'state': state if situation.ready else 'warming_up',
         'mode': session.recognizer.config.online.mode,
         'topic': situation.topic,
         'received': statistics.received,
@@ -230,7 +219,73 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}
 
 
-def _state_word(situation: Situation) -> str:
-    if not situation.ready:
-        return 'warming_up'
-    return 'enabled' if situation.enabled else 'disabled'
+_LOOK_S = 1.0
+_PERIOD_S, _WARNING_PERIOD_S = 10.0, 5.0
+_REMEDIES = {
+    'queue_size': 'found the queue full (queue_size)',
+    'memory': 'found no memory left for the queue (256 MB)',
+    'max_wait_s': 'had waited longer than max_wait_s',
+    'middleware': 'were lost by the middleware (config/fastdds_large_images.xml)',
+}
+
+
+class ProgressLog:
+    """
+    Logs every 10 s and at the end what was done, and every 5 s, if need be, what was dropped.
+
+    `drops` returns how many frames were dropped since the start, by cause; see `Worker.drops`.
+    """
+
+    def __init__(
+        self, node: Node, statistics: Statistics, drops: Callable[[], Mapping[str, int]]
+    ) -> None:
+        self._logger = node.get_logger()
+        self._statistics = statistics
+        self._drops = drops
+        self._told = self._warned = time.monotonic()
+        self._before = self._counts()
+        self._dropped_before: Counter[str] = Counter()
+        self._timer = node.create_timer(
+            _LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def finish(self) -> None:
+        """Say what was done since the start, if anything was."""
+        self._warn()
+        if self._statistics.received:
+            self._logger.info(f'at the end: {self._summary((0, 0, 0, 0.0))}')
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if now - self._warned >= _WARNING_PERIOD_S or not self._dropped_before:
+            self._warn()
+        if now - self._told >= _PERIOD_S:
+            if self._statistics.received > self._before[0]:
+                self._logger.info(f'in {now - self._told:.0f} s: {self._summary(self._before)}')
+            self._told, self._before = now, self._counts()
+
+    def _counts(self) -> tuple[int, int, int, float]:
+        known = self._statistics
+        return known.received, known.processed, known.reasons['accepted'], known.busy_ms
+
+    def _summary(self, before: tuple[int, int, int, float]) -> str:
+        now = self._counts()
+        received, processed, accepted = (now[at] - before[at] for at in range(3))
+        spent_ms = (now[3] - before[3]) / max(processed, 1)
+        return (
+            f'{received} frames came, {processed} processed, {accepted} accepted, '
+            f'{sum(self._drops().values())} dropped since the start; {spent_ms:.1f} ms a frame'
+        )
+
+    def _warn(self) -> None:
+        drops = Counter(self._drops())
+        new = drops - self._dropped_before
+        if not new:
+            return
+        causes = ', '.join(f'{count} {_REMEDIES[cause]}' for cause, count in new.items())
+        self._logger.warning(
+            f'{new.total()} frames dropped, {drops.total()} of '
+            f'{self._statistics.received + drops["middleware"]} since the start: {causes}. Have '
+            'fewer sent, or raise keyframe_interval_s'
+        )
+        self._warned, self._dropped_before = time.monotonic(), drops

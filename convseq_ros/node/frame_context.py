@@ -90,27 +90,23 @@ class Odometry:
         if pose is None and last_ns is not None:
             self.missing += 1
             if self._lost_in_a_row >= _LOST_FRAMES:
-                self._warn(last_ns - stamp_ns)
+                ahead_s = (last_ns - stamp_ns) / 1e9
+                self._node.get_logger().warning(
+                    f'{self._subscription.topic}: has no pose at the time of the images; its '
+                    f'newest stamp is {abs(ahead_s):.1f} s {"later" if ahead_s > 0 else "earlier"}'
+                    '; check that it comes and that both clocks agree',
+                    throttle_duration_sec=_LOG_PERIOD_S,
+                )
         return pose
 
     @property
     def heard(self) -> bool:
-        """Whether there was any."""
         return self._track.last_stamp_ns is not None
 
     def _has_reached(self, stamp_ns: int) -> bool:
         """Return whether there is nothing more to wait for."""
         last_ns = self._track.last_stamp_ns
         return last_ns is not None and not 0 < stamp_ns - last_ns <= LONGEST_GAP_NS
-
-    def _warn(self, ahead_ns: int) -> None:
-        """Log how far the newest odometry is from an image."""
-        self._node.get_logger().warning(
-            f'{self._subscription.topic}: has no pose at the time of the images; its newest stamp '
-            f'is {abs(ahead_ns) / 1e9:.1f} s {"later" if ahead_ns > 0 else "earlier"}; check that '
-            'it comes and that both clocks agree',
-            throttle_duration_sec=_LOG_PERIOD_S,
-        )
 
     def _on_odometry(self, message: Any) -> None:
         stamp_ns = stamp_to_ns(message.header.stamp)
@@ -213,11 +209,7 @@ class FrameContext:
 
 
 class CameraDescription:
-    """
-    Listens to a topic of camera_info; the last message holds.
-
-    `mount` finds where its frame is on the robot.
-    """
+    """Listens to a topic of camera_info; the last message holds. `mount` knows its frame."""
 
     def __init__(self, node: Node, mount: 'Mount', topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None
@@ -230,7 +222,6 @@ class CameraDescription:
 
     @property
     def known(self) -> bool:
-        """Whether the camera is calibrated."""
         return self._camera is not None
 
     def for_image(self, height: int, width: int) -> Camera | None:

@@ -47,7 +47,6 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.__dict__.pop('_state_machine', None)
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Do what takes long."""
         self._own = frozenset(chain.from_iterable(self._made().values()))
         try:
             self.open_work()
@@ -58,17 +57,14 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return _DONE
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to listen."""
         self.listen()
         return _DONE
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening."""
         self.pause()
         return _DONE
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Be as before `configure`."""
         self.close_work()
         self._let_go()
         return _DONE

@@ -4,14 +4,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import time
 
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Localization, LocalizationState, Match
 from convseq_ros.node.conversions import pose_message, status_message
 from convseq_ros.node.diagnostics import Situation
-from convseq_ros.node.services import Turn
 from convseq_ros.node.topics import advertise, LATCHED, SERVICE_QOS
+from convseq_ros.node.worker import Turn
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -34,41 +35,28 @@ class _Known:
     remark: str  # on that pose, or why there is none
 
 
+@dataclass(eq=False)
 class LocalizationTopics:
-    """
-    Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`.
+    """Publishes `~/localization` and, if wanted, `initialpose`; offers `~/localize`."""
 
-    `config` may be replaced; `situation` returns how the node is, `advice` says why no images may
-    come.
-    """
+    node: Node
+    config: NodeConfig  # may be replaced
+    situation: Callable[[], Situation]  # how the node is
+    advice: Callable[[], str]  # why no images may come
 
-    def __init__(
-        self,
-        node: Node,
-        config: NodeConfig,
-        situation: Callable[[], Situation],
-        advice: Callable[[], str],
-    ) -> None:
-        self.config = config
-        self._node, self._situation, self._advice = node, situation, advice
+    def __post_init__(self) -> None:
         self._known = _Known(0, Localization(), None, _UNMEASURED)
         self._given_up = False
         self._owes = False  # an initial pose, from when it is localised until a match is accepted
         self._waiting = 0  # calls
-        self._state = advertise(node, DiagnosticStatus, '~/localization', LATCHED)
-        self._initial_pose = (
-            advertise(node, PoseWithCovarianceStamped, 'initialpose', LATCHED)
-            if config.publish_initial_pose
-            else None
-        )
+        self._state = advertise(self.node, DiagnosticStatus, '~/localization', LATCHED)
+        self._initial_pose = None
+        if self.config.publish_initial_pose:
+            kind = PoseWithCovarianceStamped
+            self._initial_pose = advertise(self.node, kind, 'initialpose', LATCHED)
         # Several may ask at once; images and other services are served meanwhile.
-        node.create_service(
-            Trigger,
-            '~/localize',
-            self._on_localize,
-            qos_profile=SERVICE_QOS,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        offer = partial(self.node.create_service, callback_group=ReentrantCallbackGroup())
+        offer(Trigger, '~/localize', self._on_localize, qos_profile=SERVICE_QOS)
         self._publish(Localization())
 
     def update(self, match: Match, estimate: PoseEstimate | None) -> None:
@@ -91,7 +79,6 @@ class LocalizationTopics:
             self._announce(match, estimate, remark)
 
     def give_up(self) -> None:
-        """Answer whoever waits: the node is ending."""
         self._given_up = True
 
     def _publish(self, now: Localization) -> None:
@@ -101,14 +88,14 @@ class LocalizationTopics:
             values['quality'] = float(now.quality)
         if now.reference_index is not None:
             values['reference_index'] = now.reference_index
-        name = self._node.get_fully_qualified_name().lstrip('/')
+        name = self.node.get_fully_qualified_name().lstrip('/')
         self._state.publish(status_message(level, name, now.state.value, values))
 
     def _announce(self, match: Match, estimate: PoseEstimate | None, remark: str) -> None:
         if estimate and self._initial_pose:
             self._initial_pose.publish(pose_message(match, estimate, self.config.map_frame))
         else:
-            self._node.get_logger().warning(f'no initialpose: {remark}', once=True)
+            self.node.get_logger().warning(f'no initialpose: {remark}', once=True)
 
     async def _on_localize(
         self, _request: Trigger.Request, response: Trigger.Response
@@ -134,15 +121,15 @@ class LocalizationTopics:
         if self._waiting > _MOST_CALLS:
             return False, f'more than {_MOST_CALLS} calls wait; {known.localization.problem}'
         if is_late and known.frame == begun:
-            return False, f'no images: {self._advice()}'
+            return False, f'no images: {self.advice()}'
         return (False, known.localization.problem) if is_late else None
 
     def _hindrance(self) -> str:
         """Return why it is of no use to wait; empty if it is."""
         if self._given_up:
             return 'the node is ending'
-        situation = self._situation()
-        name = self._node.get_fully_qualified_name()
+        situation = self.situation()
+        name = self.node.get_fully_qualified_name()
         if not situation.enabled:
             return f'disabled; call {name}/set_enabled, or activate a managed node'
         if situation.ready and not situation.map_size:

@@ -18,9 +18,8 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.services import Background, settle
 from convseq_ros.node.topics import SERVICE_QOS
-from convseq_ros.node.worker import Worker
+from convseq_ros.node.worker import Background, settle, Worker
 from convseq_ros.onnx_model import open_model
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -62,7 +61,6 @@ class MapServices:
         offer(Trigger, '~/save_map', self._on_save_map)
 
     def announce(self) -> None:
-        """Log which map is in use."""
         session = self._recognition.session
         count = len(session.recognizer.reference_map)
         if session.is_growing:

@@ -3,10 +3,15 @@
 """Publishes a recording or a folder of pictures to a live topic, with /clock."""
 
 import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import heapq
 import math
 from pathlib import Path
+import struct
 import sys
 import time
+from typing import NamedTuple
 
 from convseq_ros.process import hand_over, run_node, settle_logs, stand
 
@@ -15,12 +20,13 @@ if __name__ == '__main__':
     run_node('convseq_ros.node.player')
 
 from convseq_ros.config import make_group
-from convseq_ros.errors import ConvseqError
-from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist, Timeline
+from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.node.conversions import image_message, stamp_from_ns
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source, Source
+from convseq_ros.sources.recording import messages_of, Recording
+from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES, RawMessage, STAMP_END
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration
@@ -31,6 +37,113 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
+
+IMAGE, ODOM, CAMERA_INFO = 'image', 'odom', 'camera_info'
+_SOUGHT = {ODOM: (ODOMETRY_TYPES, '--odom'), CAMERA_INFO: (CAMERA_TYPES, '--camera-info')}
+_LEAD_NS = 1_000_000_000
+
+
+class Cue(NamedTuple):
+    """A message, when it is due (nanoseconds, time of the recording), and what it is."""
+
+    stamp_ns: int
+    what: str
+    message: bytes | Image
+
+
+@dataclass(eq=False)
+class Playlist:
+    """
+    The images of a source, from `start_s` on, with the messages of other topics between them.
+
+    SourceError if one of these topics is not there.
+    """
+
+    source: Source
+    path: Path
+    sides: dict[str, str]  # topics of the recording for `ODOM` and `CAMERA_INFO`, if played
+    start_s: float
+    reading: ReadingConfig = ReadingConfig()
+
+    def __post_init__(self) -> None:
+        for what in self.sides:
+            self._messages(what)
+
+    @property
+    def first_size(self) -> int:
+        """Bytes of the first image, which tell how large the others are; 0 for none."""
+        for cue in self._images():
+            return len(cue.message) if isinstance(cue.message, bytes) else len(cue.message.data)
+        return 0
+
+    def __iter__(self) -> Iterator[Cue]:
+        """
+        Yield the cues; the first image follows what the others said in the second before.
+
+        SourceError if there is no image, or it is damaged further on.
+        """
+        images = self._images()
+        begin_ns: int | None = None
+        for first in images:
+            begin_ns = begin_ns or first.stamp_ns + round(self.start_s * 1e9)
+            if first.stamp_ns >= begin_ns:
+                break
+        else:
+            raise SourceError(f'{self.source.name}: no images from --start {self.start_s:g} s on')
+        rest = (cue for cue in images if cue.stamp_ns >= begin_ns)
+        sides = [_from(self._side(what), first.stamp_ns - _LEAD_NS) for what in self.sides]
+        yield from heapq.merge(*sides, _after(first, rest), key=lambda cue: cue.stamp_ns)
+
+    def _images(self) -> Iterator[Cue]:
+        if isinstance(self.source, Recording):
+            for message in self.source.messages():
+                yield Cue(message.stamp_ns, IMAGE, _stamped(message))
+            return
+        for frame in self.source:
+            if frame.gray is not None:
+                stamp = stamp_from_ns(frame.stamp_ns)
+                image = image_message(frame.gray, Header(stamp=stamp))
+                yield Cue(frame.stamp_ns, IMAGE, image)
+
+    def _side(self, what: str) -> Iterator[Cue]:
+        for message in self._messages(what):
+            if len(message.cdr) >= STAMP_END:
+                yield Cue(message.stamp_ns, what, _stamped(message))
+
+    def _messages(self, what: str) -> Iterator[RawMessage]:
+        return messages_of(self.path, self.sides[what], *_SOUGHT[what], self.reading)[1]
+
+
+def _after(first: Cue, rest: Iterator[Cue]) -> Iterator[Cue]:
+    yield first
+    yield from rest
+
+
+def _from(cues: Iterator[Cue], begin_ns: int) -> Iterator[Cue]:
+    """Leave out what lies before a time, but for the last of it, which may still hold."""
+    last: Cue | None = None
+    for cue in cues:
+        if cue.stamp_ns < begin_ns:
+            last = cue
+            continue
+        if last:
+            yield last
+            last = None
+        yield cue
+    if last:
+        yield last
+
+
+def _stamped(message: RawMessage) -> bytes:
+    """Return a message; a stamp of zero, which ROS takes for none, is filled in."""
+    if message.header_stamp_ns:
+        return message.cdr
+    cdr = bytearray(message.cdr)
+    stamp = stamp_from_ns(message.stamp_ns)
+    struct.pack_into('<iI' if cdr[1] & 1 else '>iI', cdr, 4, stamp.sec, stamp.nanosec)
+    return bytes(cdr)
+
 
 _TICK_S = 0.01
 # Fast DDS sends what is larger than this in fragments, acknowledged at once; what is smaller is
@@ -78,12 +191,7 @@ class Player(Node):
         )
 
     def play(self) -> None:
-        """
-        Wait for a subscriber, then publish until the end and until all of it has arrived.
-
-        ConvseqError if nobody subscribes, the source is damaged or too short, or images did not
-        arrive.
-        """
+        """Publish until the end and until all has arrived; ConvseqError if that fails."""
         self._wait_for_subscriber()
         while self.context.ok():
             self._play_once()
@@ -109,16 +217,16 @@ class Player(Node):
                 time.sleep(_TICK_S)
 
     def _play_once(self) -> None:
-        sent, timeline = 0, None
+        sent, now_ns = 0, None
         for cue in self._playlist:
             is_image = cue.what == IMAGE
             if is_image and self._sent and not sent:
-                timeline = Timeline(cue.stamp_ns, self._options.rate)
+                now_ns = self._time_from(cue.stamp_ns)
             elif is_image and not sent:
                 # All that follows waits for what is lost at the beginning, up to 3 s.
                 self._acknowledge_sides()
                 self._say_time(cue.stamp_ns)
-            while timeline and (left_s := self._tick(timeline, cue.stamp_ns)) > 0:
+            while now_ns and (left_s := self._tick(now_ns(), cue.stamp_ns)) > 0:
                 time.sleep(min(left_s, _TICK_S))
             if not self.context.ok():
                 return
@@ -127,7 +235,7 @@ class Player(Node):
             if self._sent == 1 and is_image:
                 # A subscriber that we know need not know us yet: time begins when it has answered.
                 self._acknowledge()
-                timeline = Timeline(cue.stamp_ns, self._options.rate)
+                now_ns = self._time_from(cue.stamp_ns)
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
@@ -139,14 +247,18 @@ class Player(Node):
         if self._large and self._sent % _UNACKNOWLEDGED == 0:
             self._acknowledge()
 
-    def _tick(self, timeline: Timeline, stamp_ns: int) -> float:
+    def _tick(self, now_ns: int, stamp_ns: int) -> float:
         """Publish the time and return how many seconds are left until a stamp."""
         if not self.context.ok():
             return 0.0
-        now_ns = timeline.now_ns()
         self._say_time(now_ns)
         left_ns: float = (stamp_ns - now_ns) / self._options.rate
         return left_ns / 1e9
+
+    def _time_from(self, begin_ns: int) -> Callable[[], int]:
+        """Return what gives the time of the recording while it is played, from a stamp on."""
+        started_ns, rate = time.monotonic_ns(), self._options.rate
+        return lambda: begin_ns + round((time.monotonic_ns() - started_ns) * rate)
 
     def _say_time(self, now_ns: int) -> None:
         self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))
@@ -174,7 +286,6 @@ def _progress(sent: int, total: int, loop: bool) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
     result = argparse.ArgumentParser(
         prog='convseq play',
         description='Publish the images of a recording, or of a folder of pictures, and /clock.',

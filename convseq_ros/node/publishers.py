@@ -2,19 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the node publishes about every frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+from convseq_ros.config import Config
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.pose.estimate import estimate_pose, PoseEstimate
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Candidate, Frame, Match
 from convseq_ros.evaluation.match_picture import match_picture
-from convseq_ros.node.closure_message import closure_message
+from convseq_ros.fleet.cluster import Cluster
+from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import (
     answer_message,
     candidates_message,
+    closure_message,
     image_message,
     loop_closure_index_message,
     loop_closure_message,
@@ -30,6 +33,26 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Int32, Int64MultiArray, UInt32
+
+TIMEOUT_S = 1.0  # after which a fleet is given up, and looked for again
+
+
+def open_fleet(
+    node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
+) -> FleetLink | None:
+    """Publish a fleet's answers on `~/fleet_answer`, if asked; FleetError if not allowed."""
+    if not settings.fleet:
+        return None
+    publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
+
+    def publish(match: Match, duration_ms: float, recognizer: PlaceRecognizer) -> None:
+        if node.context.ok():
+            publisher.publish(
+                answer_message(match, duration_ms, recognizer.reference_map, settings.map_frame)
+            )
+
+    return FleetLink(Cluster(settings.fleet), config, publish, TIMEOUT_S, sources)
+
 
 _KINDS = {
     '~/answer': DiagnosticArray,
@@ -63,11 +86,7 @@ class MatchPublishers:
     def publish(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> PoseEstimate | None:
-        """
-        Publish the answer to one frame, and return the pose that was, if any.
-
-        -1 and 0 stand for no match and no score.
-        """
+        """Publish the answer to one frame, -1 and 0 for none; return the pose that was, if any."""
         best, accepted, config = match.best, match.accepted, self.config
         whole, give = recognizer.reference_map, self._give
         model_ms = recognizer.model_ms

@@ -4,22 +4,76 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
+import threading
 from threading import Event, Thread
 import time
 import traceback
 from typing import Any
 
-from convseq_ros.config import Config
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConvseqError, ImageError, ModelError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.results import ResultWriter
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image
+
+
+class ResultLog:
+    """Writes rows, if `path` is not empty, until that fails; counts what is `lost` then."""
+
+    def __init__(self, path: str, logger: Any) -> None:
+        self.lost = 0
+        self._path = path
+        self._logger = logger
+        self._lock = threading.Lock()
+        self._failed = False
+        self._writer: ResultWriter | None = None
+        if path:
+            try:
+                self._writer = ResultWriter(Path(path))
+            except OSError as error:
+                raise ConfigError(
+                    f'result_file: {path} cannot be written ({error.strerror}); '
+                    'choose another or leave it empty'
+                ) from None
+            if self._writer.kept:
+                logger.warning(f'{self._writer.kept}: rows of a run that did not end')
+
+    def write(self, match: Match, duration_ms: float) -> None:
+        with self._lock:
+            if self._failed:
+                self.lost += 1
+            elif self._writer:
+                try:
+                    self._writer.write(match, duration_ms)
+                except OSError as error:
+                    self._give_up(self._writer, match, error)
+
+    def close(self) -> None:
+        """Give the file its name; rows that come later are left out."""
+        with self._lock:
+            if self._writer:
+                try:
+                    self._writer.close()
+                except OSError as error:
+                    self._logger.error(f'{self._path}: not completed ({error.strerror})')
+            self._writer = None
+
+    def _give_up(self, writer: ResultWriter, match: Match, error: OSError) -> None:
+        self._logger.error(
+            f'{self._path}: {error.strerror}; going on without rows from frame '
+            f'{match.query_index} on'
+        )
+        self._failed = True
+        self.lost += 1
+        self._writer = None
+        writer.abandon()
+
 
 _PATIENCE_S = 5.0  # for the place at hand, at the end
 
@@ -84,47 +138,36 @@ class Arrival:
     number: int  # how many came before it, those among them that were dropped, too
 
 
+@dataclass(eq=False)
 class Recognition:
     """
     Answers frame after frame; no frame, however broken, stops it, and no full disk.
 
-    `results` gets a row for every answer, and `publish` the answer with its frame, who gave it and
-    the milliseconds that it took. `ros_is_up` returns False when the node is about to end. The
-    `session` is that in use now.
+    `publish` gets each answer with its frame, who gave it and the milliseconds that it took.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        context: FrameContext,
-        results: ResultLog,
-        publish: Publish,
-        statistics: Statistics,
-        logger: Any,
-        ros_is_up: Callable[[], bool],
-    ) -> None:
-        self.session = session
-        self._context = context
-        self._results = results
-        self._publish = publish
-        self._statistics = statistics
-        self._logger = logger
-        self._ros_is_up = ros_is_up
-        self._linking: MapLinking | None = None
-        self.model_problem = ''  # why the map's model is not used, if it failed
+    session: Session  # that in use now
+    context: FrameContext
+    results: ResultLog  # gets a row for every answer
+    publish: Publish
+    statistics: Statistics
+    logger: Any
+    ros_is_up: Callable[[], bool]  # False when the node is about to end
+    model_problem: str = ''  # why the map's model is not used, if it failed
+    _linking: MapLinking | None = None
 
     def handle(self, arrival: Arrival) -> None:
         """Answer one frame; errors are logged and counted."""
         try:
             self._answer(arrival)
         except ConvseqError as error:
-            self._statistics.failed += 1
-            self._logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
+            self.statistics.failed += 1
+            self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
         except Exception:
             # Publishing fails while a signal shuts ROS down; the row is written by then.
-            if self._ros_is_up():
-                self._statistics.failed += 1
-                self._logger.error(traceback.format_exc(), throttle_duration_sec=_LOG_PERIOD_S)
+            if self.ros_is_up():
+                self.statistics.failed += 1
+                self.logger.error(traceback.format_exc(), throttle_duration_sec=_LOG_PERIOD_S)
 
     def swap(self, session: Session) -> None:
         """Go on with another session, and so another map; what the old one added is safe."""
@@ -135,30 +178,21 @@ class Recognition:
 
     def link(self) -> None:
         """Link the map, if it is not, while frames are answered."""
-        self._linking = MapLinking(self.session, self._logger)
+        self._linking = MapLinking(self.session, self.logger)
 
     def close(self) -> None:
-        """Complete the map's file."""
         if self._linking:
             self._linking.stop()
         try:
             self.session.close()
         except (ConvseqError, OSError) as error:
-            self._statistics.unkept += 1
-            self._logger.error(str(error))
-
-    def configure(self, config: Config) -> None:
-        """Go on with other settings."""
-        self.session.cameras.configure(config)
-
-    def reset(self) -> None:
-        """Forget the frames seen so far."""
-        self.session.cameras.reset()
+            self.statistics.unkept += 1
+            self.logger.error(str(error))
 
     def _answer(self, arrival: Arrival) -> None:
         cameras = self.session.cameras
-        pose = self._context.pose_at(arrival.stamp_ns)
-        depth_m = self._context.depth_at(arrival.topic, arrival.stamp_ns)
+        pose = self.context.pose_at(arrival.stamp_ns)
+        depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
         try:
@@ -170,9 +204,9 @@ class Recognition:
         duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()
         match = replace(match, query_index=arrival.number)
-        self._results.write(match, duration_ms)
-        self._publish(frame, match, cameras.of(frame.source), duration_ms)
-        self._statistics.answered(match, arrival.arrival_ns, duration_ms)
+        self.results.write(match, duration_ms)
+        self.publish(frame, match, cameras.of(frame.source), duration_ms)
+        self.statistics.answered(match, arrival.arrival_ns, duration_ms)
 
     def _do_without(self, error: ModelError) -> None:
         """Go on with what is built in, in a map that does not grow; the error if there is none."""
@@ -187,15 +221,15 @@ class Recognition:
         sources = [*session.cameras.recognizers]
         self.swap(Session(session.path, config, sources=sources))
         self.model_problem = f'{error}; the built-in descriptor is used, and the map does not grow'
-        self._logger.error(self.model_problem)
+        self.logger.error(self.model_problem)
 
     def _keep(self) -> None:
         """Write what the map gained; if that fails, say so, count, and go on."""
         try:
             self.session.save()
         except (ConvseqError, OSError) as error:
-            self._statistics.unkept += 1
-            self._logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
+            self.statistics.unkept += 1
+            self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
         message, stamp_ns, topic = arrival.message, arrival.stamp_ns, arrival.topic
@@ -204,8 +238,8 @@ class Recognition:
         try:
             gray, color = gray_and_color(decode(message, reading), reading)
         except ImageError as error:
-            self._statistics.unreadable += 1
-            self._logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
+            self.statistics.unreadable += 1
+            self.logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)
             return Frame(stamp_ns, None, topic, problem=str(error))
-        camera = self._context.camera_for(topic, *gray.shape)
+        camera = self.context.camera_for(topic, *gray.shape)
         return Frame(stamp_ns, gray, topic, camera=camera, color=color)

@@ -11,7 +11,7 @@ from convseq_ros.node.conversions import type_name
 from convseq_ros.node.publishers import MatchPublishers
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.results import complete_or_absent
-from convseq_ros.sources.raw_message import typestore
+from convseq_ros.sources.topics import typestore
 from rclpy.serialization import serialize_message
 
 _NODE = '/vpr_node'
@@ -46,7 +46,6 @@ class ResultRecording:
     def write(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> None:
-        """Write what is published about a frame."""
         self._stamp_ns = match.query_stamp_ns
         self._publishers.publish(frame, match, recognizer, duration_ms)
 
@@ -60,7 +59,6 @@ class ResultRecording:
         )
 
     def add(self, channel: int, message: Any) -> None:
-        """Append a message."""
         data = serialize_message(message)
         self._writer.add_message(channel, self._stamp_ns, data, self._stamp_ns)
 

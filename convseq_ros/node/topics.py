@@ -55,11 +55,9 @@ class FollowingSubscription:
 
     @property
     def lost(self) -> int:
-        """Return how many messages did not arrive."""
         return max(self._reported, self._missing)
 
     def destroy(self) -> None:
-        """Hear nothing any more."""
         self._node.destroy_subscription(self._subscription)
 
     def move(self, topic: str) -> None:
@@ -75,7 +73,6 @@ class FollowingSubscription:
 
     @property
     def topic(self) -> str:
-        """The topic as it was resolved."""
         return str(self._subscription.topic_name)
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:

@@ -20,17 +20,14 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.cameras import image_subscriptions, ImageMessage, QUEUE_BYTES
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
-from convseq_ros.node.fleet_answers import open_fleet
+from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
-from convseq_ros.node.progress_log import ProgressLog
-from convseq_ros.node.publishers import MatchPublishers
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.publishers import MatchPublishers, open_fleet
+from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
 from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
@@ -132,7 +129,6 @@ class VprNode(ManagedNode):
         self._warm = self.create_guard_condition(self._on_warm)
 
     def listen(self) -> None:
-        """Take in images from now on."""
         self._listening = True
         for one in self._images:
             one.start()
@@ -140,14 +136,12 @@ class VprNode(ManagedNode):
         self.get_logger().info(f'listening to {self._topic}')
 
     def pause(self) -> None:
-        """Take in no images for now."""
         self._listening = False
         for one in self._images:
             one.stop()
         self.get_logger().info('not listening')
 
     def close_work(self) -> None:
-        """Finish the frame at hand and close the files."""
         if not self._is_open:
             return
         self._is_open = self._listening = False
@@ -165,7 +159,6 @@ class VprNode(ManagedNode):
         self._ready = False
 
     def destroy_node(self) -> None:
-        """Finish the frame at hand, close the files and leave the graph."""
         self.close_work()
         super().destroy_node()
 
@@ -231,13 +224,13 @@ class VprNode(ManagedNode):
         self._maps.save_path = node_config.save_map_path
 
         def apply() -> None:
-            self._recognition.configure(config)
+            self._recognition.session.cameras.configure(config)
             self._answers.config = self._localization.config = node_config
 
         self._worker.between_items(apply)
 
     def _forget(self) -> None:
-        self._recognition.reset()
+        self._recognition.session.cameras.reset()
         if self._fleet:
             self._fleet.reset()
 

@@ -93,7 +93,6 @@ class Watcher(Node):
             self._camera = None
 
     def view(self) -> RenderableType:
-        """Return what the terminal shows now."""
         if not self._answer:
             return Text(self._waiting)
         known, colour = self._answer, _COLOURS[self._answer['status']]
@@ -131,7 +130,6 @@ def drawn(gray: npt.NDArray[np.uint8]) -> Text:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
     result = argparse.ArgumentParser(
         prog='convseq watch', description='See in a terminal what a running node recognises.'
     )

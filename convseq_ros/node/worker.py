@@ -3,7 +3,8 @@
 """One thread behind one bounded queue."""
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from concurrent.futures import Future
 from functools import partial
 import math
 import threading
@@ -39,12 +40,11 @@ class Worker(Generic[Item]):
         self._bytes = 0
         self._items: deque[tuple[int, int, Item]] = deque()
         self._actions: deque[Action] = deque()
-        self._stopping = False
+        self.is_stopping = False  # whether it begins nothing any more
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name='worker', daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def put(self, item: Item, size: int = 0) -> None:
@@ -65,27 +65,16 @@ class Worker(Generic[Item]):
 
     @property
     def dropped(self) -> int:
-        """Items that were dropped, for whatever cause."""
         return self.drops.total()
 
     @property
     def waiting(self) -> int:
-        """Items in the queue."""
         return len(self._items)
 
-    @property
-    def is_stopping(self) -> bool:
-        """Whether it begins nothing any more."""
-        return self._stopping
-
     def stop(self, timeout_s: float) -> bool:
-        """
-        Leave what waits, finish the item at hand and end the thread.
-
-        Return False if the item at hand takes longer than the timeout.
-        """
+        """Finish the item at hand and end the thread; False if that takes longer."""
         with self._changed:
-            self._stopping = True
+            self.is_stopping = True
             self._changed.notify()
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
@@ -99,8 +88,8 @@ class Worker(Generic[Item]):
 
     def _next_job(self) -> Action | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._stopping or self._actions or self._items)
-            if self._stopping:
+            self._changed.wait_for(lambda: self.is_stopping or self._actions or self._items)
+            if self.is_stopping:
                 return None
             if self._actions:
                 return self._actions.popleft()
@@ -123,3 +112,63 @@ class Worker(Generic[Item]):
     def _is_late(self) -> bool:
         waited_ns = time.monotonic_ns() - self._items[0][0]
         return 0 < self._max_wait_ns < waited_ns
+
+
+Result = TypeVar('Result')
+
+_POLL_S = 0.005
+
+
+class Background:
+    """
+    Does work in other threads, which do not outlive the process.
+
+    The service needs a callback group of its own: the default one is held until the coroutine
+    ends.
+    """
+
+    def __init__(self) -> None:
+        self._threads: set[threading.Thread] = set()
+
+    async def result_of(self, work: Callable[[], Result]) -> Result:
+        """Return the result of work, or raise its error, while other callbacks are served."""
+        future: Future[Result] = Future()
+        thread = threading.Thread(target=settle, args=(future, work), name='service', daemon=True)
+        self._threads.add(thread)
+        thread.start()
+        while thread.is_alive():
+            await Turn()
+        self._threads.discard(thread)
+        return future.result()
+
+    def finish(self, timeout_s: float) -> bool:
+        """Wait for all work to end; return whether it did."""
+        for thread in self._threads:
+            thread.join(timeout_s)
+        return not any(thread.is_alive() for thread in self._threads)
+
+
+def settle(future: Future[Result], work: Callable[[], Result]) -> None:
+    """Do some work, and give what it returns or raises to whoever waits for it."""
+    try:
+        future.set_result(work())
+    except BaseException as error:
+        future.set_exception(error)
+
+
+class Turn:
+    """
+    Gives other callbacks a turn, once it is awaited.
+
+    An executor of rclpy polls waiting coroutines without a pause; of all of them, one sleeps a
+    moment now and then, so that threads get the processor. Were it each of them at each poll, many
+    would hold up the images.
+    """
+
+    _slept_s = 0.0
+
+    def __await__(self) -> Generator[None, None, None]:
+        if time.monotonic() - Turn._slept_s > _POLL_S:
+            time.sleep(_POLL_S)
+            Turn._slept_s = time.monotonic()
+        yield

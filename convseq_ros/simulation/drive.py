@@ -79,7 +79,6 @@ class Drive:
 
     @property
     def camera(self) -> Camera:
-        """What takes the images."""
         focal = self.width_px / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
         middle = self.width_px / 2, self.height_px / 2
         yaw_rad = math.radians(self.camera_yaw_deg)

@@ -12,7 +12,6 @@ _LETTERS = np.array(list('ABCDEFGHIKLMNOPRSTUVWZ'))
 
 
 def word(rng: np.random.Generator, shortest: int, longest: int) -> str:
-    """Return a random word in capitals."""
     return ''.join(rng.choice(_LETTERS, rng.integers(shortest, longest + 1)))
 
 

@@ -252,7 +252,6 @@ class Layout:
                     yield self._panel((x, left), (x, right), *heights, paint, 60.0, 80.0)
 
     def ground(self) -> Texture:
-        """Paint the road of this stretch."""
         sheet = Sheet(STRETCH_M, 2 * GROUND_HALF_M, road.GROUND_RESOLUTION)
         half = furniture.CAR_WIDTH_M / 2
         size = furniture.CAR_LENGTH_M + 0.2, furniture.CAR_WIDTH_M + 0.4

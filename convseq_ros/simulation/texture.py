@@ -67,18 +67,15 @@ class Sheet:
         colour: Colour,
         shine: Colour | None = None,
     ) -> None:
-        """Fill an upright rectangle whose lower left corner is x, z."""
         corners = [(x, z), (x + width, z), (x + width, z + height), (x, z + height)]
         self.polygon(corners, colour, shine)
 
     def line(self, points: Points, width: float, colour: Colour) -> None:
-        """Draw a line of a width in metres."""
         thickness = max(1, round(width * self.resolution))
         pixels = self._pixels(points)
         cv2.polylines(self.image, [pixels], False, (*colour, 255), thickness, cv2.LINE_AA, 4)
 
     def disc(self, x: float, z: float, radius: float, colour: Colour) -> None:
-        """Fill a circle."""
         ((column, row),) = self._pixels([(x, z)]).tolist()
         size = round(radius * self.resolution * 16)
         cv2.circle(self.image, (column, row), size, (*colour, 255), -1, cv2.LINE_AA, 4)
@@ -114,7 +111,6 @@ def cloud(rng: np.random.Generator, height: int, width: int, finest: int = 2) ->
 
 
 def shade_of(colour: Colour, factor: float) -> Colour:
-    """Return a darker or lighter colour."""
     blue, green, red = (min(255.0, channel * factor) for channel in colour)
     return blue, green, red
 

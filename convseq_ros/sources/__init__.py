@@ -3,6 +3,7 @@
 """Where frames come from: folders of pictures, ROS recordings and videos."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,7 @@ from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
-from convseq_ros.sources.pose_file import PoseAt, read_pose_file
-from convseq_ros.sources.pose_track import PoseTrack
+from convseq_ros.sources.pose_track import PoseAt, PoseTrack, read_pose_file
 from convseq_ros.sources.recording import messages_of, read_camera, read_poses_in, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES
@@ -71,25 +71,23 @@ def open_annotated(
         stamped, frame = read_poses_in(path, odom, reading)
         track = PoseTrack(stamped, longest_gap_ns=FIXES_GAP_NS if frame else None)
         pose_at = lambda _index, stamp_ns: track.at(stamp_ns)  # noqa: E731
-    camera_of = _camera_of(path, camera_info, reading)
-    depth_at = _depth_of(path, depth, reading, source.warnings)
+    is_folder = path.is_dir() and not holds_recording(path)
+    camera_of: CameraOf | None = None
+    if (file := Path(camera_info)).is_file():
+        camera_of = partial(read_camera_file, file, reading=reading)
+    elif camera_info and is_folder:
+        raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
+    elif camera_info:
+        camera = read_camera(path, camera_info, reading)
+        camera_of = lambda _height, _width: camera  # noqa: E731
+    depth_at: DepthAt | None = None
+    if depth and (Path(depth).is_dir() or is_folder):
+        depth_at = DepthFolder(Path(depth), reading, source.warnings)
+    elif depth:
+        sought = path, depth, DEPTH_TYPES, '--depth', reading
+        topic, _ = messages_of(*sought)
+        depth_at = DepthTopic(lambda: messages_of(*sought)[1], topic, reading, source.warnings)
     return AnnotatedFrames(source, pose_at, camera_of, frame, depth_at)
-
-
-def _depth_of(
-    path: Path, depth: str, reading: ReadingConfig, warnings: list[str]
-) -> DepthAt | None:
-    if not depth:
-        return None
-    if Path(depth).is_dir() or (path.is_dir() and not holds_recording(path)):
-        return DepthFolder(Path(depth), reading, warnings)
-    topic, _ = messages_of(path, depth, DEPTH_TYPES, '--depth', reading)
-    return DepthTopic(
-        lambda: messages_of(path, topic, DEPTH_TYPES, '--depth', reading)[1],
-        topic,
-        reading,
-        warnings,
-    )
 
 
 def open_each_camera(
@@ -126,18 +124,6 @@ def open_each_camera(
 def in_order(cameras: Sequence[Source]) -> Source:
     """Return sources of at least one camera as one, which yields the frames of all in order."""
     return SeveralCameras(list(cameras)) if len(cameras) > 1 else cameras[0]
-
-
-def _camera_of(path: Path, camera_info: str, reading: ReadingConfig) -> CameraOf | None:
-    if not camera_info:
-        return None
-    file = Path(camera_info)
-    if file.is_file():
-        return lambda height, width: read_camera_file(file, height, width, reading)
-    if path.is_dir() and not holds_recording(path):
-        raise SourceError(f'{file}: no such file; a folder of pictures has no topics')
-    camera = read_camera(path, camera_info, reading)
-    return lambda _height, _width: camera
 
 
 def _refuse_topic(path: Path, what: str, topic: str) -> None:

@@ -3,14 +3,14 @@
 """Frames that know where they were taken, and by which camera."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import heapq
 from typing import Protocol
 
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.sources.camera_info import fitted
 from convseq_ros.sources.depth import DepthAt
-from convseq_ros.sources.pose_file import PoseAt
+from convseq_ros.sources.pose_track import PoseAt
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
 
@@ -30,40 +30,37 @@ class Source(Protocol):
         """Yield the frames in order; each call starts anew."""
 
 
+@dataclass(eq=False)
 class AnnotatedFrames:
     """
     The frames of a source with their poses, depth images and the camera that took them.
 
     `pose_at` and `depth_at` take a frame's number and its stamp in nanoseconds; they return None
     where nothing is known. `camera_of` takes the first readable image's height and width.
-    `pose_frame` is what the poses are in, if others may be in the same.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        pose_at: PoseAt | None,
-        camera_of: CameraOf | None,
-        pose_frame: str = '',
-        depth_at: DepthAt | None = None,
-    ) -> None:
-        self._source, self.pose_frame = source, pose_frame
-        self._pose_at = pose_at
-        self._camera_of, self._depth_at = camera_of, depth_at
-        self.name, self.topic, self.warnings = source.name, source.topic, source.warnings
+    source: Source
+    pose_at: PoseAt | None
+    camera_of: CameraOf | None
+    pose_frame: str = ''  # what the poses are in, if others may be in the same
+    depth_at: DepthAt | None = None
+
+    def __post_init__(self) -> None:
+        self.name, self.topic = self.source.name, self.source.topic
+        self.warnings = self.source.warnings
 
     def __len__(self) -> int:
-        return len(self._source)
+        return len(self.source)
 
     def __iter__(self) -> Iterator[Frame]:
         described: Camera | None = None
-        for index, frame in enumerate(self._source):
-            pose = self._pose_at(index, frame.stamp_ns) if self._pose_at else None
+        for index, frame in enumerate(self.source):
+            pose = self.pose_at(index, frame.stamp_ns) if self.pose_at else None
             camera = frame.camera
-            if self._camera_of and frame.gray is not None:
-                described = described or self._camera_of(*frame.gray.shape)
+            if self.camera_of and frame.gray is not None:
+                described = described or self.camera_of(*frame.gray.shape)
                 camera = fitted(described, *frame.gray.shape)
-            depth_m = self._depth_at(index, frame.stamp_ns) if self._depth_at else frame.depth_m
+            depth_m = self.depth_at(index, frame.stamp_ns) if self.depth_at else frame.depth_m
             yield replace(frame, pose=pose or frame.pose, camera=camera, depth_m=depth_m)
 
 

@@ -9,14 +9,12 @@ from typing import Any
 
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.inflate import inflate, RecordingLimits
-from convseq_ros.sources.raw_message import RawMessage, typestore
-from convseq_ros.sources.topics import Index, Topic
+from convseq_ros.sources.topics import Index, RawMessage, Topic, typestore
 
 _MAGIC = b'#ROSBAG V2.0\n'
 
 
 def index(path: Path, limits: RecordingLimits) -> Index:
-    """Return what the index of a file says."""
     with _opened(path, limits) as reader:
         topics = {
             name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
@@ -71,7 +69,6 @@ def _bounded_reader() -> type:
                 raise ValueError('its index lists a chunk more than once')
 
         def read_chunk(self) -> Any:
-            """Read the head of a chunk."""
             chunk = super().read_chunk()
 
             def bounded(data: bytes) -> bytes:

@@ -11,8 +11,7 @@ import struct
 
 from convseq_ros.errors import SourceError
 from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
-from convseq_ros.sources.raw_message import RawMessage
-from convseq_ros.sources.topics import Index, merge_topics, Topic
+from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
 
 _HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 _MAGIC = b'SQLite format 3\0'

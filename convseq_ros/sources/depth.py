@@ -4,6 +4,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,7 @@ class DepthFolder:
     """
 
     def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
-        try:
-            self._pictures = pictures_in(path)
-        except OSError as error:
-            raise SourceError(f'{path}: {error.strerror}; check the path') from None
+        self._pictures = pictures_in(path)
         if not self._pictures:
             raise SourceError(f'{path}: no depth images in this folder; expected PNGs of 16 bits')
         self._reading, self._warnings = reading, warnings
@@ -87,25 +85,23 @@ def _read(picture: Path, reading: ReadingConfig) -> Depth:
     return metres(numbers)
 
 
+@dataclass(eq=False)
 class DepthTopic:
     """Depth images of messages by their stamps; what is damaged is left out, with a warning."""
 
-    def __init__(
-        self,
-        messages: Callable[[], Iterable[Any]],
-        topic: str,
-        reading: ReadingConfig,
-        warnings: list[str],
-    ) -> None:
-        self._messages, self._topic, self._reading = messages, topic, reading
-        self._warnings = warnings
+    messages: Callable[[], Iterable[Any]]
+    topic: str
+    reading: ReadingConfig
+    warnings: list[str]
+
+    def __post_init__(self) -> None:
         self._coming: Iterator[Any] = iter(())
         self._waiting = deque[tuple[int, Any]](maxlen=KEPT)
 
     def __call__(self, index: int, stamp_ns: int) -> Depth | None:
         """Return the depth image whose stamp is nearest, within reach; frames come in order."""
         if not index:
-            self._coming = iter(self._messages())
+            self._coming = iter(self.messages())
             self._waiting.clear()
         while not self._waiting or self._waiting[-1][0] < stamp_ns:
             if (message := next(self._coming, None)) is None:
@@ -113,8 +109,8 @@ class DepthTopic:
             self._waiting.append((message.stamp_ns, message))
         found = nearest(self._waiting, stamp_ns)
         try:
-            return None if found is None else decode_depth(found.decode(), self._reading)
+            return None if found is None else decode_depth(found.decode(), self.reading)
         except ImageError as error:
-            if (line := f'{self._topic}: {error}; its frame has no depth') not in self._warnings:
-                self._warnings.append(line)
+            if (line := f'{self.topic}: {error}; its frame has no depth') not in self.warnings:
+                self.warnings.append(line)
             return None

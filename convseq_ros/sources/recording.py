@@ -15,7 +15,6 @@ from convseq_ros.sources.camera_info import camera_from_info
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
-from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
     CAMERA_TYPES,
@@ -24,6 +23,8 @@ from convseq_ros.sources.topics import (
     IMAGE_TYPES,
     merge_topics,
     POSE_TYPES,
+    RawMessage,
+    STAMP_END,
 )
 
 DECODERS = dict(zip(IMAGE_TYPES, (image_pixels, compressed_pixels), strict=True))
@@ -81,7 +82,6 @@ class Recording:
             yield Frame(message.stamp_ns, gray, self.topic, color=color)
 
     def topics_of(self, types: tuple[str, ...]) -> list[str]:
-        """Return the topics of these types that have messages, by name."""
         return sorted(
             topic.name
             for topic in self._topics.values()

@@ -12,33 +12,19 @@ import numpy as np
 import numpy.typing as npt
 from trajectory_error import absolute_error_m
 
-Truth = Mapping[int, tuple[float, float]]
+Truth = Mapping[int, tuple[float, float]]  # x, y in metres by the stamps of the odometry
 _APART_M, _APART_NS = 20.0, 30_000_000_000
 _SAME_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """
-    Several graphs that were told the same number of false closures, each time other ones.
+    """Several graphs that were told the same number of false closures, each time other ones."""
 
-    Parameters
-    ----------
-    false : int
-        How many.
-    robust : bool
-        By graduated non-convexity, or believing every closure.
-    errors_m : tuple of float
-        Trajectory error of each graph.
-    right_kept, false_kept : tuple of int
-        Closures that each graph kept.
-
-    """
-
-    false: int
-    robust: bool
-    errors_m: tuple[float, ...]
-    right_kept: tuple[int, ...]
+    false: int  # how many
+    robust: bool  # by graduated non-convexity, or believing every closure
+    errors_m: tuple[float, ...]  # trajectory error of each graph
+    right_kept: tuple[int, ...]  # closures that each graph kept
     false_kept: tuple[int, ...]
 
     @property
@@ -83,19 +69,8 @@ def compare(
     """
     Return a trial for every number of false closures, without and with robust optimisation.
 
-    Parameters
-    ----------
-    odometry : Odometry
-        What the robot measured.
-    right : sequence of Closure
-        What the place recogniser said.
-    truth : mapping of int to (float, float)
-        x, y in metres at the stamps of the odometry, nanoseconds.
-    counts : sequence of int
-        How many false closures to add.
-    draws : int
-        How often to draw them anew; none are drawn once only.
-
+    The false ones are added to the `right` ones of the place recogniser, and drawn anew so many
+    times; none are drawn once only.
     """
     trials = []
     for count in counts:

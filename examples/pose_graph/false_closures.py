@@ -17,15 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 
 class FalseClosures(Node):
-    """
-    Publishes each pair of times as soon as odometry is later than both.
-
-    Parameters
-    ----------
-    pairs : list of (float, float)
-        Seconds, the later one first.
-
-    """
+    """Publishes each pair of seconds, the later one first, as soon as odometry is later."""
 
     def __init__(self, pairs: list[list[float]]) -> None:
         super().__init__('false_closures')

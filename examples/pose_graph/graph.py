@@ -28,77 +28,38 @@ class Pose(NamedTuple):
 
 
 class Closure(NamedTuple):
-    """
-    Two times at which the robot was at the same place.
+    """Two times at which the robot was at the same place; None for what was not measured."""
 
-    Parameters
-    ----------
-    query_ns, reference_ns : int
-        The later and the earlier one, nanoseconds.
-    turn_rad : float, optional
-        By how much the robot was turned to the left then, against before; None if not measured.
-    measured : Pose, optional
-        Where the robot was then, as seen from where it was before; None if not measured.
-    covariance : sequence of 9 float, optional
-        Of that x, y and yaw, row by row.
-
-    """
-
-    query_ns: int
+    query_ns: int  # the later one
     reference_ns: int
-    turn_rad: float | None = None
-    measured: Pose | None = None
-    covariance: Sequence[float] | None = None
+    turn_rad: float | None = None  # to the left, against before
+    measured: Pose | None = None  # where the robot was then, as seen from where it was before
+    covariance: Sequence[float] | None = None  # 9 numbers: of that x, y and yaw, row by row
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """
-    Standard deviations of what the graph is told.
+    """Standard deviations of what the graph is told."""
 
-    Parameters
-    ----------
-    odometry_m, odometry_rad : float
-        After one metre; they grow with the square root of the distance.
-    closure_m : float
-        Of a closure's position, along and across: the spacing of places, a frame or two by which
-        a match is off, and the width of a lane.
-    closure_rad : float
-        Of its heading, if the robot is only supposed to look the same way.
-    turn_rad : float
-        Of its heading, if that was measured.
-    inlier_probability : float
-        A closure is kept if so many of the right ones would agree with the graph as badly.
-
-    """
-
-    odometry_m: float = 0.05
-    odometry_rad: float = 0.01
+    odometry_m: float = 0.05  # after one metre; it grows with the square root of the distance
+    odometry_rad: float = 0.01  # likewise
+    # Of a closure's position, along and across: the spacing of places, a frame or two by which a
+    # match is off, and the width of a lane.
     closure_m: float = 1.5
-    closure_rad: float = 0.15
-    turn_rad: float = 0.05
+    closure_rad: float = 0.15  # of its heading, if the robot is only supposed to look the same way
+    turn_rad: float = 0.05  # of its heading, if that was measured
+    # A closure is kept if so many of the right ones would agree with the graph as badly.
     inlier_probability: float = 0.99
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """
-    Where the robot was at its keyframes.
+    """Where the robot was at its keyframes; both paths begin at the first odometry."""
 
-    Parameters
-    ----------
-    stamps_ns : ndarray of int64, shape (N,)
-    before, after : ndarray of float64, shape (N, 3)
-        x, y, yaw by odometry alone, and as corrected; both begin at the first odometry.
-    kept : tuple of bool
-        For each closure, whether the corrected path agrees with it; False for one that lies
-        outside the odometry.
-
-    """
-
-    stamps_ns: npt.NDArray[np.int64]
-    before: npt.NDArray[np.float64]
-    after: npt.NDArray[np.float64]
+    stamps_ns: npt.NDArray[np.int64]  # (N,)
+    before: npt.NDArray[np.float64]  # (N, 3): x, y, yaw by odometry alone
+    after: npt.NDArray[np.float64]  # (N, 3), as corrected
+    # For each closure, whether the corrected path agrees; not with one outside the odometry.
     kept: tuple[bool, ...]
 
 
@@ -106,11 +67,7 @@ class Odometry:
     """
     Where the robot believes to be over time; some of it are keyframes, the nodes of the graph.
 
-    Parameters
-    ----------
-    keyframe_distance_m, keyframe_turn_rad : float
-        A keyframe is made after so much of either.
-
+    A keyframe is made after so many metres or radians.
     """
 
     def __init__(self, keyframe_distance_m: float = 2.0, keyframe_turn_rad: float = 0.35) -> None:
@@ -187,24 +144,8 @@ def optimise(
 
     A closure says how far two places are apart as it was measured; else that they are the same:
     position zero apart, heading as measured or alike. `agreeing` decides which closures to
-    believe; the odometry is always believed.
-
-    Parameters
-    ----------
-    odometry : Odometry
-        At least one pose.
-    closures : sequence of Closure
-        Those outside the odometry are left out.
-    noise : Noise, optional
-        How far all of it is to be trusted.
-    robust : bool
-        False believes every closure: plain Levenberg-Marquardt.
-
-    Raises
-    ------
-    ValueError
-        If there is no odometry.
-
+    believe, or all are without `robust`, by plain Levenberg-Marquardt; the odometry is always
+    believed. Closures outside the odometry are left out. ValueError if there is no odometry.
     """
     noise = noise or Noise()
     poses = [gtsam.Pose2(*pose) for pose in odometry.keyframes]

@@ -21,12 +21,6 @@ class Incremental:
 
     A Huber kernel bounds how hard one closure pulls; it rejects none, so give it those that
     `graph.optimise` kept. When one of them is kept no longer, the graph is made anew.
-
-    Parameters
-    ----------
-    noise : Noise, optional
-        As in `graph.optimise`.
-
     """
 
     def __init__(self, noise: Noise | None = None) -> None:

@@ -20,25 +20,11 @@ _POLL_S = 0.2
 
 def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object]) -> None:
     """
-    Run all of it until every frame was recognised.
+    Run all of it until every frame of a recording was recognised; ConvseqError if a process fails.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds the recording `drive` and the pairs of times `false_closures.json`; gets the logs,
-        `vpr_node.csv` and `pose_graph.json`.
-    frames : int
-        Of the recording.
-    rate : float
-        Seconds of the recording in a second.
-    settings : mapping of str
-        Parameters of vpr_node.
-
-    Raises
-    ------
-    ConvseqError
-        If a process fails.
-
+    The folder holds the recording `drive` and the pairs of times `false_closures.json`; it gets
+    the logs, `vpr_node.csv` and `pose_graph.json`. It is played at `rate` times its speed, to a
+    vpr_node with some `settings`.
     """
     table = folder / 'vpr_node.csv'
     vpr = ['-m', 'convseq_ros.node.vpr_node', *_parameters(settings, table)]

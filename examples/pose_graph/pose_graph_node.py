@@ -58,15 +58,7 @@ _PLANAR = (0, 1, 5)  # x, y and yaw among the six of a covariance
 
 
 class PoseGraphNode(Node):
-    """
-    Keeps a pose graph and optimises it when there are new closures.
-
-    Parameters
-    ----------
-    kwargs
-        As for Node.
-
-    """
+    """Keeps a pose graph and optimises it when there are new closures."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('pose_graph', **kwargs)

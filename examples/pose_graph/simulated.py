@@ -27,13 +27,7 @@ def two_blocks(width_m: float, depth_m: float, seed: int = 0) -> Route:
     """
     Return a route once round a block, and then round that block and the next one together.
 
-    Parameters
-    ----------
-    width_m, depth_m : float
-        Of each block.
-    seed : int
-        Decides which houses stand there.
-
+    `seed` decides which houses stand there.
     """
     west, middle, east = 0.0, width_m, 2 * width_m
     block = ((10.0, 0.0), (middle, 0.0), (middle, depth_m), (west, depth_m), (west, 0.0))

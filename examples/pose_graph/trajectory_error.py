@@ -5,19 +5,11 @@
 import numpy as np
 import numpy.typing as npt
 
-Points = npt.NDArray[np.float64]
+Points = npt.NDArray[np.float64]  # (N, 2): x, y in metres; of two paths at the same times
 
 
 def aligned(estimate: Points, truth: Points) -> Points:
-    """
-    Return a path, turned and moved as a whole (SE2, no scale) to lie nearest to the truth.
-
-    Parameters
-    ----------
-    estimate, truth : ndarray of float64, shape (N, 2)
-        x, y in metres at the same times.
-
-    """
+    """Return a path, turned and moved as a whole (SE2, no scale) to lie nearest to the truth."""
     centre, true_centre = estimate.mean(axis=0), truth.mean(axis=0)
     left, _, right = np.linalg.svd((truth - true_centre).T @ (estimate - centre))
     flip = np.diag((1.0, np.sign(np.linalg.det(left @ right))))

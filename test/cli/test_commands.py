@@ -155,6 +155,12 @@ def test_a_command_that_is_gone_names_what_does_its_work(command, capsys):
     assert told.startswith(f'convseq {command}: is ') and told.count('\n') == 1
 
 
+def test_without_a_command_all_of_them_are_listed(capsys):
+    assert main([]) == 2
+    told = capsys.readouterr().err
+    assert all(f'\n  {command} ' in told for command in COMMANDS)
+
+
 @pytest.mark.parametrize('name', ['none', 'empty'])
 def test_a_recording_that_is_missing_or_empty_is_one_line(capsys, tmp_path, name):
     (tmp_path / 'empty').mkdir()

@@ -99,6 +99,7 @@ def test_what_is_not_recognised_is_an_answer(place_map, tmp_path, capsys):
         ('missing.png', 'walls.db', 'missing.png: No such file'),
         ('text.png', 'walls.db', 'text.png: '),
         ('0.png', 'missing.db', 'missing.db'),
+        ('', 'walls.db', ': a folder; give its last few pictures'),
     ],
 )
 def test_what_cannot_be_read_is_named(place_map, images, tmp_path, capsys, image, map_name, said):

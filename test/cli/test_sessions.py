@@ -10,7 +10,7 @@ import signal
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import rename_session, slices_of, write_slices
+from convseq_ros.core.map.edit import joined, rename_session, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.recognizer import PlaceRecognizer
@@ -217,13 +217,14 @@ def test_what_was_added_after_a_map_was_read_is_not_lost(two):
             builder.process(frame)
     before = two.read_bytes()
     with pytest.raises(MapError, match='was changed meanwhile; run it again'):
-        write_slices(parts[:1], two, lambda steps: steps, replaces=True)
+        write_new(joined(parts[:1]), two, instead=parts[0].reference_map)
     assert two.read_bytes() == before
     parts = slices_of(two)
     rename_session(replace(parts[0], session=replace(parts[0].session, name='again')))
     with pytest.raises(MapError, match='was changed meanwhile'):
-        write_slices(parts[1:], two, lambda steps: steps, replaces=True)
-    write_slices(slices_of(two)[1:], two, lambda steps: steps, replaces=True)
+        write_new(joined(parts[1:]), two, instead=parts[0].reference_map)
+    parts = slices_of(two)
+    write_new(joined(parts[1:]), two, instead=parts[0].reference_map)
     with pytest.raises(MapError, match='was changed meanwhile'):
         rename_session(parts[0])
 

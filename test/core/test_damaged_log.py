@@ -5,8 +5,8 @@
 import shutil
 import time
 
+from convseq_ros.core.map.crash_recovery import _sums
 from convseq_ros.core.map.reader import MapReader
-from convseq_ros.core.map.wal_check import _sums
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError
 import pytest

@@ -7,7 +7,7 @@ import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.map.edit import slices_of, write_slices
+from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.kept_image import packed_depths, unpacked_depths
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map_builder import build_map
@@ -96,7 +96,7 @@ def test_a_file_keeps_depths_and_one_without_is_as_before(street, tmp_path):
     held = build_map(blind(street[0]), path, EVERY)
     build_map(blind(street[0], lambda _: None), plain, EVERY)
     merged = tmp_path / 'merged.sqlite'
-    write_slices([*slices_of(path), *slices_of(plain)], merged, lambda these: these)
+    write_new(joined([*slices_of(path), *slices_of(plain)]), merged)
     count = len(street[0])
     for file, known in ((path, count), (plain, 0), (merged, count)):
         assert MapReader(file).about()['depths'] == known

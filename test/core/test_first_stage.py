@@ -7,7 +7,7 @@ import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.linking import link_map
-from convseq_ros.core.map.edit import slices_of, write_slices
+from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -86,7 +86,7 @@ def test_vectors_outlive_a_file_and_all_that_is_done_to_it(frames, tmp_path):
     assert whole.global_descriptors == pytest.approx(
         np.array([unit(small(one.gray).ravel()) for one in frames()]), abs=1e-3
     )
-    write_slices([*slices_of(first), *slices_of(second)], tmp_path / 'both.db')
+    write_new(joined([*slices_of(first), *slices_of(second)]), tmp_path / 'both.db')
     both = open_map(tmp_path / 'both.db')
     assert (both.global_descriptors[:COUNT] == whole.global_descriptors).all()
     assert [*link_map(both)] == [*range(COUNT, 2 * COUNT)]  # by their vectors, without the model

@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.map.edit import slices_of, write_slices
+from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.kept_image import kept_image
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -99,7 +99,7 @@ def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path)
     opened = open_map(path)
     assert opened.pictures([3], True)[0].image == whole.pictures([3])[0].image
     merged = tmp_path / 'merged.sqlite'
-    write_slices(slices_of(path), merged, lambda these: these)
+    write_new(joined(slices_of(path)), merged)
     about = MapReader(merged).about()
     assert about['images'] == len(whole) and 5_000 < about['image_bytes'] / len(whole) < 20_000
     config = replace(KEEPS, keyframes=EVERY_FRAME)

@@ -127,7 +127,7 @@ def test_a_removal_that_fails_leaves_the_map_as_it_is(path, monkeypatch):
     def fail(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('convseq_ros.core.map.atomic_replace.os.replace', fail)
+    monkeypatch.setattr('os.replace', fail)
     session = Session(path, make_config({'mode': 'online', 'image_size_px': 64, 'max_looks': 2}))
     assert path.read_bytes()[:64] and len(session.recognizer.reference_map) == 4 * ROUND
     assert [one for one in session.ignored if one.startswith('max_looks is ignored: ')]

@@ -138,7 +138,8 @@ def test_an_older_format_is_refused_with_the_remedy(map_path, version):
     remedy = 'build the map again'
     with sqlite3.connect(map_path) as database:
         database.execute(f'PRAGMA user_version = {version}')
-    with pytest.raises(MapError, match=f'map format {version}, this program reads 5; {remedy}'):
+    line = f'map format {version}, this program reads {FORMAT_VERSION}; {remedy}'
+    with pytest.raises(MapError, match=line):
         open_map(map_path)
     with pytest.raises(MapError, match=remedy):
         MapWriter(map_path, ENCODING, APART, append=True)

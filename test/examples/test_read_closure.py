@@ -24,7 +24,7 @@ from convseq_ros.core.types import (
     Status,
     UNKNOWN_M2,
 )
-from convseq_ros.node.closure_message import CLOSURE, closure_message, LAYOUT
+from convseq_ros.node.conversions import CLOSURE, closure_message, LAYOUT
 import numpy as np
 from read_closure import read_closure, stamp_ns
 

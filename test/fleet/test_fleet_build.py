@@ -8,10 +8,10 @@ from pathlib import Path
 import shutil
 import signal
 
-from convseq_ros.cli import fleet_build, main
+from convseq_ros.cli import fleet, main
 from convseq_ros.config import Config
-from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.writer import replaced
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import done
 import numpy as np
@@ -103,7 +103,7 @@ def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
             with replaced(path) as part:
                 part.touch()
                 os.kill(os.getpid(), signal.SIGKILL)
-        return fleet_build.build_one(recording, path, *others)
+        return fleet.build_one(recording, path, *others)
 
     found = dict(done(client, work, jobs))
     assert died.exists()

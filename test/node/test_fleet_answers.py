@@ -5,7 +5,7 @@
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.link import serve
-from convseq_ros.node import fleet_answers
+from convseq_ros.node import publishers
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.srv import LoadMap
 import pytest
@@ -17,7 +17,7 @@ OWN = 'duration_ms', 'map_id', 'session_id'
 
 def test_a_fleet_of_the_same_map_says_the_same(client, vpr, street, image, map_path, monkeypatch):
     pytest.importorskip('distributed', reason='needs dask.distributed, the extra `fleet`')
-    monkeypatch.setattr(fleet_answers, 'TIMEOUT_S', 20.0)
+    monkeypatch.setattr(publishers, 'TIMEOUT_S', 20.0)
     with connected(Cluster(workers=1)) as dask:
         serve(dask, [map_path])
         more = {'matching': 'coherent', 'search': 'shortlist', 'fleet': dask.scheduler.address}

@@ -8,10 +8,11 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
 from convseq_ros.errors import ConfigError, MapError
-from convseq_ros.node.conversions import candidates_from_message
+from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
+import numpy as np
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float64MultiArray, Int32, Int64MultiArray
@@ -90,7 +91,8 @@ def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(
     drive(client.camera(Image), street, image, [20, 21, 22, 23, 24])
     client.wait_for(lambda: len(clouds) == 5)
     client.wait_for(lambda: len(poses) == 5)
-    assert [candidates_from_message(cloud)['index'][0] for cloud in clouds] == [*range(20, 25)]
+    rows = [np.frombuffer(bytes(cloud.data), CANDIDATE) for cloud in clouds]
+    assert [row['index'][0] for row in rows] == [*range(20, 25)]
     assert [message.data.tolist() for message in pairs] == [[i, 20 + i] for i in range(5)]
     assert [message.pose.pose.position.x for message in poses] == [20, 21, 22, 23, 24]
     assert closures == []

@@ -16,8 +16,7 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Pose, Reason
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node.diagnostics import Statistics
-from convseq_ros.node.recognition import Arrival, Recognition
-from convseq_ros.node.result_log import ResultLog
+from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results
 import numpy as np
 import pytest
@@ -109,7 +108,7 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
 
 def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
     setup.ros_is_up.return_value = False
-    setup.recognition._publish = Mock(side_effect=RuntimeError('context is invalid'))
+    setup.recognition.publish = Mock(side_effect=RuntimeError('context is invalid'))
     setup.handle(image(gray, 1), 0)
     setup.results.close()
     assert not setup.logger.error.called

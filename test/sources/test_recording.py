@@ -8,8 +8,8 @@ import sys
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.sources import open_source
-from convseq_ros.sources.raw_message import typestore
 from convseq_ros.sources.recording import DECODERS, read_poses, Recording
+from convseq_ros.sources.topics import typestore
 import numpy as np
 import pytest
 

@@ -9,7 +9,7 @@ import sqlite3
 import time
 from typing import Any
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, FURTHER, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -65,11 +65,6 @@ class Database:
         """Execute a statement; return what it yields."""
         self._until_s = time.thread_time() + _LIMIT_S
         return self._database.execute(statement, values).fetchall()
-
-    def has(self, table: str) -> bool:
-        """Return whether there is such a table."""
-        asked = 'SELECT count(*) FROM sqlite_master WHERE name = ?'
-        return bool(self.rows(asked, (table,))[0][0])
 
     def number(self, statement: str) -> int:
         """Return the one number that a statement yields."""
@@ -145,8 +140,7 @@ class Database:
                 f'{path}: map format {own}, this program reads {FORMAT_VERSION}; {remedy}'
             )
         found = self.rows('SELECT name, sql FROM sqlite_master')
-        further = [one for one in FURTHER.items() if one in found]
-        if sorted(found) != sorted([*SCHEMA.items(), *further]):
+        if sorted(found) != sorted(SCHEMA.items()):
             others = sorted({str(name) for name, _ in found} - SCHEMA.keys())
             raise ValueError(f'{others or "tables"} that no map has')
 

@@ -169,23 +169,14 @@ def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None
             links.add_first(new)
 
 
-def write_slices(
-    slices: Sequence[SessionSlice], path: Path, progress: Progress = iter, replaces: bool = False
-) -> None:
-    """
-    Write sessions as one map, in their order, whole or not at all.
-
-    MapError as of `joined`, if there is a map of this name already, unless it `replaces` that one,
-    of which the slices are and which nobody changed since, or if another program adds to it or the
-    disk is full.
-    """
-    write_new(joined(slices), path, progress, slices[0].reference_map if replaces else None)
-
-
 def write_new(
     whole: ReferenceMap, path: Path, progress: Progress = iter, instead: ReferenceMap | None = None
 ) -> None:
-    """Write a map to a file that is not there, or that still is what was read; else MapError."""
+    """
+    Write a map, whole or not at all, to a file that is not there, or that still holds `instead`.
+
+    MapError if it is there, was changed since, another program adds to it, or the disk is full.
+    """
 
     def refuse() -> None:
         if instead is None and path.exists():
@@ -211,12 +202,11 @@ def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
     Keep so many looks of each place in a map file; return how many places went.
 
-    That is done in one step, or not at all; MapError as for `write_slices`.
+    That is done in one step, or not at all; MapError as for `write_new`.
     """
-    slices = slices_of(path)
-    if not slices or not (out := surplus(slices[0].reference_map, max_looks)):
-        return 0
-    write_slices(without(slices, out), path, progress, replaces=True)
+    whole = MapReader(path).reference_map()
+    if out := surplus(whole, max_looks):
+        write_new(joined(without(slices_in(path, whole), out)), path, progress, whole)
     return len(out)
 
 
@@ -242,16 +232,15 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
     with _changed(path) as database:
         whole = MapReader(path).reference_map()
         before, left = len(whole.links), Links(whole.bounds.around)
-        if database.has('links'):
-            if places is None:
-                database.rows('DELETE FROM links')
-                return before
-            for one in whole.links.each():
-                if one.place in places:
-                    left.add_first(one.place)
-                else:
-                    left.add(one.place, one.other, one.confidence, one.inliers, one.relative)
-            write_links(database, left.since(0, len(whole)))
+        if places is None:
+            database.rows('DELETE FROM links')
+            return before
+        for one in whole.links.each():
+            if one.place in places:
+                left.add_first(one.place)
+            else:
+                left.add(one.place, one.other, one.confidence, one.inliers, one.relative)
+        write_links(database, left.since(0, len(whole)))
     return before - len(left)
 
 

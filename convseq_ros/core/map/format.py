@@ -1,13 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a map is laid out in its SQLite file, format 5.
+How a map is laid out in its SQLite file, format 6.
 
 `about` holds the map's id and the settings that made it. `sessions` are the drives that made it;
-the places of one lie together, in their order. `places` are read when a map is opened, and so are
-`links` where it has them; `pictures` and `images` when one is asked for. The cells are
-float16, divided by 64. Every row of every table has a CRC-32 of all its values, so that a flipped
-bit refuses an answer and never changes one.
+the places of one lie together, in order. `places` and `links` are read when a map is opened, the
+others when a place is asked for. The cells are float16, divided by 64. Every row of every table
+has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
 """
 
 from collections.abc import Iterable
@@ -24,7 +23,7 @@ from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
 
-FORMAT_VERSION = 5  # PRAGMA user_version
+FORMAT_VERSION = 6  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
 PAGE_BYTES = 16_384  # of the file: the cells of a place fill one, and 6 rows share another
 TABLES = {
@@ -43,7 +42,7 @@ TABLES = {
     # Relative: 33 float64, those of a `RelativePose`; NULL if it was not measured.
     'links': '(place INTEGER PRIMARY KEY, other INTEGER, anchor INTEGER, confidence REAL, '
     'inliers INTEGER, relative BLOB, crc32 INTEGER NOT NULL)',
-    # Of places whose regions' depths are known, once one is.
+    # Of places whose regions' depths are known.
     'depths': '(reference_index INTEGER PRIMARY KEY, metres BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
     # Of places with cells, of a map with a descriptor_model: float16, of unit length. Without
@@ -51,10 +50,7 @@ TABLES = {
     'vectors': '(reference_index INTEGER PRIMARY KEY, numbers BLOB NOT NULL, '
     'crc32 INTEGER NOT NULL)',
 }
-_CREATE = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
-# Tables that only some maps have.
-FURTHER = {name: _CREATE.pop(name) for name in ('links', 'depths', 'vectors')}
-SCHEMA = _CREATE
+SCHEMA = {name: f'CREATE TABLE {name} {columns}' for name, columns in TABLES.items()}
 # Of an encoding: what a map keeps, and what is compared.
 _LEFT_OUT = {'descriptor_model': '', 'keeps_cells': True}  # of files where it is so
 _ENCODING = ('image_size_px', 'resize', 'image_mask', 'image_rotation_deg', *_LEFT_OUT)

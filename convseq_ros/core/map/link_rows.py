@@ -9,7 +9,7 @@ import sqlite3
 
 from convseq_ros.core.graph.links import Links, Row
 from convseq_ros.core.map.database import Database, Rows
-from convseq_ros.core.map.format import FURTHER, row_crc
+from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import vector
 from convseq_ros.core.types import RelativePose
@@ -23,8 +23,6 @@ _OFF_UNIT = 1e-6  # that the length of an orientation may be
 
 def read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
     """Add its links to a map; its `problem` says how many are damaged, and left out."""
-    if not database.has('links'):
-        return
     start, count = 0, len(reference_map)
     off = f'SELECT count(*) FROM links WHERE place < 0 OR place >= {count}'
     asked = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
@@ -67,7 +65,6 @@ def _add(links: Links, rows: Rows) -> int:
 
 def write_links(database: Database, rows: Sequence[Row]) -> None:
     """Write links, in a transaction that is begun."""
-    database.rows(FURTHER['links'].replace('TABLE', 'TABLE IF NOT EXISTS', 1))
     for place, one in rows:
         row: tuple[object, ...] = (place, *(None,) * 5)
         if one is not None:
@@ -108,7 +105,7 @@ def _unpacked(stored: bytes) -> RelativePose:
 def takes_links(database: Database) -> bool:
     """Return whether a file takes further links: not if their table cannot be read."""
     try:
-        return not database.has('links') or database.number('SELECT count(*) FROM links') >= 0
+        return database.number('SELECT count(*) FROM links') >= 0
     except sqlite3.DatabaseError:
         database.roll_back()
         return False

@@ -49,9 +49,7 @@ class Looks:
         new = len(self._map)
         return self._take(new, self._first(known), descriptor) != new
 
-    def _take(
-        self, stretch: int, first: int, descriptor: npt.NDArray[np.float16]
-    ) -> int | None:
+    def _take(self, stretch: int, first: int, descriptor: npt.NDArray[np.float16]) -> int | None:
         """Keep a further stretch of a place, with its first look; return which one goes for it."""
         own = self._of.setdefault(self._stretch(first), [self._stretch(first)])
         own.append(stretch)

@@ -103,8 +103,7 @@ class MapReader:
                 found['images'] += self._count('images WHERE jpeg IS NOT NULL', start)
                 total = 'coalesce(sum(length(jpeg)), 0)'
                 found['image_bytes'] += self._count('images WHERE jpeg IS NOT NULL', start, total)
-            if self._database.has('depths'):
-                found['depths'] = self._database.number('SELECT count(*) FROM depths')
+            found['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **found}
 
     def reference_map(self) -> ReferenceMap:
@@ -115,7 +114,7 @@ class MapReader:
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
-            are_kept = self._database.has('depths')
+            are_kept = bool(self._database.rows('SELECT 1 FROM depths LIMIT 1'))
             for rows in self._in_order('places', 0):
                 start, of = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
@@ -158,8 +157,7 @@ class MapReader:
                 some = wanted[start : start + _PICTURES_AT_ONCE]
                 stored = self._of_places('pictures', some)
                 images = self._of_places('images', some) if with_images else {}
-                has_depths = with_images and self._database.has('depths')
-                depths = self._of_places('depths', some, are_all=False) if has_depths else {}
+                depths = self._of_places('depths', some, are_all=False) if with_images else {}
                 for index in some:
                     cells, thumbnail = stored[index]
                     packed = NO_CELLS

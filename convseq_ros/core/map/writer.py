@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writing a map file: append-only, a transaction at a time."""
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+import os
 from pathlib import Path
 import sqlite3
+import tempfile
 from typing import Self
 from uuid import uuid4
 
@@ -13,23 +15,17 @@ from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.core.map.atomic_replace import replaced
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import explained
-from convseq_ros.core.map.format import (
-    APPLICATION_ID,
-    FORMAT_VERSION,
-    FURTHER,
-    row_crc,
-    SCHEMA,
-    Settings,
-)
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, Settings
 from convseq_ros.core.map.link_rows import takes_links, write_links
+from convseq_ros.core.map.lock import BESIDE, MapLock, PART
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
+from convseq_ros.regular_file import sync
 import numpy as np
 import numpy.typing as npt
 
@@ -82,12 +78,14 @@ class MapWriter:
             if append is not False:
                 return False
             if len(MapReader(self._path)):
-                raise MapError(f'{self._path}: exists already; append to it, or delete it first')
+                raise MapError(
+                    f'{self._path}: exists already; delete it first, or use build-map --append'
+                )
         elif append:
             raise MapError(f'{self._path}: {EMPTY}; make it without appending')
         about = {**settings.rows, 'tool': __version__}
         with self._database.transaction('IMMEDIATE'):
-            for table in (*SCHEMA, *FURTHER) if pages else ():
+            for table in SCHEMA if pages else ():
                 self._database.rows(f'DROP TABLE IF EXISTS {table}')
             for statement in SCHEMA.values():
                 self._database.rows(statement)
@@ -121,16 +119,10 @@ class MapWriter:
             self._insert('pictures', (index, cells, picture.thumbnail))
             self._insert('images', (index, picture.image))
             if picture.depths is not None:
-                self._insert_further('depths', (index, picture.depths))
+                self._insert('depths', (index, picture.depths))
             if has_both:
-                self._insert_further('vectors', (index, vector))
+                self._insert('vectors', (index, vector))
         self._count += 1
-
-    def _insert_further(self, table: str, row: tuple[object, ...]) -> None:
-        """Insert a row into a table that only some maps have."""
-        if not self._database.has(table):
-            self._database.rows(FURTHER[table])
-        self._insert(table, row)
 
     def add_session(self, session: MapSession) -> None:
         """Append a session, of which places may be."""
@@ -221,3 +213,37 @@ def save_map(
             writer.append(reference_map, 0)
             for start in progress(range(0, end, _AT_ONCE)):
                 writer.append(reference_map, min(start + _AT_ONCE, end))
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """
+    Give a name under which a map is made, which takes its place at the end, or is deleted.
+
+    MapError if another program adds to the map, or the file cannot be written.
+    """
+    target = path.resolve()
+    prefix, folder = f'{target.name}.', target.parent
+    with MapLock(path):
+        try:
+            with tempfile.TemporaryDirectory(PART, prefix, folder) as own:
+                part = Path(own, target.name)
+                try:
+                    yield part
+                except MapError as error:
+                    raise MapError(str(error).replace(str(part), str(path))) from error
+                _delete_journal(target)
+                os.replace(part, target)
+            sync(folder)
+        except OSError as error:
+            raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
+
+
+def _delete_journal(path: Path) -> None:
+    """Delete what a crash left beside a file: it would be taken for what replaces the file."""
+    beside = [path.with_name(path.name + end) for end in BESIDE]
+    if any(one.exists() for one in beside):
+        with suppress(MapError), explained(path), closing(open_to_write(path)) as database:
+            database.number('PRAGMA page_count')  # mends the file, if it can be
+        for one in beside:
+            one.unlink(missing_ok=True)

@@ -6,20 +6,19 @@
 #define VARIANT avx2
 #define LANES 8
 #define ROWS 6
-#define SMALL_SUMS // dot products of unit vectors are added up in 16 bits; see labelled_dots
+#define SMALL_SUMS // dot products of bytes are added up in 16 bits; see small_dots
 #include "vectors.h"
 
-// Return products of a query's bytes with a reference's, two and two, in 16 bits: one of both has
-// to be without signs.
-static inline Words twos(Words reference, Words query)
+// Add products of a query's bytes with a reference's, two and two, in 16 bits. One of both has to
+// be without signs: the reference's, if none of its bytes has one.
+static inline Words add_twos(Words sum, Words reference, Words query, int are_positive)
 {
-    __m256i turned = _mm256_sign_epi8((__m256i)query, (__m256i)reference);
-    return (Words)_mm256_maddubs_epi16(_mm256_abs_epi8((__m256i)reference), turned);
-}
-
-static inline Words add_twos(Words sum, Words reference, Words query)
-{
-    sum = (Words)_mm256_add_epi16((__m256i)sum, (__m256i)twos(reference, query));
+    if (!are_positive) {
+        query = (Words)_mm256_sign_epi8((__m256i)query, (__m256i)reference);
+        reference = (Words)_mm256_abs_epi8((__m256i)reference);
+    }
+    __m256i twos = _mm256_maddubs_epi16((__m256i)reference, (__m256i)query);
+    sum = (Words)_mm256_add_epi16((__m256i)sum, twos);
     __asm__("" : REGISTER(sum)); // else the compiler adds later, and runs out of registers
     return sum;
 }
@@ -28,11 +27,6 @@ static inline Words add_twos(Words sum, Words reference, Words query)
 static inline Words added(Words sums, int16_t times)
 {
     return (Words)_mm256_madd_epi16((__m256i)sums, _mm256_set1_epi16(times));
-}
-
-static inline Words dot(Words sum, Words reference, Words query)
-{
-    return sum + added(twos(reference, query), 1);
 }
 
 #include "kernels.h"

@@ -18,8 +18,10 @@ _CACHE_LINE = 64  # bytes, of all processors with kernels
 _pack_reference = kernel('pack_reference', array('f4'), SIZE, FLOAT, INT, array('i1'))
 _unpack_reference = kernel('unpack_reference', array('i1'), SIZE, FLOAT, array('f4'))
 
-# Regions of a query and of a reference in a tile; what is added to a reference's bytes.
-ROWS, COLUMNS, _OFFSET = numbers('shape', 3)
+# Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
+# above an origin of 0, and above one of 127.
+ROWS, COLUMNS, *_ADDED = numbers('shape', 4)
+_ORIGINS = 0, 127
 
 
 def empty_panel(size: int, dtype: npt.DTypeLike) -> Panel:
@@ -38,7 +40,7 @@ def addresses(arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint64]:
 def query_bytes(regions: Regions, scale: float, origin: int = 0) -> Packed:
     """Return regions (G, 32), times a scale, as signed bytes."""
     whole = np.clip(np.rint(tiled(regions, ROWS) * np.float32(scale)), -127, 127)
-    start = (origin - _OFFSET) * whole.sum(axis=1)
+    start = (origin - _ADDED[_ORIGINS.index(origin)]) * whole.sum(axis=1)
     return whole.astype(np.int8), start.astype(np.int32)
 
 

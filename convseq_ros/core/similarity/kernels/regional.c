@@ -14,12 +14,9 @@ KERNEL(score)(const void *query, const int32_t *start, intptr_t count, intptr_t 
             Words best[ROWS] = {0};
             for (intptr_t place = 0; place < all * NUMBERS; place += COLUMNS * NUMBERS) {
                 Words sums[ROWS][2];
-#pragma GCC unroll 16
-                for (int row = 0; row < ROWS && start; row++)
-                    sums[row][0] = sums[row][1] = splat(start[first + row]);
                 if (start)
-                    add_byte_dots((const int8_t *)query + first * NUMBERS,
-                                  (const int8_t *)references[one] + place, sums);
+                    byte_dots((const int8_t *)query + first * NUMBERS,
+                              (const int8_t *)references[one] + place, start + first, sums);
                 else
                     float_dots((const float *)query + first * NUMBERS,
                                (const float *)references[one] + place, (Floats(*)[2])sums);

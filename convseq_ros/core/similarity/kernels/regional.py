@@ -19,8 +19,9 @@ from convseq_ros.core.similarity.pair_score import PairScore, Scores
 from convseq_ros.core.types import Descriptor
 import numpy as np
 
-# Of a region's numbers as bytes; none is negative, so a reference's begin below zero.
-_SCALE, _REFERENCE_SCALE, _ORIGIN = 127.0, 254.0, 127
+# Of a region's numbers as bytes; none is negative, so a reference's begin below zero. Dot products
+# are at most 128 x 253, rounding included, so that 16 bits hold them.
+_SCALE, _REFERENCE_SCALE, _ORIGIN = 125.0, 250.0, 127
 
 _of_pairs = array('i4'), SIZE, SIZE, DOUBLE, array('u8'), SIZE, array('f4')
 _score_bytes = kernel('score', array('i1'), *_of_pairs)

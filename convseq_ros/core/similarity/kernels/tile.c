@@ -7,11 +7,42 @@
 // for bytes as [blocks][numbers / 4][2][4 * LANES]. In both, the last region is repeated.
 #define INLINE static inline __attribute__((always_inline))
 
-// Add dot products of bytes. A product is exact, so all processors find the same.
-INLINE void add_byte_dots(const int8_t *query, const int8_t *block, Words sums[ROWS][2])
+#ifdef SMALL_SUMS
+
+// Write dot products of bytes of unit vectors, as sums of two numbers of 16 bits. A query's and a
+// reference's bytes have lengths whose product is below 2 ** 15: so have all sums, in any order.
+INLINE void small_dots(const int8_t *query, const int8_t *block, int are_positive,
+                       Words sums[ROWS][2])
 {
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        sums[row][0] = sums[row][1] = splat(0);
     // Else the compiler keeps the address of every number, and runs out of registers.
     __asm__("" : "+r"(query));
+#pragma GCC unroll 8
+    for (int step = 0; step < STEPS; step++) {
+        Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
+#pragma GCC unroll 16
+        for (int row = 0; row < ROWS; row++) {
+            QueryStep own = query_step(query + row * NUMBERS, step);
+            sums[row][0] = add_twos(sums[row][0], left, own, are_positive);
+            sums[row][1] = add_twos(sums[row][1], right, own, are_positive);
+        }
+    }
+}
+
+#endif
+
+// Write dot products of bytes. They are exact, so all processors find the same. `start`: what sums
+// begin with, to make up for what was added to a reference's bytes.
+INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *start,
+                      Words sums[ROWS][2])
+{
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        sums[row][0] = sums[row][1] = splat(start[row]);
+#ifndef SMALL_SUMS
+    __asm__("" : "+r"(query)); // as above
 #pragma GCC unroll 8
     for (int step = 0; step < STEPS; step++) {
         Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
@@ -22,38 +53,27 @@ INLINE void add_byte_dots(const int8_t *query, const int8_t *block, Words sums[R
             sums[row][1] = dot(sums[row][1], right, own);
         }
     }
+#else
+    small_dots(query, block, 1, sums);
+#pragma GCC unroll 16
+    for (int row = 0; row < ROWS; row++)
+        sums[row][0] = added(sums[row][0], 1), sums[row][1] = added(sums[row][1], 1);
+#endif
 }
 
-// Write dot products of bytes, above their labels, of regions that are unit vectors. Taken 160
-// times these add up to 163 ** 2 at most, in any order: so 16 bits hold all sums.
+// Write the same above their labels; here bytes may be negative.
 INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                           const int32_t *labels, Words words[ROWS][2])
 {
 #ifdef SMALL_SUMS
-    (void)start; // a reference's bytes have no offset
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        words[row][0] = words[row][1] = splat(0);
-    __asm__("" : "+r"(query));
-#pragma GCC unroll 8
-    for (int step = 0; step < STEPS; step++) {
-        Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
-#pragma GCC unroll 16
-        for (int row = 0; row < ROWS; row++) {
-            QueryStep own = query_step(query + row * NUMBERS, step);
-            words[row][0] = add_twos(words[row][0], left, own);
-            words[row][1] = add_twos(words[row][1], right, own);
-        }
-    }
+    (void)start; // nothing was added
+    small_dots(query, block, 0, words);
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         for (int half = 0; half < 2; half++) // 2 ** 15 is too large for 16 bits, its negative not
             words[row][half] = splat(labels[row + half]) - added(words[row][half], INT16_MIN);
 #else
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        words[row][0] = words[row][1] = splat(start[row]);
-    add_byte_dots(query, block, words);
+    byte_dots(query, block, start, words);
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         for (int half = 0; half < 2; half++)
@@ -84,8 +104,16 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// Regions of a query and of a reference in a tile; what is added to a reference's bytes.
-SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, OFFSET};
+// What is added to bytes that lie above an origin: if they may be, they are told as they were.
+#ifdef SMALL_SUMS
+#define ADDED(origin) (origin)
+#else
+#define ADDED(origin) OFFSET
+#endif
+
+// Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
+// above an origin of 0, and above one of 127.
+SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, ADDED(0), ADDED(127)};
 
 // Lay out the regions [count][32] of a reference as bytes, above an origin, which sums make up for.
 KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int origin,
@@ -99,7 +127,7 @@ KERNEL(pack_reference)(const float *regions, intptr_t count, float scale, int or
         for (int number = 0; number < NUMBERS; number++) {
             float whole = rintf(own[number] * scale) - (float)origin;
             whole = whole > 127 ? 127 : whole < -127 ? -127 : whole;
-            bytes[number] = (int8_t)((int)whole + OFFSET);
+            bytes[number] = (int8_t)((int)whole + ADDED(origin));
         }
         for (int four = 0; four < NUMBERS / 4; four++)
             for (int two = 0; two < 4; two += 2) // which lie beside each other in all layouts
@@ -117,7 +145,7 @@ KERNEL(unpack_reference)(const int8_t *packed, intptr_t count, float scale, floa
         const int8_t *own = packed + place / COLUMNS * COLUMNS * NUMBERS + half * 4 * LANES;
         for (int number = 0; number < NUMBERS; number++) {
             int8_t byte = own[number / 4 * 8 * LANES + byte_place(lane, number % 4)];
-            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - OFFSET);
+            regions[place * NUMBERS + number] = scale * (float)(int8_t)(byte - ADDED(0));
         }
     }
     return 0;
@@ -134,7 +162,7 @@ KERNEL(peak)(intptr_t loops, int32_t *found)
         for (int one = 0; one < 12; one++) {
             __asm__ volatile("" : REGISTER(reference)); // every product is made
 #ifdef SMALL_SUMS
-            sums[one] = add_twos(sums[one], reference, query);
+            sums[one] = add_twos(sums[one], reference, query, 0);
 #else
             sums[one] = dot(sums[one], reference, query);
 #endif
