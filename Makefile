@@ -67,7 +67,7 @@ bench: .venv/bench.stamp
 	.venv/bin/python -m bench --page
 
 coverage: .venv/test.stamp
-	.venv/$(PYTEST) $(SHARED) --cov=convseq_ros --cov-report=html --cov-report=term:skip-covered
+	.venv/$(PYTEST) $(SHARED) --cov --cov-report=html --cov-report=term:skip-covered
 
 docs: .venv-docs/docs.stamp
 	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
