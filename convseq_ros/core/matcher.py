@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 2000  # references whose features are kept beside a shortlist; 80 MB
+_KEPT = 1200  # references whose features are kept beside a shortlist; 60 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
@@ -42,8 +42,8 @@ class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    Features of `kept` references, or of all, stay in memory: 40 kB each by the 8-bit kernel, about
-    150 kB by others. ConfigError if the machine cannot run the kernel asked for.
+    Features of `kept` references, or of all, stay in memory: 50 kB each by the 8-bit kernel, about
+    160 kB by others. ConfigError if the machine cannot run the kernel asked for.
     """
 
     def __init__(
