@@ -35,12 +35,14 @@ class FleetError(ConvseqError):
     """A cluster cannot be reached, must not be, or none of its maps can be opened."""
 
 
-def pip_install(*packages: str) -> str:
-    """
-    Return a command that installs packages of PyPI into the Python that runs.
+def one_line(error: BaseException, most: int = 200) -> str:
+    """Return what an error says in one line, of another library at most that many characters."""
+    line = ' '.join(str(error).split())
+    return (line if isinstance(error, ConvseqError) else line[:most]) or type(error).__name__
 
-    Ubuntu's own Python is managed by apt; pip adds to it only when told.
-    """
+
+def pip_install(*packages: str) -> str:
+    """Return a pip command for this Python; apt's own adds packages only with one word more."""
     names = ' '.join(f"'{name}'" if '[' in name else name for name in packages)
     managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED').is_file()
     if managed and sys.prefix == sys.base_prefix:

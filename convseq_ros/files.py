@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 import zipfile
 
-from convseq_ros.errors import ConfigError, pip_install, SourceError
+from convseq_ros.errors import ConfigError, one_line, pip_install, SourceError
 from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
 from convseq_ros.regular_file import read_bytes, refuse_irregular
 import numpy as np
@@ -37,7 +37,7 @@ def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[s
     except RecursionError:
         raise ConfigError(f'{path}: not YAML that can be read: nested too deeply') from None
     except (ValueError, ArithmeticError, LookupError, TypeError, yaml.YAMLError) as error:
-        raise ConfigError(f'{path}: not YAML ({" ".join(str(error).split())[:200]})') from None
+        raise ConfigError(f'{path}: not YAML ({one_line(error)})') from None
     if not isinstance(content, Mapping):
         raise ConfigError(f'{path}: the file is not a list of `key: value`')
     return content
@@ -64,12 +64,7 @@ def _plain(loader: Any, path: Path) -> Any:
 def read_array(
     path: Path, name: str = '', reading: ReadingConfig = ReadingConfig()
 ) -> npt.NDArray[Any]:
-    """
-    Return an array of plain numbers from a .npy file, or from a .npz file under its name.
-
-    SourceError if there is none, it holds less than it declares, or it declares too much.
-
-    """
+    """Return plain numbers from a .npy, or of a name from a .npz; SourceError if too large."""
     refuse_irregular(path)
     try:
         if not name:
@@ -83,8 +78,7 @@ def read_array(
         raise
     except Exception as error:
         raise SourceError(
-            f'{path}: not a file of plain numbers ({" ".join(str(error).split())[:200]}); '
-            'save it again'
+            f'{path}: not a file of plain numbers ({one_line(error)}); save it again'
         ) from None
 
 

@@ -10,7 +10,7 @@ import re
 from typing import Any
 
 from convseq_ros.config import Config
-from convseq_ros.errors import ConvseqError, ModelError, pip_install, SourceError
+from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
 from convseq_ros.files import read_yaml
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
@@ -169,8 +169,11 @@ class OnnxModel:
             if beside.is_file():
                 digest.update(read_bytes(beside, 'a description', reading.refuse_file))
                 said = said.with_others(Input.of(read_yaml(beside, reading), beside), beside)
-        except (SourceError, ValueError) as error:
-            raise ModelError(_line(path, error)) from None
+        except SourceError as error:
+            raise ModelError(str(error)) from None
+        except ValueError as error:
+            what = f'{path}: not an ONNX model ({one_line(error)}); export it again'
+            raise ModelError(what) from None
         self.identity = digest.hexdigest()
         self._session = self._opened(onnxruntime, data)
         own = self._session.get_modelmeta().custom_metadata_map
@@ -202,7 +205,7 @@ class OnnxModel:
         except Exception as error:
             raise ModelError(
                 f'{self._path}: the model fails on an image of {height} x {width} px '
-                f'({_one_line(error)}); is that its size?'
+                f'({one_line(error)}); is that its size?'
             ) from None
         if not len(vector) or not np.isfinite(vector).all():
             raise ModelError(f'{self._path}: its vector holds NaN, or nothing; check its scale')
@@ -246,7 +249,7 @@ class OnnxModel:
             return onnxruntime.InferenceSession(data, options, providers=providers)
         except Exception as error:
             raise ModelError(
-                f'{self._path}: not an ONNX model that onnxruntime can load ({_one_line(error)}); '
+                f'{self._path}: not an ONNX model that onnxruntime can load ({one_line(error)}); '
                 'export it with standard operators'
             ) from None
 
@@ -316,13 +319,3 @@ def _numbers(said: Any) -> tuple[float, ...]:
     if not np.isfinite(numbers).all() or not numbers:
         raise ValueError(f'{said!r} is no list of numbers')
     return numbers
-
-
-def _line(path: Path, error: Exception) -> str:
-    if isinstance(error, ConvseqError):
-        return str(error)
-    return f'{path}: not an ONNX model ({_one_line(error)}); export it again'
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:200]

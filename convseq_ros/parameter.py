@@ -52,29 +52,14 @@ RETIRED_CHOICES = {
 }
 
 
-def parameter(
-    default: Value,
-    doc: str,
-    *,
-    unit: str = '',
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple[str, ...] = (),
-    dynamic: bool = False,
-) -> Any:
-    """Declare one parameter; `dynamic` ones may change while a node runs."""
-    metadata = {
-        'doc': doc,
-        'unit': unit,
-        'low': low,
-        'high': high,
-        'choices': choices,
-        'dynamic': dynamic,
-    }
-    return field(default=default, metadata=metadata)
+_CONSTANT: Mapping[str, Any] = {
+    'doc': '', 'unit': '', 'low': None, 'high': None, 'choices': (), 'dynamic': False,
+}  # fmt: skip
 
 
-_CONSTANT: Mapping[str, Any] = parameter(0, '').metadata
+def parameter(default: Value, doc: str, **about: Any) -> Any:
+    """Declare one parameter by what `Parameter` says of it."""
+    return field(default=default, metadata={**_CONSTANT, 'doc': doc, **about})
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +74,10 @@ class Parameter:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
-    dynamic: bool
+    dynamic: bool  # whether it may change while a node runs
 
     def check(self, value: object) -> Value:
-        """
-        Return the value in this parameter's type; a whole number is taken as a float.
-
-        ConfigError if the type is wrong or the value is out of bounds.
-        """
+        """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         if type(value) is not self.type:

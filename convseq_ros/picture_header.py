@@ -30,11 +30,7 @@ class Declared(NamedTuple):
 
 
 def declared(data: bytes) -> Declared | None:
-    """
-    Return what a JPEG, PNG, BMP, TIFF, WebP, PBM, PGM or PPM declares.
-
-    None if it is of another kind, such as BigTIFF, or its header is damaged.
-    """
+    """Return what a picture declares; None if its kind is unknown or its header is damaged."""
     for magic, read in _READERS:
         if re.match(magic, data, re.DOTALL):
             try:

@@ -43,11 +43,7 @@ def run(module: str, code: int, text: str = '') -> int:
 
 
 def run_node(module: str) -> NoReturn:
-    """
-    Do as `run`, and end this process.
-
-    Python would take apart all that was imported, for up to seconds on a busy machine.
-    """
+    """Do as `run`, and end at once: on a busy machine Python would tidy up for seconds."""
     code = run(module, 0)
     sys.stdout.flush()
     sys.stderr.flush()

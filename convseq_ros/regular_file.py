@@ -18,11 +18,7 @@ _KINDS = {
 
 
 def refuse_irregular(path: Path) -> None:
-    """
-    Let files, folders and what is not there pass: opening a pipe may wait for ever.
-
-    SourceError if it is a pipe, a device or a socket, or its name is none.
-    """
+    """Raise a SourceError for a pipe, a device or a socket: opening it may wait for ever."""
     try:
         kind = _KINDS.get(stat.S_IFMT(path.stat().st_mode))
     except (FileNotFoundError, NotADirectoryError):
@@ -35,11 +31,7 @@ def refuse_irregular(path: Path) -> None:
 
 
 def read_bytes(path: Path, what: str, refuse: Callable[[Path, int], None]) -> bytes:
-    """
-    Return what is in a file that holds `what`, such as `a calibration`.
-
-    SourceError if it is missing, no file, not to be read, or so large that `refuse` raises one.
-    """
+    """Return a file that holds `what`; SourceError if there is none, or `refuse` raises one."""
     refuse_irregular(path)
     try:
         if not path.is_file():

@@ -17,21 +17,25 @@ import pytest
 NOTHING = {'mean': 0, 'scale': 1}
 
 
-def model(
-    path, shape=(1, 3, 8, 8), kind=onnx.TensorProto.FLOAT, operator='AveragePool', domain=''
-):
-    """Write a model whose vector are the means of 4 x 4 px, channel by channel."""
+def graph_model(path, nodes, shape, kind=onnx.TensorProto.FLOAT, out=None, weights=(), domain=''):
+    """Write a model from `image` to `descriptor`."""
     helper = onnx.helper
-    options = {'kernel_shape': [4, 4], 'strides': [4, 4]} if operator == 'AveragePool' else {}
-    node = helper.make_node(operator, ['image'], ['descriptor'], domain=domain, **options)
     graph = helper.make_graph(
-        [node],
+        nodes,
         'small',
         [helper.make_tensor_value_info('image', kind, shape)],
-        [helper.make_tensor_value_info('descriptor', kind, None)],
+        [helper.make_tensor_value_info('descriptor', kind, out)],
+        weights,
     )
     opsets = [helper.make_opsetid('', 13), *([helper.make_opsetid(domain, 1)] if domain else [])]
     return saved(helper.make_model(graph, opset_imports=opsets, ir_version=8), path)
+
+
+def model(path, shape=(1, 3, 8, 8), operator='AveragePool', domain='', **more):
+    """Write a model whose vector are the means of 4 x 4 px, channel by channel."""
+    options = {'kernel_shape': [4, 4], 'strides': [4, 4]} if operator == 'AveragePool' else {}
+    node = onnx.helper.make_node(operator, ['image'], ['descriptor'], domain=domain, **options)
+    return graph_model(path, [node], shape, domain=domain, **more)
 
 
 def saved(one, path, **metadata):
@@ -43,20 +47,13 @@ def saved(one, path, **metadata):
 
 def with_weights_in(location, path):
     """Write a model that adds 192 weights from a file."""
-    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
-    weights = onnx.TensorProto(name='w', data_type=kind, dims=[1, 3, 8, 8])
+    shape, kind = (1, 3, 8, 8), onnx.TensorProto.FLOAT
+    weights = onnx.TensorProto(name='w', data_type=kind, dims=shape)
     weights.data_location = onnx.TensorProto.EXTERNAL
     for key, value in (('location', location), ('offset', '0'), ('length', '768')):
         weights.external_data.add(key=key, value=value)
-    graph = helper.make_graph(
-        [helper.make_node('Add', ['image', 'w'], ['descriptor'])],
-        'small',
-        [helper.make_tensor_value_info('image', kind, (1, 3, 8, 8))],
-        [helper.make_tensor_value_info('descriptor', kind, (1, 3, 8, 8))],
-        [weights],
-    )
-    opsets = [helper.make_opsetid('', 13)]
-    return saved(helper.make_model(graph, opset_imports=opsets, ir_version=8), path)
+    node = onnx.helper.make_node('Add', ['image', 'w'], ['descriptor'])
+    return graph_model(path, [node], shape, out=shape, weights=[weights])
 
 
 def refused(match, path, *more, **settings):
@@ -158,19 +155,11 @@ def test_a_vector_that_is_not_finite_is_refused(tmp_path):
 
 
 def test_a_vector_whose_size_changes_is_told(tmp_path):
-    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
-    graph = helper.make_graph(
-        [
-            helper.make_node('NonZero', ['image'], ['where']),
-            helper.make_node('Cast', ['where'], ['descriptor'], to=kind),
-        ],
-        'changing',
-        [helper.make_tensor_value_info('image', kind, (1, 1, 8, 8))],
-        [helper.make_tensor_value_info('descriptor', kind, None)],
-    )
-    opsets = [helper.make_opsetid('', 13)]
-    made_of = helper.make_model(graph, opset_imports=opsets, ir_version=8)
-    own = OnnxModel(saved(made_of, tmp_path / 'm.onnx'), given=NOTHING)
+    nodes = [
+        onnx.helper.make_node('NonZero', ['image'], ['where']),
+        onnx.helper.make_node('Cast', ['where'], ['descriptor'], to=onnx.TensorProto.FLOAT),
+    ]
+    own = OnnxModel(graph_model(tmp_path / 'm.onnx', nodes, (1, 1, 8, 8)), given=NOTHING)
     with pytest.raises(ModelError, match=r'numbers, and had .*; export it'):
         own(np.eye(8, dtype=np.uint8))
 

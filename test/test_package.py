@@ -21,36 +21,16 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SCRIPTS = Path(sysconfig.get_path('scripts'))
-KNOWN_KEYS = {
-    # ROS 2 Jazzy packages
-    'ament_index_python',
-    'builtin_interfaces',
-    'diagnostic_msgs',
-    'geometry_msgs',
-    'launch_ros',
-    'launch_testing_ros',
-    'lifecycle_msgs',
-    'nav_msgs',
-    'rcl_interfaces',
-    'rclpy',
-    'ros2launch',
-    'rosgraph_msgs',
-    'sensor_msgs',
-    'std_msgs',
-    'std_srvs',
-    'visualization_msgs',
-    # rosdep keys that apt serves on Ubuntu 24.04
-    'build-essential',
-    'python3-hypothesis',
-    'python3-matplotlib',
-    'python3-mypy',
-    'python3-numpy',
-    'python3-opencv',
-    'python3-pytest',
-    'python3-skimage',
-    'python3-tqdm',
-    'python3-yaml',
-}
+# ROS 2 Jazzy packages, and rosdep keys that apt serves on Ubuntu 24.04.
+KNOWN_KEYS = set(
+    """
+    ament_index_python builtin_interfaces diagnostic_msgs geometry_msgs launch_ros
+    launch_testing_ros lifecycle_msgs nav_msgs rcl_interfaces rclpy ros2launch rosgraph_msgs
+    sensor_msgs std_msgs std_srvs visualization_msgs
+    build-essential python3-hypothesis python3-matplotlib python3-mypy python3-numpy
+    python3-opencv python3-pytest python3-skimage python3-tqdm python3-yaml
+""".split()
+)
 NOT_SOURCE = shutil.ignore_patterns(
     '.*', 'build', 'dist', 'install', 'log', 'site', 'test', '*.egg-info'
 )

@@ -16,7 +16,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
-from convseq_ros.evaluation.report import read_runs
+from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source

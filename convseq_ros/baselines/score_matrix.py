@@ -38,12 +38,7 @@ def read_scores(
 def read_descriptors(
     path: Path, count: int, reading: ReadingConfig = ReadingConfig()
 ) -> npt.NDArray[np.float32]:
-    """
-    Return one descriptor for every image, float32 of shape (N, D).
-
-    SourceError if the file cannot be read, holds NaN or infinity, or not one row for every image.
-
-    """
+    """Return one descriptor for each image, (N, D); SourceError for other counts, or NaN."""
     rows = _read(path, reading)
     if rows.ndim < 2 or len(rows) != count:
         raise SourceError(

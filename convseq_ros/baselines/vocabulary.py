@@ -24,11 +24,7 @@ def signs(descriptors: Bits) -> Signs:
 
 
 def medians(descriptors: Signs, count: int, rng: np.random.Generator) -> Signs:
-    """
-    Return so many centres at most, (k, 256), of which each bit is what most of their own have.
-
-    The first are drawn as k-means++ does; no empty centre stays.
-    """
+    """Return at most k centres (k, 256), bitwise medians of their own, begun as by k-means++."""
     centres = descriptors[[rng.integers(len(descriptors))]]
     nearest = _distances(descriptors, centres)[:, 0]
     while len(centres) < count and nearest.any():

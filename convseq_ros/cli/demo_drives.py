@@ -24,11 +24,7 @@ import numpy.typing as npt
 
 
 def make_empty(folder: Path, marker: str) -> None:
-    """
-    Make a folder anew if a demo, which knows its own by a file of that name, made it before.
-
-    ConvseqError if somebody else made it, and it is not empty.
-    """
+    """Make a folder anew; ConvseqError if it is not empty and no demo, by its marker, made it."""
     mark = folder / marker
     if folder.exists() and any(folder.iterdir()) and not mark.is_file():
         raise ConvseqError(f'{folder}: exists and is not of an earlier demo; choose another')

@@ -103,12 +103,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 def chosen_config(
     chosen: argparse.Namespace, otherwise: Mapping[str, Value] | None = None
 ) -> Config:
-    """
-    Return the configuration that file and options ask for, or else a command, or the defaults.
-
-    ConfigError if the file cannot be read, a name is unknown or a value is not allowed.
-
-    """
+    """Return what options, file or else the command ask for; ConfigError if it is not allowed."""
     reading = chosen_reading(chosen)
     values = read_parameter_file(chosen.config, reading) if chosen.config else {}
     config = make_config({**(otherwise or {}), **values, **given(chosen, core_parameters())})

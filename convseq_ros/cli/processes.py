@@ -83,13 +83,7 @@ _NODE_STARTS_S = '60'
 
 @cache
 def own_domain() -> int:
-    """
-    Claim a ROS domain for as long as this process lives.
-
-    Whoever asks for one in the same way, on the same network, gets another one.
-
-    ConvseqError if all of them are claimed.
-    """
+    """Claim a ROS domain of its own for this process; ConvseqError if all of them are claimed."""
     for number in range(_HIGHEST_DOMAIN):
         domain = 1 + (os.getpid() + number) % _HIGHEST_DOMAIN
         claim = socket.socket(socket.AF_UNIX)
@@ -178,11 +172,7 @@ def end(process: subprocess.Popen[bytes], end_s: float) -> None:
 
 
 def wait_for_rows(table: Path, wanted: int, stalled_s: float) -> int:
-    """
-    Wait until a result table that is being written has as many rows; return how many there are.
-
-    The table is named as it will be. After `stalled_s` without a new row there will be no more.
-    """
+    """Wait for rows of a table that is written, at most `stalled_s` for one; return how many."""
     part = table.with_name(table.name + '.part')
     rows, changed_s = 0, time.monotonic()
     while rows < wanted and time.monotonic() - changed_s < stalled_s:

@@ -8,7 +8,9 @@ import sys
 
 from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report import MOST_MEGABYTES, read_runs, write_figures, write_report
+from convseq_ros.evaluation.report.charts import write_figures
+from convseq_ros.evaluation.report.page import MOST_MEGABYTES, write_report
+from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.run_folder import read_exports
 from convseq_ros.evaluation.table import format_table, summary_rows
 

@@ -16,11 +16,7 @@ _GREEN, _GREY, _YELLOW = (63, 185, 80), (140, 140, 140), (230, 200, 40)
 
 
 class Viewer:
-    """
-    Shows frame after frame; or writes a .rrd file for `rerun FILE` instead of opening the viewer.
-
-    ConvseqError if rerun is not installed.
-    """
+    """Shows frame after frame, or writes a .rrd file; ConvseqError without rerun."""
 
     def __init__(self, file: Path | None = None) -> None:
         try:

@@ -83,11 +83,7 @@ def evaluate(
 
 
 def method_names(texts: Sequence[str], data_set: DataSet) -> list[MethodName]:
-    """
-    Return the methods to run on a set, `published` spelt out.
-
-    ConfigError if one cannot be understood, or two have the same label.
-    """
+    """Return the methods for a set; ConfigError if one is unclear, or two have one label."""
     names = []
     for text in texts:
         if text == PUBLISHED:

@@ -54,12 +54,7 @@ def open_material(
     encoding: EncodingConfig,
     reading: ReadingConfig = ReadingConfig(),
 ) -> Material:
-    """
-    Read the images and the truth of a data set, and check one against the other.
-
-    SourceError if images are missing, counts disagree, or no query has a right reference.
-
-    """
+    """Read the images and the truth of a set; SourceError if they do not fit together."""
     parts = data_set.query, data_set.reference or data_set.query
     images = [_images(part, data_set, reading) for part in parts]
     nothing = Truth(np.zeros((0, 0), np.bool_))

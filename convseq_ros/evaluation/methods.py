@@ -34,12 +34,7 @@ import numpy.typing as npt
 def cosine_scores(
     queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
-    """
-    Return the cosine of every query (Q, D) with every reference (R, D), in [-1, 1]: (Q, R).
-
-    Descriptors need not have unit length; a zero vector scores 0.
-
-    """
+    """Return the cosine of queries (Q, D) and references (R, D), 0 for a zero vector: (Q, R)."""
     return _unit(queries) @ _unit(references).T
 
 

@@ -64,11 +64,7 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
 
 
 def show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
-    """
-    Draw scores, shape (Q, R): brighter is more similar, gray where nothing was scored (NaN).
-
-    In a large matrix each block shows its highest score, so that a thin path stays visible.
-    """
+    """Draw scores (Q, R), brighter is more similar, gray is NaN; a block shows its highest."""
     from matplotlib.colors import LinearSegmentedColormap
 
     num_queries, num_references = scores.shape

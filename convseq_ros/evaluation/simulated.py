@@ -44,11 +44,7 @@ def _drawn(simulated: SimulatedDrive) -> tuple[Frame, ...]:
 
 
 def read_simulated(said: Mapping[str, Any], path: Path) -> SimulatedDrive:
-    """
-    Return the drive that a YAML file describes by `street` and fields of `Drive`.
-
-    ConfigError if a name is unknown or a value makes no sense.
-    """
+    """Return the drive that `street` and fields of `Drive` describe; ConfigError if none."""
     try:
         refuse_unknown(said, _KNOWN)
         values = {name: _value(name, value) for name, value in said.items()}

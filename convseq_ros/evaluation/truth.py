@@ -25,11 +25,7 @@ class Truth:
 
     @property
     def slip(self) -> npt.NDArray[np.bool_]:
-        """
-        Which references are the right place but a little off, shape (Q, R).
-
-        They lie up to 3 frames beyond the tolerance: at +-2, an answer that is off by 3 to 5.
-        """
+        """Which references lie up to 3 frames beyond the tolerance, shape (Q, R)."""
         return _widened(self.right, SLIP_FRAMES) & ~self.right
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import pickle  # nosec B403
 import re
 from typing import Any, BinaryIO
 
-from convseq_ros.errors import SourceError
+from convseq_ros.errors import one_line, SourceError
 from convseq_ros.files import read_array, read_array_header, read_text
 from convseq_ros.reading_config import AS_PICKLE, ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
@@ -82,9 +82,7 @@ def read_npy(
     except OSError as error:
         raise SourceError(f'{path}: {error.strerror}; check the path of the truth') from None
     except Exception as error:
-        raise SourceError(
-            f'{path}: not a readable .npy file ({" ".join(str(error).split())})'
-        ) from None
+        raise SourceError(f'{path}: not a readable .npy file ({one_line(error)})') from None
     if stored.dtype == np.bool_ and stored.ndim == 2:
         if stored.shape != shape:
             raise SourceError(
@@ -223,12 +221,7 @@ class _Unpickler(pickle._Unpickler):
 def read_objects(
     file: BinaryIO, shape: tuple[int, ...], is_fortran: bool
 ) -> npt.NDArray[np.object_]:
-    """
-    Return an array of objects of a shape; arrays in it are flat lists.
-
-    The file stands behind the header of a .npy file, which gives the shape and the order; all of
-    it is read. Raises an exception of any kind if it holds no such array.
-    """
+    """Return an array of objects behind a .npy header; an exception of any kind if it is none."""
     found = _Unpickler(io.BytesIO(file.read()), encoding='latin1').load()
     if not isinstance(found, _Array) or len(found.values) != math.prod(shape):
         raise ValueError(f'holds no array of shape {shape}')

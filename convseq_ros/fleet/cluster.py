@@ -16,7 +16,7 @@ import tempfile
 from typing import Any
 
 from convseq_ros import __version__
-from convseq_ros.errors import ConvseqError, FleetError, pip_install
+from convseq_ros.errors import ConvseqError, FleetError, one_line, pip_install
 
 _ANSWERS_WITHIN_S = 10.0  # a scheduler, when it is asked first
 # Python that a worker runs first: Ctrl-C is ours, and each core has a worker already.
@@ -86,8 +86,9 @@ def connected(cluster: Cluster) -> Iterator[Any]:
                 address, security=security, timeout=_ANSWERS_WITHIN_S, direct_to_workers=True
             )
         except (OSError, ValueError) as error:
-            what = ' '.join(str(error).split())[:200]
-            raise FleetError(f'{cluster.scheduler}: no scheduler answers ({what})') from None
+            raise FleetError(
+                f'{cluster.scheduler}: no scheduler answers ({one_line(error)})'
+            ) from None
         opened.enter_context(client)
         if cluster.scheduler:
             _refuse_foreign(client, cluster.scheduler)
@@ -126,11 +127,7 @@ def _started(cluster: Cluster, folder: str) -> Any:
 
 
 def checked_address(cluster: Cluster) -> str:
-    """
-    Return the address of a scheduler, empty if none is named.
-
-    FleetError if it is no address, or not of this machine and not of TLS.
-    """
+    """Return a scheduler's address, '' if none is named; FleetError if it is none or needs TLS."""
     address = cluster.scheduler
     if not address:
         return ''

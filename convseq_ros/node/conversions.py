@@ -87,11 +87,7 @@ def row_message(header: Header, text: str, values: Mapping[str, object]) -> Diag
 
 
 def candidates_message(match: Match, places: Sequence[Place], frame_id: str) -> PointCloud2:
-    """
-    Return the candidates of a match, best first, one point each, with the poses of their places.
-
-    A place without a pose gives NaN, and a cloud that is not dense.
-    """
+    """Return the candidates, best first, a point each; NaN for a place without a pose."""
     rows = np.zeros(len(match.candidates), CANDIDATE)
     poses = [places[candidate.reference_index].pose for candidate in match.candidates]
     for number, (candidate, pose) in enumerate(zip(match.candidates, poses, strict=True)):
@@ -165,11 +161,7 @@ def match_header(match: Match, frame_id: str) -> Header:
 
 
 def cloud_message(rows: npt.NDArray[np.void], header: Header, is_dense: bool) -> PointCloud2:
-    """
-    Return rows (points,), little-endian, as a message, one point each.
-
-    It is dense if no number is NaN.
-    """
+    """Return rows (points,), little-endian, one point each; dense if no number is NaN."""
     return PointCloud2(
         header=header,
         height=1,
@@ -232,11 +224,7 @@ _NOTHING = UUID(int=0)
 def closure_message(
     match: Match, reference_map: ReferenceMap, frame_id: str, session_start: int
 ) -> PointCloud2:
-    """
-    Return an accepted match as a closure.
-
-    `frame_id` is the robot's base; places from `session_start` on are of this drive.
-    """
+    """Return an accepted match as a closure; places from `session_start` on are of this drive."""
     accepted = match.accepted
     if accepted is None:
         raise ValueError('a closure needs an accepted match')

@@ -209,11 +209,7 @@ class FrameContext:
 
 
 class CameraDescription:
-    """
-    Listens to a topic of camera_info; the last message holds.
-
-    `mount` finds where its frame is on the robot.
-    """
+    """Listens to a topic of camera_info; the last message holds. `mount` knows its frame."""
 
     def __init__(self, node: Node, mount: 'Mount', topic: str = 'camera_info') -> None:
         self._camera: Camera | None = None

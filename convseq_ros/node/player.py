@@ -191,12 +191,7 @@ class Player(Node):
         )
 
     def play(self) -> None:
-        """
-        Wait for a subscriber, then publish until the end and until all of it has arrived.
-
-        ConvseqError if nobody subscribes, the source is damaged or too short, or images did not
-        arrive.
-        """
+        """Publish until the end and until all has arrived; ConvseqError if that fails."""
         self._wait_for_subscriber()
         while self.context.ok():
             self._play_once()

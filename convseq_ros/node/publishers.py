@@ -40,11 +40,7 @@ TIMEOUT_S = 1.0  # after which a fleet is given up, and looked for again
 def open_fleet(
     node: Node, settings: NodeConfig, config: Config, sources: Sequence[str] = ()
 ) -> FleetLink | None:
-    """
-    Have each frame's answer of a fleet published on `~/fleet_answer`, if one is asked for.
-
-    FleetError if its address is none, or may not be talked to.
-    """
+    """Publish a fleet's answers on `~/fleet_answer`, if asked; FleetError if not allowed."""
     if not settings.fleet:
         return None
     publisher = advertise(node, DiagnosticArray, '~/fleet_answer')
@@ -90,11 +86,7 @@ class MatchPublishers:
     def publish(
         self, frame: Frame, match: Match, recognizer: PlaceRecognizer, duration_ms: float
     ) -> PoseEstimate | None:
-        """
-        Publish the answer to one frame, and return the pose that was, if any.
-
-        -1 and 0 stand for no match and no score.
-        """
+        """Publish the answer to one frame, -1 and 0 for none; return the pose that was, if any."""
         best, accepted, config = match.best, match.accepted, self.config
         whole, give = recognizer.reference_map, self._give
         model_ms = recognizer.model_ms

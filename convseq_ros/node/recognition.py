@@ -24,11 +24,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 
 class ResultLog:
-    """
-    Writes a row for every frame until that fails; says so once and counts what is `lost`.
-
-    To none if the path is empty; ConfigError if the file cannot be made.
-    """
+    """Writes rows, if `path` is not empty, until that fails; counts what is `lost` then."""
 
     def __init__(self, path: str, logger: Any) -> None:
         self.lost = 0

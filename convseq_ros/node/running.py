@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 
-from convseq_ros.errors import ConvseqError
+from convseq_ros.errors import ConvseqError, one_line
 from convseq_ros.process import fast_dds, hand_over, ignore, QUICK_START, settle_logs, stand
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -85,5 +85,5 @@ def _leave_what_is_at_work() -> None:
 
 
 def _refuse(error: Exception) -> int:
-    get_logger('vpr_node').error(' '.join(str(error).split()))
+    get_logger('vpr_node').error(one_line(error))
     return 1

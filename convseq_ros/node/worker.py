@@ -72,11 +72,7 @@ class Worker(Generic[Item]):
         return len(self._items)
 
     def stop(self, timeout_s: float) -> bool:
-        """
-        Leave what waits, finish the item at hand and end the thread.
-
-        Return False if the item at hand takes longer than the timeout.
-        """
+        """Finish the item at hand and end the thread; False if that takes longer."""
         with self._changed:
             self.is_stopping = True
             self._changed.notify()

@@ -45,11 +45,7 @@ class Odometer:
         self._x = self._y = self._yaw = 0.0
 
     def moved_to(self, pose: Pose) -> Pose:
-        """
-        Return where the odometry believes to be, in its own frame that begins at its first pose.
-
-        Of the true pose only x, y and yaw count.
-        """
+        """Return where odometry believes to be, from its first pose, by true x, y and yaw."""
         x, y = pose.position[:2]
         yaw = 2 * math.atan2(pose.orientation[2], pose.orientation[3])
         if self._last is not None:

@@ -145,11 +145,7 @@ def _odometry_message(types: Any, shot: Shot, frame_id: str, at: Pose) -> Any:
 def nearest_reference(
     query_distances: npt.ArrayLike, reference_distances: npt.ArrayLike
 ) -> npt.NDArray[np.int64]:
-    """
-    Return for every query, (Q,), the index of the reference that is nearest along the street.
-
-    Both are distances in metres, in any order; the first of several that are as near.
-    """
+    """Return for each query's distance, (Q,), the index of the nearest reference's distance."""
     references = np.asarray(reference_distances, dtype=np.float64)
     queries = np.asarray(query_distances, dtype=np.float64)
     off = np.abs(queries[:, None] - references)

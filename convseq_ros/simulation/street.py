@@ -41,11 +41,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class Street:
-    """
-    A straight street along x, its middle at y = 0, left positive.
-
-    Streets that differ in `things_seed` alone are twins, with the same houses and lamps.
-    """
+    """A street along x, its middle at y = 0; `things_seed` alone differs between twins."""
 
     length_m: float  # how far it may be driven; what one sees goes on beyond
     seed: int = 0  # decides the whole street

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from convseq_ros.core.types import Camera, COEFFICIENTS
-from convseq_ros.errors import ConfigError, SourceError
+from convseq_ros.errors import ConfigError, one_line, SourceError
 from convseq_ros.files import read_text, read_yaml
 from convseq_ros.reading_config import AS_YAML, ReadingConfig
 
@@ -37,10 +37,10 @@ def read_camera_file(
         LookupError,
         TypeError,
         ValueError,
-    ) as error:
-        reason = ' '.join(str(error).split())[:80]
+    ) as why:
         raise SourceError(
-            f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI ({reason})'
+            f'{path}: neither a calibration of ROS (YAML) nor a calib.txt of KITTI '
+            f'({one_line(why, 80)})'
         ) from None
     if camera is None:
         raise SourceError(f'{path}: the camera is not calibrated: its matrices are zero')
@@ -125,11 +125,7 @@ def _distortion(message: Any) -> tuple[str, tuple[float, ...]]:
 
 
 def fitted(camera: Camera, height: int, width: int) -> Camera:
-    """
-    Return the camera as it would be described for images of another size, in pixels.
-
-    Images are often made smaller between a camera and its users, who get the same description.
-    """
+    """Return the camera for images of another size: drivers describe them as if unscaled."""
     if (camera.height_px, camera.width_px) == (height, width):
         return camera
     across, down = width / camera.width_px, height / camera.height_px

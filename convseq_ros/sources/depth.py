@@ -61,10 +61,7 @@ class DepthFolder:
     """
 
     def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
-        try:
-            self._pictures = pictures_in(path)
-        except OSError as error:
-            raise SourceError(f'{path}: {error.strerror}; check the path') from None
+        self._pictures = pictures_in(path)
         if not self._pictures:
             raise SourceError(f'{path}: no depth images in this folder; expected PNGs of 16 bits')
         self._reading, self._warnings = reading, warnings

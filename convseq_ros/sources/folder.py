@@ -26,17 +26,15 @@ def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 def pictures_in(path: Path) -> list[Path]:
-    """Return the pictures of a folder, img2 before img10; hidden files are left out."""
-    return sorted(
-        (
-            item
-            for item in path.iterdir()
-            if item.suffix.lower() in IMAGE_SUFFIXES
-            and not item.name.startswith('.')
-            and item.is_file()
-        ),
-        key=natural_key,
-    )
+    """Return the pictures of a folder, img2 before img10, hidden ones left out; or SourceError."""
+    try:
+        named = [one for one in path.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES]
+        shown = [one for one in named if not one.name.startswith('.') and one.is_file()]
+    except OSError as error:
+        raise SourceError(
+            f'{path}: {error.strerror}; check the path and its permissions'
+        ) from None
+    return sorted(shown, key=natural_key)
 
 
 class ImageFolder:
@@ -57,10 +55,7 @@ class ImageFolder:
     def __init__(self, path: Path, reading: ReadingConfig = ReadingConfig()) -> None:
         if not path.is_dir():
             raise SourceError(f'{path}: no such folder; give a folder of pictures')
-        try:
-            self._pictures = pictures_in(path)
-        except OSError as error:
-            raise SourceError(f'{path}: {error.strerror}; check its permissions') from None
+        self._pictures = pictures_in(path)
         if not self._pictures:
             known = ' '.join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
             raise SourceError(

@@ -8,7 +8,6 @@ array or bytes, serve alike. Colour reaches grey by one road (BGR, then `gray_fr
 a folder, a recording and a camera that show the same picture give the same pixels.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,7 +81,12 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
             f'at least {least} px and a width divisible by {multiple}'
         )
     pixels = pixels_of(message, encoding.bytes_per_pixel, reading)
-    return encoding.to_pixels(pixels, bool(message.is_bigendian))
+    if encoding.to_bgr is not None:
+        return _uint8(cv2.cvtColor(pixels, encoding.to_bgr))
+    if encoding.bytes_per_pixel == 3:
+        return pixels
+    high_byte = 0 if encoding.bytes_per_pixel == 1 or message.is_bigendian else 1
+    return pixels[:, :, high_byte].copy()
 
 
 def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
@@ -176,29 +180,10 @@ def _uint8(array: Any) -> npt.NDArray[np.uint8]:
     return np.asarray(array, np.uint8)
 
 
-def _gray(pixels: Pixels, _: bool) -> Gray:
-    return pixels[:, :, 0].copy()
-
-
-def _high_byte(pixels: Pixels, is_bigendian: bool) -> Gray:
-    return pixels[:, :, 0 if is_bigendian else 1].copy()
-
-
-def _bgr(pixels: Pixels, _: bool) -> Pixels:
-    return pixels
-
-
-def _to_bgr(conversion: int) -> Callable[[Pixels, bool], Pixels]:
-    def to_pixels(pixels: Pixels, _: bool) -> Pixels:
-        return _uint8(cv2.cvtColor(pixels, conversion))
-
-    return to_pixels
-
-
 @dataclass(frozen=True, slots=True)
 class _Encoding:
     bytes_per_pixel: int
-    to_pixels: Callable[[Pixels, bool], Pixels]
+    to_bgr: int | None = None  # how OpenCV converts it; None for grey, and blue, green, red
     min_side: int = 1
     width_multiple: int = 1
 
@@ -206,20 +191,20 @@ class _Encoding:
 # ROS names a mosaic by its first two rows from the left edge; so do OpenCV's four-letter names
 # (the older two-letter ones, such as BayerBG, start one pixel further in).
 ENCODINGS = {
-    'mono8': _Encoding(1, _gray),
-    'mono16': _Encoding(2, _high_byte),
-    '8UC1': _Encoding(1, _gray),
-    '8UC3': _Encoding(3, _bgr),
-    'bgr8': _Encoding(3, _bgr),
-    'rgb8': _Encoding(3, _to_bgr(cv2.COLOR_RGB2BGR)),
-    'bgra8': _Encoding(4, _to_bgr(cv2.COLOR_BGRA2BGR)),
-    'rgba8': _Encoding(4, _to_bgr(cv2.COLOR_RGBA2BGR)),
-    'bayer_rggb8': _Encoding(1, _to_bgr(cv2.COLOR_BayerRGGB2BGR), min_side=3),
-    'bayer_bggr8': _Encoding(1, _to_bgr(cv2.COLOR_BayerBGGR2BGR), min_side=3),
-    'bayer_gbrg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGBRG2BGR), min_side=3),
-    'bayer_grbg8': _Encoding(1, _to_bgr(cv2.COLOR_BayerGRBG2BGR), min_side=3),
-    'yuv422': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'uyvy': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_UYVY), width_multiple=2),
-    'yuv422_yuy2': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
-    'yuyv': _Encoding(2, _to_bgr(cv2.COLOR_YUV2BGR_YUY2), width_multiple=2),
+    'mono8': _Encoding(1),
+    'mono16': _Encoding(2),
+    '8UC1': _Encoding(1),
+    '8UC3': _Encoding(3),
+    'bgr8': _Encoding(3),
+    'rgb8': _Encoding(3, cv2.COLOR_RGB2BGR),
+    'bgra8': _Encoding(4, cv2.COLOR_BGRA2BGR),
+    'rgba8': _Encoding(4, cv2.COLOR_RGBA2BGR),
+    'bayer_rggb8': _Encoding(1, cv2.COLOR_BayerRGGB2BGR, min_side=3),
+    'bayer_bggr8': _Encoding(1, cv2.COLOR_BayerBGGR2BGR, min_side=3),
+    'bayer_gbrg8': _Encoding(1, cv2.COLOR_BayerGBRG2BGR, min_side=3),
+    'bayer_grbg8': _Encoding(1, cv2.COLOR_BayerGRBG2BGR, min_side=3),
+    'yuv422': _Encoding(2, cv2.COLOR_YUV2BGR_UYVY, width_multiple=2),
+    'uyvy': _Encoding(2, cv2.COLOR_YUV2BGR_UYVY, width_multiple=2),
+    'yuv422_yuy2': _Encoding(2, cv2.COLOR_YUV2BGR_YUY2, width_multiple=2),
+    'yuyv': _Encoding(2, cv2.COLOR_YUV2BGR_YUY2, width_multiple=2),
 }

@@ -13,9 +13,9 @@ from pathlib import Path
 import struct
 from typing import Any, IO
 
-from convseq_ros.errors import SourceError
+from convseq_ros.errors import one_line, SourceError
 from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
-from convseq_ros.sources.topics import Index, merge_topics, one_line, RawMessage, Topic
+from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
 
 _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')  # of a record: its kind, and how many bytes follow

@@ -91,11 +91,7 @@ class PoseTrack:
 
 
 def pose_from_message(pose: Any) -> Pose | None:
-    """
-    Return a geometry_msgs/Pose, from rclpy or from a recording, with a unit quaternion.
-
-    None if a value is not finite or the quaternion is zero.
-    """
+    """Return a geometry_msgs/Pose, normalised; None if it is not finite or its quaternion zero."""
     at, turn = pose.position, pose.orientation
     position = (float(at.x), float(at.y), float(at.z))
     orientation = (float(turn.x), float(turn.y), float(turn.z), float(turn.w))
@@ -141,76 +137,61 @@ def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConf
     of the frames; its axes, those of a lens, become those of a robot. SourceError if the file
     cannot be read, is neither, a line is not a pose, or there are not as many.
     """
-    rows = _rows(path, reading)
-    size = len(rows[0][1])
-    if size == _TUM:
-        stamped = [
-            (_stamp_ns(path, line, row[0]), _tum(path, line, row[1:])) for line, row in rows
-        ]
-        track = PoseTrack(sorted(stamped, key=lambda one: one[0]))
-        return lambda _index, stamp_ns: track.at(stamp_ns)
-    if len(rows) != frames:
-        raise SourceError(
-            f"{path}: {len(rows)} poses for {frames} images; KITTI's format has one for each"
-        )
-    poses = [_kitti(path, line, row) for line, row in rows]
-    return lambda index, _stamp_ns: poses[index]
-
-
-def _rows(path: Path, reading: ReadingConfig) -> list[tuple[int, list[str]]]:
-    """Return the lines' numbers, from 1, and their words; all alike many."""
     text = read_text(path, 'a text file of poses, one a line', reading)
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
     rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
     if not rows:
         raise SourceError(f'{path}: holds no pose; give one a line')
-    size = len(rows[0][1])
+    size, stamped = len(rows[0][1]), list[tuple[int, Pose]]()
     for number, words in rows:
         if len(words) != size or size not in (_TUM, _KITTI):
             raise SourceError(
                 f'{path}, line {number}: {len(words)} numbers; expected {_TUM} (TUM: stamp, '
                 f'position, quaternion) or {_KITTI} (KITTI: a 3 x 4 matrix) in every line'
             )
-    return rows
+        try:
+            stamped.append(_tum(words) if size == _TUM else (number, _kitti(words)))
+        except ValueError as error:
+            raise SourceError(f'{path}, line {number}: {str(error)[:200]}') from None
+    if size == _TUM:
+        track = PoseTrack(sorted(stamped, key=lambda one: one[0]))
+        return lambda _index, stamp_ns: track.at(stamp_ns)
+    if len(rows) != frames:
+        raise SourceError(
+            f"{path}: {len(rows)} poses for {frames} images; KITTI's format has one for each"
+        )
+    return lambda index, _stamp_ns: stamped[index][1]
 
 
-def _stamp_ns(path: Path, line: int, word: str) -> int:
-    try:
-        # Exact: a double rounds the stamps of today.
-        stamp = Decimal(word) * 1_000_000_000
-        # Of a large exponent, `int` would write out every digit.
-        stamp_ns = int(stamp) if 0 <= stamp < 2**63 else -1
-    except (ArithmeticError, ValueError):
-        stamp_ns = -1
-    if not 0 <= stamp_ns < 2**63:
-        raise SourceError(f'{path}, line {line}: {word[:80]} is no stamp in seconds')
-    return stamp_ns
-
-
-def _numbers(path: Path, line: int, words: list[str]) -> npt.NDArray[np.float64]:
-    try:
-        numbers = np.array([float(word) for word in words])
-    except ValueError as error:
-        raise SourceError(f'{path}, line {line}: {str(error)[:200]}') from None
+def _numbers(words: list[str]) -> npt.NDArray[np.float64]:
+    numbers = np.array([float(word) for word in words])
     if not np.isfinite(numbers).all():
-        raise SourceError(f'{path}, line {line}: a number is not finite; leave the line out')
+        raise ValueError('a number is not finite; leave the line out')
     return numbers
 
 
-def _tum(path: Path, line: int, words: list[str]) -> Pose:
-    x, y, z, *turn = _numbers(path, line, words).tolist()
+def _tum(words: list[str]) -> tuple[int, Pose]:
+    """Return a stamp in nanoseconds, exact where a double would round it, and the pose."""
+    try:
+        stamp = Decimal(words[0]) * 1_000_000_000
+        is_stamp = 0 <= stamp < 2**63
+    except ArithmeticError:
+        is_stamp = False
+    if not is_stamp:
+        raise ValueError(f'{words[0][:80]} is no stamp in seconds')
+    x, y, z, *turn = _numbers(words[1:]).tolist()
     length = math.hypot(*turn)
     if not length:
-        raise SourceError(f'{path}, line {line}: the quaternion is zero; leave the line out')
+        raise ValueError('the quaternion is zero; leave the line out')
     qx, qy, qz, qw = (value / length for value in turn)
-    return Pose((x, y, z), (qx, qy, qz, qw))
+    return int(stamp), Pose((x, y, z), (qx, qy, qz, qw))
 
 
-def _kitti(path: Path, line: int, words: list[str]) -> Pose:
-    matrix = _numbers(path, line, words).reshape(3, 4)
+def _kitti(words: list[str]) -> Pose:
+    matrix = _numbers(words).reshape(3, 4)
     rotation = _TO_ROBOT @ matrix[:, :3] @ _TO_ROBOT.T
     error = abs(rotation @ rotation.T - np.eye(3)).max()
     if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
-        raise SourceError(f'{path}, line {line}: its first three columns are not a rotation')
+        raise ValueError('its first three columns are not a rotation')
     x, y, z = (_TO_ROBOT @ matrix[:, 3]).tolist()
     return Pose((x, y, z), quaternion(rotation))

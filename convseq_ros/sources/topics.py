@@ -9,7 +9,7 @@ from pathlib import Path
 import struct
 from typing import Any, NamedTuple
 
-from convseq_ros.errors import ConvseqError, ImageError, pip_install, SourceError
+from convseq_ros.errors import ConvseqError, ImageError, one_line, pip_install, SourceError
 
 IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 CAMERA_TYPES = ('sensor_msgs/msg/CameraInfo',)
@@ -132,9 +132,3 @@ def typestore() -> Any:
             + pip_install('rosbags', 'mcap', 'zstandard')
         ) from None
     return get_typestore(Stores.ROS2_JAZZY)
-
-
-def one_line(error: BaseException) -> str:
-    """Return what an error says in one line; a short one, if it is of another library."""
-    line = ' '.join(str(error).split())
-    return (line if isinstance(error, ConvseqError) else line[:200]) or type(error).__name__

@@ -16,11 +16,7 @@ VIDEO_SUFFIXES = frozenset({'.mp4', '.avi', '.mkv', '.mov', '.webm', '.m4v', '.m
 
 
 class Video:
-    """
-    The frames of a video, stamped by its frame rate from 0.
-
-    SourceError if it is missing, its images are too large, or OpenCV cannot read it.
-    """
+    """The frames of a video, by its frame rate from 0; SourceError if OpenCV cannot read it."""
 
     pose_frame = ''
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from convseq_ros.cli import build_map, COMMANDS, main, RETIRED
+from convseq_ros.cli import COMMANDS, main, RETIRED
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 import cv2
@@ -76,15 +76,6 @@ def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_
     assert sum(row['status'] == 'accepted' for row in rows) > COUNT // 2
     told = [row for row in rows if row['status'] == 'accepted']
     assert all(row['reference_index'] == row['query_index'] for row in told)
-
-
-def test_maps_are_appended_to(drive, tmp_path, capsys):
-    path = tmp_path / 'map.db'
-    assert main(['build-map', str(drive), str(path)]) == 0
-    assert main(['build-map', str(drive), str(path), '--append', '--json']) == 0
-    built = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert built['added'] == COUNT and built['references'] == 2 * COUNT
-    assert len(open_map(path)) == built['references']
 
 
 def test_a_map_of_keyframes_is_replayed_at_keyframes_and_appended_to_alike(
@@ -169,14 +160,11 @@ def test_without_a_command_all_of_them_are_listed(capsys):
     assert all(f'\n  {command} ' in told for command in COMMANDS)
 
 
-def test_a_missing_recording_is_one_line(capsys, tmp_path):
-    assert 'none' in refused(capsys, 'build-map', tmp_path / 'none', tmp_path / 'map.db')
-    assert not (tmp_path / 'map.db').exists()
-
-
-def test_an_empty_folder_is_one_line(capsys, tmp_path):
+@pytest.mark.parametrize('name', ['none', 'empty'])
+def test_a_recording_that_is_missing_or_empty_is_one_line(capsys, tmp_path, name):
     (tmp_path / 'empty').mkdir()
-    assert 'empty' in refused(capsys, 'build-map', tmp_path / 'empty', tmp_path / 'map.db')
+    assert name in refused(capsys, 'build-map', tmp_path / name, tmp_path / 'map.db')
+    assert not (tmp_path / 'map.db').exists()
 
 
 def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
@@ -184,22 +172,6 @@ def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
-
-
-def test_of_two_builders_of_one_map_one_fails_and_what_the_other_made_stays(
-    drive, tmp_path, monkeypatch
-):
-    path, progress, codes = tmp_path / 'map.db', build_map.progress, []
-
-    def while_another_builds(frames, *rest):
-        monkeypatch.setattr(build_map, 'progress', progress)
-        codes.append(main(['build-map', str(drive), str(path), '--append']))
-        return progress(frames, *rest)
-
-    monkeypatch.setattr(build_map, 'progress', while_another_builds)
-    codes.append(main(['build-map', str(drive), str(path)]))
-    assert sorted(codes) == [0, 1]
-    assert len(open_map(path)) == COUNT
 
 
 def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
@@ -301,7 +273,7 @@ def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
         preexec_fn=_hear_sigint,
     ) as process:
         deadline = time.monotonic() + 60
-        while not path.exists() or path.stat().st_size < 100_000:
+        while not path.exists() or path.stat().st_size < 400_000:  # with places
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)

@@ -5,16 +5,7 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.config import (
-    AcceptanceConfig,
-    Config,
-    EncodingConfig,
-    EVERY_FRAME,
-    MatchingConfig,
-    OnlineConfig,
-    RobotConfig,
-    SequenceConfig,
-)
+from convseq_ros.config import EVERY_FRAME, make_config, RobotConfig, with_values
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
@@ -28,13 +19,14 @@ import pytest
 STEP_NS = 100_000_000
 FRONT, REAR = '/front', '/rear'
 LENS = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
-TURNED = RobotConfig(camera_to_base=f'1 0 1 0 0 0; -1 0 1 0 0 {math.pi}')
-OWN = Config(
-    encoding=EncodingConfig(image_size_px=256),
-    matching=MatchingConfig(both_directions=True),
-    sequence=SequenceConfig(fixed_length=8),
-    keyframes=EVERY_FRAME,
-    robot=TURNED,
+OWN = make_config(
+    {
+        'image_size_px': 256,
+        'both_directions': True,
+        'fixed_length': 8,
+        'keyframe_overlap': 1.0,
+        'camera_to_base': f'1 0 1 0 0 0; -1 0 1 0 0 {math.pi}',
+    }
 )
 
 
@@ -93,7 +85,7 @@ def test_the_base_is_turned_where_another_camera_recognises_a_place(reference_ma
 
 
 def test_the_first_camera_alone_adds_to_a_map(shown):
-    online = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=0.5))
+    online = with_values(OWN, {'mode': 'online', 'exclusion_s': 0.5})
     grown = ReferenceMap(OWN.encoding, keyframes=EVERY_FRAME)
     cameras = Cameras(grown, online, [FRONT, REAR])
     for number in range(20):
@@ -126,7 +118,7 @@ def test_odometry_denies_a_camera_what_contradicts_the_other_one(shown):
 
 def test_settings_reach_every_camera(reference_map):
     cameras = Cameras(reference_map, OWN, [FRONT, REAR])
-    cameras.configure(replace(OWN, acceptance=AcceptanceConfig(min_confidence=0.7)))
+    cameras.configure(with_values(OWN, {'min_confidence': 0.7}))
     for source, x_m in ((FRONT, 1.0), (REAR, -1.0)):
         config = cameras.of(source).config
         assert config.acceptance.min_confidence == 0.7 and config.robot.mount[0] == x_m

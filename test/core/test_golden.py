@@ -5,14 +5,7 @@
 from pathlib import Path
 import sys
 
-from convseq_ros.config import (
-    AcceptanceConfig,
-    Config,
-    EncodingConfig,
-    EVERY_FRAME,
-    MatchingConfig,
-    SequenceConfig,
-)
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, SequenceConfig, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions
 from convseq_ros.core.map.place import pack_cells, Place
@@ -93,10 +86,8 @@ def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, d
     reference_map = ReferenceMap(LINEAR, keyframes=EVERY_FRAME)
     for index, one in enumerate(described[1]):
         reference_map.add(Place(index), pack_cells(one.cells))
-    config = Config(
-        matching=MatchingConfig(matching='regional', search='exhaustive'),
-        acceptance=AcceptanceConfig(rival_distance=0, num_candidates=COUNT),
-    )
+    as_published = {'matching': 'regional', 'search': 'exhaustive', 'rival_distance': 0}
+    config = with_values(Config(), as_published | {'num_candidates': COUNT})
     recognizer = PlaceRecognizer(reference_map, config)
     for index, image in enumerate(images[0]):
         match = recognizer.process(Frame(index, image))

@@ -57,11 +57,6 @@ def same(one, other):
     )
 
 
-def test_the_largest_cells_survive_half_precision():
-    largest = np.full((1, 1, 8), 391_754, np.float32)
-    assert np.allclose(unpack_cells(pack_cells(largest)), largest, rtol=1e-3)
-
-
 def test_cells_of_another_size_are_refused():
     with pytest.raises(ValueError, match='expected'):
         ReferenceMap().add(Place(0), cells(0))
@@ -168,14 +163,16 @@ def test_another_sqlite_file_is_refused(tmp_path):
         open_map(path)
 
 
-def test_a_missing_map_says_how_to_make_one(tmp_path):
-    with pytest.raises(MapError, match=r'no such map; make one with `convseq build-map'):
-        open_map(tmp_path / 'none.db')
-
-
-def test_a_folder_is_no_map(tmp_path):
-    with pytest.raises(MapError, match='is a folder; name the map file in it'):
-        open_map(tmp_path)
+@pytest.mark.parametrize(
+    ('name', 'said'),
+    [
+        ('none.db', 'no such map; make one with `convseq build-map'),
+        ('.', 'is a folder; name the map file in it'),
+    ],
+)
+def test_a_missing_map_and_a_folder_are_refused_with_the_remedy(tmp_path, name, said):
+    with pytest.raises(MapError, match=said):
+        open_map(tmp_path / name)
 
 
 def test_new_maps_want_a_folder_that_exists(tmp_path):

@@ -63,11 +63,6 @@ def test_a_reference_that_shows_nothing_has_no_score(made):
     assert matcher.field(query, 1, (0.0, 0.0)).shape == (0, 5)
 
 
-def test_no_references_have_no_scores(made):
-    matcher = made(drawn_map(1))
-    assert matcher.scores(matcher.extract(drawn(0)), np.zeros(0, np.int64)).shape == (0,)
-
-
 def test_a_query_that_shows_nothing_has_no_features(made):
     blank = Descriptor(
         np.zeros((32, 32, 8), np.float32), np.zeros(961, bool), np.zeros((32, 32)), 0.0
@@ -130,15 +125,6 @@ def test_references_are_read_in_one_go_and_once(made, watched, threads):
     assert watched.reads[1:] == [[31, 32]]
 
 
-def test_references_that_were_used_last_are_kept(made, watched):
-    matcher = made(watched, kept=3)
-    query = matcher.extract(drawn(0))
-    for asked, read in (([1, 2, 3], [1, 2, 3]), ([1], []), ([4], [4]), ([1, 3], []), ([2], [2])):
-        watched.reads.clear()
-        matcher.scores(query, np.array(asked))
-        assert watched.reads == [read] * bool(read)
-
-
 def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     matcher = made(watched, threads=3)
     query = matcher.extract(drawn(0))
@@ -162,15 +148,6 @@ def test_several_queries_have_the_scores_that_each_has_alone(made, threads):
     assert matcher.scores_of([]) == []
 
 
-def test_places_may_be_added_to_the_map_later(made):
-    reference_map = drawn_map(2)
-    matcher = made(reference_map)
-    query = matcher.extract(drawn(5))
-    matcher.scores(query, np.arange(2))
-    reference_map.add(Place(2), pack_cells(drawn(5).cells))
-    assert matcher.scores(query, np.arange(3)).argmax() == 2
-
-
 def test_exact_scores_are_those_of_the_definition(made, way):
     reference_map = drawn_map(6)
     definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)
@@ -189,10 +166,6 @@ def test_warming_up_changes_no_answer(made):
     warm.warm_up()
     found = [one.scores(one.extract(drawn(1)), np.arange(4)) for one in (cold, warm)]
     assert np.array_equal(*found, equal_nan=True)
-
-
-def test_an_empty_map_can_be_warmed_up(made):
-    made(ReferenceMap()).warm_up()
 
 
 def test_only_coherent_matching_tells_the_shift(made, way):

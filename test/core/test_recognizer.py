@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole pipeline on drawn images."""
 
-from dataclasses import replace
-
-from convseq_ros.config import Config, EVERY_FRAME, MatchingConfig, SequenceConfig
+from convseq_ros.config import Config, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -15,8 +13,8 @@ import pytest
 
 STEP_NS = 100_000_000
 PLACES = 50
-PAPER = Config(matching=MatchingConfig(matching='regional', search='exhaustive'))
-FIXED = replace(PAPER, sequence=SequenceConfig(fixed_length=3))
+PAPER = make_config({'matching': 'regional', 'search': 'exhaustive'})
+FIXED = with_values(PAPER, {'fixed_length': 3})
 
 
 def image(place):
@@ -53,7 +51,7 @@ def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
 
 
 def test_single_frames_give_the_pair_score_itself(reference_map):
-    single = replace(PAPER, sequence=SequenceConfig(fixed_length=1))
+    single = with_values(PAPER, {'fixed_length': 1})
     recognizer = PlaceRecognizer(reference_map, single)
     match = recognizer.process(Frame(0, image(4)))
     assert match.best.score == pytest.approx(recognizer.buffer.row.max())
@@ -98,7 +96,7 @@ def test_without_a_map_every_frame_says_so():
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
     recognizer = PlaceRecognizer(reference_map, FIXED)
     run(recognizer, [image(place) for place in range(4)])
-    recognizer.config = replace(PAPER, sequence=SequenceConfig(fixed_length=6))
+    recognizer.config = with_values(PAPER, {'fixed_length': 6})
     matches = run(recognizer, [image(place) for place in range(4, 8)], start_ns=4 * STEP_NS)
     assert [match.reason for match in matches][:2] == [Reason.WARMING_UP] * 2
     assert matches[-1].accepted.reference_index == 7

@@ -5,13 +5,11 @@
 from dataclasses import replace
 
 from convseq_ros.config import (
-    Config,
     EncodingConfig,
     EVERY_FRAME,
     KeyframeConfig,
-    MatchingConfig,
+    make_config,
     OnlineConfig,
-    SequenceConfig,
 )
 from convseq_ros.core import recognizer as recognizer_module
 from convseq_ros.core.encoding.descriptor import describe
@@ -27,10 +25,8 @@ PLACES = 90
 SMALL = EncodingConfig(image_size_px=256)
 BY_TIME = KeyframeConfig(keyframe_interval_s=0.3)
 BY_WAY = KeyframeConfig(keyframe_distance_m=2.5)
-OWN = Config(
-    encoding=SMALL,
-    matching=MatchingConfig(matching='coherent', search='shortlist'),
-    sequence=SequenceConfig(fixed_length=4),
+OWN = make_config(
+    {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
 )
 ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0), keyframes=BY_TIME)
 

@@ -4,15 +4,7 @@
 
 from dataclasses import replace
 
-from convseq_ros.config import (
-    AcceptanceConfig,
-    Config,
-    EncodingConfig,
-    EVERY_FRAME,
-    MatchingConfig,
-    OnlineConfig,
-    SequenceConfig,
-)
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -25,12 +17,10 @@ import pytest
 STEP_NS = 100_000_000
 PLACES = 60
 SMALL = EncodingConfig(image_size_px=256)
-OWN = Config(
-    encoding=SMALL,
-    matching=MatchingConfig(matching='coherent', search='shortlist'),
-    sequence=SequenceConfig(fixed_length=4),
+OWN = make_config(
+    {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
 )
-ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
+ONLINE = with_values(OWN, {'mode': 'online', 'exclusion_s': 1.0})
 
 
 @pytest.fixture(scope='module')
@@ -70,11 +60,7 @@ def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference
 
 
 def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
-    paper = replace(
-        OWN,
-        matching=MatchingConfig(matching='regional', search='exhaustive'),
-        sequence=SequenceConfig(),
-    )
+    paper = with_values(OWN, {'matching': 'regional', 'search': 'exhaustive', 'fixed_length': 0})
     matches = drive(PlaceRecognizer(reference_map, paper), [20] * 16)
     assert Reason.STATIONARY not in {match.reason for match in matches}
     assert matches[-1].sequence_length == 15
@@ -82,7 +68,7 @@ def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
 
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
 def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
-    config = replace(OWN, matching=MatchingConfig(matching='coherent', search=search))
+    config = with_values(OWN, {'matching': 'coherent', 'search': search})
     places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
     shown = [place for place in places if place is not None]
     matches = drive(PlaceRecognizer(reference_map, config), places)
@@ -107,7 +93,7 @@ def test_a_clock_that_jumps_back_begins_another_session(drive):
 
 
 def test_matches_come_at_the_stated_rate(reference_map, drive):
-    config = replace(OWN, acceptance=AcceptanceConfig(closure_interval_s=1.0))
+    config = with_values(OWN, {'closure_interval_s': 1.0})
     matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
     accepted = [match.query_index for match in matches if match.accepted]
     assert accepted == list(range(accepted[0], 50, 10))
@@ -118,7 +104,7 @@ def test_matches_come_at_the_stated_rate(reference_map, drive):
 
 
 def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
-    config = replace(OWN, sequence=SequenceConfig(fixed_length=1))
+    config = with_values(OWN, {'fixed_length': 1})
     camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
     moved = np.roll(image(20), -20, axis=1)
     match = PlaceRecognizer(reference_map, config).process(Frame(0, moved, camera=camera))
@@ -132,7 +118,7 @@ def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
 @pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
 @pytest.mark.parametrize('matching', ['coherent', 'regional'])
 def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, matching, search):
-    config = replace(OWN, matching=MatchingConfig(matching=matching, search=search))
+    config = with_values(OWN, {'matching': matching, 'search': search})
     used, fresh = (PlaceRecognizer(reference_map, config) for _ in range(2))
     drive(used, range(40, 60), seed=7)
     used.reset()

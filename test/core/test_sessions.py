@@ -13,7 +13,6 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.pose.estimate import estimate_pose
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.types import Frame, LocalizationState, Pose
@@ -80,12 +79,6 @@ def test_sequence_scores_of_a_map_are_those_of_its_sessions(lengths, frames, vel
         for start, end in pairwise(starts)
     ]
     assert np.array_equal(found, np.concatenate(alone))
-
-
-def test_a_pose_is_between_places_of_its_own_session():
-    places = a_map(5, 5, step_m=3.0).places
-    assert estimate_pose(places, 4).covariance[0, 0] == pytest.approx(9 / 12)
-    assert estimate_pose(places, 5).covariance[0, 0] == pytest.approx(9 / 12)
 
 
 def test_two_drives_of_one_way_answer_as_one_and_say_which(image):

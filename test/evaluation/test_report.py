@@ -15,8 +15,8 @@ import xml.etree.ElementTree
 
 from convseq_ros.cli import main
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.report import read_runs, write_report
-from convseq_ros.evaluation.report.shown import right_to_show
+from convseq_ros.evaluation.report.page import write_report
+from convseq_ros.evaluation.report.shown import read_runs, right_to_show
 from convseq_ros.results import COLUMNS
 import cv2
 import numpy as np

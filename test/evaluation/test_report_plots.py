@@ -1,19 +1,25 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The demo's picture, and the matrix of scores that it shares with the report."""
+"""The pictures of the demo, the report and ~/debug_image."""
 
 import sys
 
+from convseq_ros.core.map.place import thumbnail
+from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation import plots
+from convseq_ros.evaluation.match_picture import match_picture
 from convseq_ros.evaluation.plots import reduced, show_matches, show_scores
 import cv2
 import numpy as np
 import pytest
 
 SCORES = np.random.default_rng(5).random((30, 40)).astype(np.float32)
+
 TRUTH = np.arange(30)
+
 GREEN = (128, 222, 74)  # BGR
+
 RED = (107, 107, 255)
 
 
@@ -80,3 +86,54 @@ def test_without_matplotlib_a_figure_gives_advice(monkeypatch):
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
     with pytest.raises(ConvseqError, match='pip install matplotlib'):
         plots.new_figure(1, 1)
+
+
+ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
+
+SKIPPED = Match(3, 9, Status.SKIPPED, Reason.UNREADABLE)
+
+NONE = np.zeros((0, 5))
+
+
+def flat(value):
+    return np.full((120, 160), value, np.uint8)
+
+
+def test_query_is_left_and_reference_right():
+    picture = match_picture(Frame(9, flat(50)), ACCEPTED, thumbnail(flat(200), 64), NONE)
+    assert picture.shape == (264, 640, 3)
+    assert picture.dtype == np.uint8
+    assert (picture[24:, :320] == 50).all()
+    assert np.abs(picture[24:, 320:].astype(int) - 200).max() <= 2
+
+
+def test_the_caption_is_green_only_if_accepted():
+    green = match_picture(Frame(9, flat(50)), ACCEPTED, b'', NONE)[:24].reshape(-1, 3)
+    grey = match_picture(Frame(9, flat(50)), SKIPPED, b'', NONE)[:24].reshape(-1, 3)
+    assert green[:, 1].max() > green[:, 2].max()
+    assert (grey == grey[:, :1]).all()
+    assert grey.any()
+
+
+@pytest.mark.parametrize('small', [b'', b'not a jpeg'])
+def test_what_cannot_be_shown_is_a_grey_field(small):
+    picture = match_picture(Frame(9, None, problem='cut short'), SKIPPED, small, NONE)
+    assert picture.shape == (264, 480, 3)
+    assert (picture[24:] == 64).all()
+
+
+def test_inliers_are_dots_of_one_colour_in_both_pictures_and_others_grey():
+    field = np.array([[0.5, 0.25, 0.75, 0.5, 1], [0.25, 0.25, 0.25, 0.25, 0]])
+    black = flat(0)
+    picture = match_picture(Frame(9, black), ACCEPTED, thumbnail(black, 64), field)[24:]
+    assert np.ptp(picture[60, 80].astype(int)) == 0 and picture[60, 80, 0] > 50
+    one, other = picture[120, 80], picture[180, 480]
+    assert (one == other).all() and np.ptp(one.astype(int)) > 100
+    coloured = np.ptp(picture.astype(int), axis=2) > 100
+    assert 10 < coloured.sum() < 100
+
+
+@pytest.mark.parametrize('shape', [(1, 5000), (5000, 1)])
+def test_a_picture_of_one_row_or_column_stays_small(shape):
+    picture = match_picture(Frame(9, np.zeros(shape, np.uint8)), SKIPPED, b'', NONE)
+    assert picture.shape[1] <= 960 + 240

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
-from comparison import compare, draw_false, error_m, Trial
+from comparison import compare, error_m, Trial
 from graph import Closure, Noise, Odometry, optimise, Pose
 import gtsam
 from incremental import Incremental
@@ -99,16 +99,6 @@ def test_a_measured_closure_says_more_than_the_same_place():
     assert error_m(optimise(odometry, [Closure(*pair) for pair in pairs]), truth) < 0.5
 
 
-def test_kiss_slam_finds_the_same_path():
-    pytest.importorskip('kiss_slam', reason='needs kiss-slam: pip install kiss-slam')
-    from kiss import optimise_with_kiss
-
-    odometry, _ = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
-    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
-    ours = optimise(odometry, closures, robust=False).after
-    assert np.abs(optimise_with_kiss(odometry, closures) - ours).max() < 0.01
-
-
 def test_a_false_closure_is_rejected_and_would_have_cost_a_lot():
     odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.03)
     right = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
@@ -119,15 +109,6 @@ def test_a_false_closure_is_rejected_and_would_have_cost_a_lot():
     assert error_m(robust, truth) == pytest.approx(error_m(alone, truth), abs=0.01)
     assert plain.kept[-1]
     assert error_m(plain, truth) > 2 * error_m(robust, truth)
-
-
-def test_a_measured_turn_is_believed():
-    odometry = Odometry(0.5)
-    for second in range(5):
-        odometry.add(second * SECOND, Pose(float(second), 0.0, 0.0))
-    noise = Noise(odometry_rad=1.0, closure_m=50.0, turn_rad=0.001)
-    solution = optimise(odometry, [Closure(4 * SECOND, 0, 0.5)], noise, robust=False)
-    assert solution.after[-1, 2] == pytest.approx(0.5, abs=0.01)
 
 
 def test_closures_between_keyframes_count_from_where_the_robot_was():
@@ -170,15 +151,6 @@ def test_alignment_undoes_a_turn_and_a_shift_but_no_mirror():
     assert absolute_error_m(moved, truth) < 1e-9
     assert absolute_error_m(truth * (1, -1), truth) > 5
     assert rmse_m(truth + np.array((3, 4)), truth) == pytest.approx(5.0)
-
-
-def test_false_closures_are_false_and_the_same_every_time():
-    _, truth = square(side=40, laps=2)
-    drawn, again = (draw_false(np.random.default_rng(2), truth, 12) for _ in range(2))
-    assert drawn == again and len(drawn) == 12
-    for closure in drawn:
-        assert math.dist(truth[closure.query_ns], truth[closure.reference_ns]) >= 20
-        assert closure.query_ns - closure.reference_ns >= 30 * SECOND
 
 
 def test_the_comparison_counts_what_each_way_keeps():

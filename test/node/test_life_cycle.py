@@ -119,14 +119,6 @@ def test_inactive_it_answers_its_services_and_says_that_it_does_not_listen(
     assert change(Transition.TRANSITION_INACTIVE_SHUTDOWN) and state() == FINALIZED
 
 
-def test_it_ends_from_every_state(client, managed, map_path):
-    """The fixture ends the node; what waits for a place is answered."""
-    _, change, _ = managed(map_path=map_path, localize_timeout_s=3600.0)
-    assert change(CONFIGURE) and change(ACTIVATE)
-    service = client.service(Trigger, '/vpr_node/localize')
-    service.call_async(Trigger.Request())
-
-
 def test_what_nobody_foresaw_leaves_no_map_behind_that_is_owned(managed, tmp_path, monkeypatch):
     _, change, state = managed(map_path=tmp_path / 'map.db', mode='online')
 

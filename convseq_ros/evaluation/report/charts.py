@@ -126,39 +126,38 @@ def thinned(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return values[np.linspace(0, len(values) - 1, MOST_POINTS).round().astype(int)]
 
 
-def _axes(figure: Any, *place: int, x_label: str = '', y_label: str = '') -> Any:
-    axes = figure.add_subplot(*(place or (1, 1, 1)), facecolor='none')
+def _figure(x_label: str, *y_labels: str, height_in: float = _HEIGHT_IN) -> Any:
+    """Return a figure with axes one below the other, for each label of y."""
+    figure = new_figure(_WIDTH_IN, height_in)
+    figure.set_layout_engine('constrained')
+    for number, y_label in enumerate(y_labels, 1):
+        axes = figure.add_subplot(len(y_labels), 1, number, facecolor='none')
+        axes.set_ylabel(y_label, color=INK)
+        axes.spines[:].set_visible(False)
+        axes.tick_params(length=0, labelsize=8, labelcolor=INK)
+        axes.grid(color=INK, alpha=0.15, linewidth=0.8)
+        axes.set_axisbelow(True)
     axes.set_xlabel(x_label, color=INK)
-    axes.set_ylabel(y_label, color=INK)
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0, labelsize=8, labelcolor=INK)
-    axes.grid(color=INK, alpha=0.15, linewidth=0.8)
-    axes.set_axisbelow(True)
-    return axes
+    return figure
 
 
-def _legend(figure: Any, axes: Any) -> None:
+def _legend(figure: Any) -> Any:
     """Write what the labels mean below the axes, where there is room for any number."""
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     columns = 2 if len(labels) < 16 else 3
     width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + _LEGEND_IN * -(-len(labels) // columns))
     labels = [label if len(label) < 36 else f'{label[:35]}…' for label in labels]
     look = {'ncols': columns, 'fontsize': 8 if columns == 2 else 6, 'labelcolor': INK}
     figure.legend(handles, labels, loc='outside lower center', frameon=False, **look)
-
-
-def _figure(height_in: float = _HEIGHT_IN) -> Any:
-    figure = new_figure(_WIDTH_IN, height_in)
-    figure.set_layout_engine('constrained')
     return figure
 
 
 def _lines(
     runs: Sequence[Shown], lines: Sequence[Any], x_label: str, y_label: str, **look: Any
 ) -> Any:
-    figure = _figure()
-    axes = _axes(figure, x_label=x_label, y_label=y_label)
+    figure = _figure(x_label, y_label)
+    (axes,) = figure.axes
     axes.set(xlim=(0, 1.01), ylim=(0, 1.01))
     names = sorted(one.name for one in runs)
     for name, x, y in lines:
@@ -166,14 +165,13 @@ def _lines(
         color, again = COLORS[place % len(COLORS)], place // len(COLORS)
         style = ('-', '--', ':', '-.')[again % 4]
         axes.plot(x, y, label=name, color=color, linestyle=style, linewidth=1.6, **look)
-    _legend(figure, axes)
-    return figure
+    return _legend(figure)
 
 
 def _matrix(one: Shown, scores: npt.NDArray[np.float32]) -> Any:
     shape = scores.shape[0] / scores.shape[1]
-    figure = _figure(min(max(4.5 * shape, 1.6), 6.0))
-    axes = _axes(figure, x_label='reference', y_label='query')
+    figure = _figure('reference', 'query', height_in=min(max(4.5 * shape, 1.6), 6.0))
+    (axes,) = figure.axes
     axes.grid(visible=False)
     show_scores(axes, scores)
     if one.truth is not None:
@@ -183,17 +181,15 @@ def _matrix(one: Shown, scores: npt.NDArray[np.float32]) -> Any:
         queries, references, verdicts = zip(*matched, strict=True)
         points = np.stack((queries, references), 1)
         show_matches(axes, points, np.array(verdicts), size=3.5)
-    _legend(figure, axes)
-    return figure
+    return _legend(figure)
 
 
 def _lengths(one: Shown) -> Any:
-    figure = _figure()
+    figure = _figure('query', 'k', 'entropy')
+    upper, lower = figure.axes
     queries = np.array([row.query for row in one.rows], np.float64)
-    upper = _axes(figure, 2, 1, 1, y_label='k')
     lengths = np.array([row.length for row in one.rows], np.float64)
     upper.step(thinned(queries), thinned(lengths), where='post', color=COLORS[0])
-    lower = _axes(figure, 2, 1, 2, x_label='query', y_label='entropy')
     entropy = [np.nan if row.entropy is None else row.entropy for row in one.rows]
     lower.plot(thinned(queries), thinned(np.array(entropy)), color=COLORS[1], linewidth=1)
     threshold = (one.run.summary.get('configuration') or {}).get('entropy_threshold')
@@ -203,8 +199,8 @@ def _lengths(one: Shown) -> Any:
 
 
 def _poses(one: Shown) -> Any:
-    figure, places = _figure(), one.places
-    axes = _axes(figure, x_label='x, m', y_label='y, m')
+    figure, places = _figure('x, m', 'y, m'), one.places
+    (axes,) = figure.axes
     assert places is not None
     axes.plot(*places[:, :2].T, '.-', color=COLORS[-1], markersize=3, linewidth=0.8)
     gap = np.full(len(one.measured), np.nan)

@@ -11,7 +11,7 @@ from typing import Any
 
 from convseq_ros.core.rigid import angle, Matrix, matrix
 from convseq_ros.core.types import Pose
-from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.errors import ConvseqError, one_line, SourceError
 from convseq_ros.evaluation.recognition import Dots
 from convseq_ros.evaluation.run_folder import read_run, read_table, Run
 from convseq_ros.evaluation.table import check_figures
@@ -59,11 +59,7 @@ class Shown:
 
 
 def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Shown]:
-    """
-    Return the runs of some result folders, set by set, the most accurate of each set first.
-
-    ConvseqError if a folder holds no run, or a run is damaged.
-    """
+    """Return the runs of folders, the best of each set first; ConvseqError if one is damaged."""
     found: dict[tuple[str, str], Shown] = {}
     for folder in folders:
         for run in read_run(folder, reading):
@@ -75,7 +71,7 @@ def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig())
                 raise
             except _DAMAGED as error:
                 raise ConvseqError(
-                    f'{run.folder}: damaged results ({" ".join(str(error).split())[:100]}); '
+                    f'{run.folder}: damaged results ({one_line(error, 100)}); '
                     'run `convseq evaluate` again'
                 ) from None
     sets = list(dict.fromkeys(one.run.set for one in found.values()))

@@ -2,18 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map, a drive, and what the belief accepts, on drawn images; and what bad input makes of it."""
 
-from dataclasses import replace
-
-from convseq_ros.config import (
-    AcceptanceConfig,
-    Config,
-    EncodingConfig,
-    EVERY_FRAME,
-    MatchingConfig,
-    MotionConfig,
-    OnlineConfig,
-    SequenceConfig,
-)
+from convseq_ros.config import EncodingConfig, EVERY_FRAME, make_config, with_values
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
@@ -26,12 +15,12 @@ import pytest
 SMALL = EncodingConfig(image_size_px=256)
 PLACES = 60
 STEP_NS = 10**8
-OWN = Config(encoding=SMALL, sequence=SequenceConfig(fixed_length=4))
-ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0))
-RESTLESS = replace(OWN, motion=MotionConfig(stationary_overlap=1.0, stationary_m=0.0))
+OWN = make_config({'image_size_px': 256, 'fixed_length': 4})
+ONLINE = with_values(OWN, {'mode': 'online', 'exclusion_s': 1.0})
+RESTLESS = with_values(OWN, {'stationary_overlap': 1.0, 'stationary_m': 0.0})
 both_searches = pytest.mark.parametrize(
     'config',
-    [replace(OWN, matching=MatchingConfig(search=one)) for one in ('shortlist', 'exhaustive')],
+    [with_values(OWN, {'search': one}) for one in ('shortlist', 'exhaustive')],
     ids=['shortlist', 'exhaustive'],
 )
 
@@ -186,7 +175,7 @@ def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of,
 
 def test_how_sure_is_enough_may_be_set_while_it_drives(street, drive):
     def asking(least):
-        return replace(OWN, acceptance=AcceptanceConfig(min_confidence=least))
+        return with_values(OWN, {'min_confidence': least})
 
     recognizer = PlaceRecognizer(street, asking(0.0))
     matches = drive(recognizer, [*range(500, 510), *range(10, 20)])
@@ -202,7 +191,7 @@ def test_how_sure_is_enough_may_be_set_while_it_drives(street, drive):
 def test_candidates_lie_as_far_apart_as_is_asked_at_once(street, drive):
     recognizer = PlaceRecognizer(street, OWN)
     drive(recognizer, range(10, 12))
-    recognizer.config = replace(OWN, acceptance=AcceptanceConfig(rival_distance=25))
+    recognizer.config = with_values(OWN, {'rival_distance': 25})
     (match,) = drive(recognizer, [40], start=2)
     places = sorted(one.reference_index for one in match.candidates)
     assert len(places) > 1 and np.diff(places).min() > 25
@@ -230,7 +219,7 @@ def test_odometry_that_jumps_resets_or_stops_counts_for_three_frames(described, 
 @pytest.mark.skipif(not available(), reason='needs compiled kernels')
 def test_decisions_and_inliers_are_those_without_compiled_kernels(street, drive, monkeypatch):
     def answers(kernel):
-        config = replace(OWN, matching=MatchingConfig(search='exhaustive', kernel=kernel))
+        config = with_values(OWN, {'search': 'exhaustive', 'kernel': kernel})
         matches = drive(PlaceRecognizer(street, config), [*range(200, 205), *range(20, 32)])
         return [
             (match.reason, match.best and (match.best.reference_index, match.best.inliers))
