@@ -56,7 +56,8 @@ _ADVICE = """
   `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.
 * Approximated are regions as 8-bit kernels read them (by the paper's rule, the best candidates are
   scored again in float32; `kernel: float32` avoids it), which places are scored (`search:
-  exhaustive` scores all) and cells in a map (half precision; answers are the same before and after saving).
+  exhaustive` scores all) and cells in a map (half precision; answers are the same before and
+  after saving).
 
 Another computer: `make board` writes `board.json`. Please send it.
 """

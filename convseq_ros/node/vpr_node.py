@@ -3,6 +3,7 @@
 """The ROS node: images in, recognised places out."""
 
 from contextlib import ExitStack
+import gc
 from pathlib import Path
 import time
 from typing import Any
@@ -170,6 +171,7 @@ class VprNode(ManagedNode):
             session.warm_up()
         except ConvseqError as error:
             self.get_logger().error(str(error))
+        gc.freeze()  # all that is there stays: the collector need not visit it again and again
         took_s = time.monotonic() - start_s
         if session.slow:
             self.get_logger().warning(session.slow)

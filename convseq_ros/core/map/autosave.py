@@ -113,6 +113,7 @@ class Autosave(NoAutosave):
                 self._path.unlink()
         if self.has_surplus:
             self.removed = bound(self._path, self._max_looks)
+            self.committed -= self.removed
 
     @property
     def has_surplus(self) -> bool:

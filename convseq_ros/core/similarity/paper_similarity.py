@@ -11,7 +11,7 @@ from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.types import Descriptor
 
 _KEPT = 32  # descriptors; longer than any sequence grows by similarity (max_overlap_length)
-_ERROR = 0.002  # of an 8-bit score; twice what its kernel promises
+_ERROR = 0.002  # of an 8-bit score; more than its kernel promises
 
 
 class PaperSimilarity:
