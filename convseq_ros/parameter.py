@@ -139,7 +139,9 @@ class Checked:
             object.__setattr__(self, item.name, item.check(getattr(self, item.name)))
 
 
-def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
+def refuse_unknown(
+    names: Iterable[str], known: Iterable[str], what: str = 'unknown parameter'
+) -> None:
     """Raise a ConfigError that names the first unknown parameter and the nearest known one."""
     known = list(known)
     for name in names:
@@ -147,7 +149,7 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
             refuse_retired(name)
             near = difflib.get_close_matches(str(name), known, n=1)  # in YAML, 5 is a name
             advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
-            raise ConfigError(f'unknown parameter {name!r}; {advice}')
+            raise ConfigError(f'{what} {name!r}; {advice}')
 
 
 def refuse_retired(name: str) -> None:

@@ -4,8 +4,9 @@
 
 import ast
 from pathlib import Path
-import subprocess
 import sys
+
+from programs import run
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / 'convseq_ros'
@@ -51,12 +52,7 @@ def relative(path: Path) -> str:
 
 def test_everything_but_the_node_imports_without_ros_and_optional_libraries():
     absent = ('rclpy', 'ament_index_python', *OPTIONAL)
-    result = subprocess.run(
-        [sys.executable, '-c', IMPORT_WITHOUT, ','.join(absent)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = run(sys.executable, '-c', IMPORT_WITHOUT, ','.join(absent))
     assert result.returncode == 0, result.stderr
     assert {'convseq_ros.config', 'convseq_ros.core.types'} <= set(result.stdout.split())
 

@@ -7,7 +7,6 @@ import importlib
 from pathlib import Path
 import re
 import runpy
-import subprocess
 import sys
 import sysconfig
 import types
@@ -18,6 +17,7 @@ from convseq_ros.config import core_parameters
 from convseq_ros.core.types import Reason
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import parameters
+from programs import run
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -31,11 +31,8 @@ def test_the_readme_is_short():
 
 
 def pages():
-    found = subprocess.run(
-        ['git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md'],
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
+    found = run(
+        'git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md', cwd=REPOSITORY
     )
     return [REPOSITORY / name for name in found.stdout.split()]
 
@@ -103,7 +100,7 @@ def test_the_python_of_the_readme_runs():
         'images = np.random.default_rng(0).integers(0, 200, (30, 96, 128), np.uint8)\n'
         'first_drive = second_drive = [(1 + n * 10**9, gray) for n, gray in enumerate(images)]\n'
     )
-    result = subprocess.run([sys.executable, '-c', drawn + code], capture_output=True, text=True)
+    result = run(sys.executable, '-c', drawn + code)
     assert result.returncode == 0, result.stderr
     assert result.stdout.splitlines()[-1] == 'accepted 29'
 
@@ -212,7 +209,7 @@ def node(*args):
         'find = u.find_spec; u.find_spec = lambda name: None if name == "rclpy" else find(name); '
         f'sys.argv = ["vpr_node", *{args!r}]; from convseq_ros.node.__main__ import main; main()'
     )
-    return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    return run(sys.executable, '-c', code, timeout=60)
 
 
 def test_the_node_without_ros_says_what_to_do_in_one_line():

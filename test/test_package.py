@@ -17,6 +17,7 @@ import convseq_ros
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
+from programs import run
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -55,14 +56,7 @@ def workspace(tmp_path_factory) -> Path:
 
 def colcon(root: Path, *verb: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {'PYTHONWARNINGS': 'ignore', 'COLCON_LOG_PATH': str(root / 'log')}
-    return subprocess.run(
-        [SCRIPTS / 'colcon', *verb],
-        cwd=root,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return run(SCRIPTS / 'colcon', *verb, cwd=root, env=environment)
 
 
 def bash(folder: Path, script: str) -> subprocess.Popen[str]:
@@ -104,14 +98,7 @@ def assert_shared_files_are_in(prefix: Path) -> None:
 
 
 def assert_node_reports_a_missing_map(command: list[str], environment: dict[str, str]) -> None:
-    result = subprocess.run(
-        [*command, '--ros-args', '-p', 'map_path:=absent.db'],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    result = run(*command, '--ros-args', '-p', 'map_path:=absent.db', env=environment, timeout=60)
     assert result.returncode == 1, result.stderr
     assert 'absent.db' in result.stderr
     assert 'Traceback' not in result.stderr

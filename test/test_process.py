@@ -5,12 +5,12 @@
 import os
 from pathlib import Path
 import signal
-import subprocess
 import sys
 
 from convseq_ros import process
 from convseq_ros.cli.processes import environment
 from convseq_ros.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
+from programs import run
 import pytest
 
 # Sends a signal to itself as soon as something is about to be imported, then runs what is named.
@@ -34,12 +34,15 @@ NODES = ['convseq_ros.node', 'convseq_ros.node.vpr_node', 'convseq_ros.node.play
 
 
 def interrupted(number, when, module, *arguments):
-    return subprocess.run(
-        [sys.executable, '-c', INTERRUPTED, str(int(number)), when, module, *arguments],
+    return run(
+        sys.executable,
+        '-c',
+        INTERRUPTED,
+        str(int(number)),
+        when,
+        module,
+        *arguments,
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=False,
         timeout=60,
     )
 

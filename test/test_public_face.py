@@ -3,7 +3,6 @@
 """The six names of the package: what the README shows works, and nothing heavy loads before."""
 
 from dataclasses import replace
-import subprocess
 import sys
 
 import convseq_ros
@@ -11,6 +10,7 @@ from convseq_ros import build_map, Config, Frame, Match, open_map, PlaceRecogniz
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.matcher import DescriptorMatcher, Features
 import numpy as np
+from programs import run
 import pytest
 
 SECOND = 1_000_000_000
@@ -74,5 +74,5 @@ def test_the_six_names_are_all_that_is_public():
 
 def test_importing_the_package_loads_nothing_heavy():
     code = 'import sys, convseq_ros; print({"numpy", "cv2", "yaml"} & sys.modules.keys())'
-    result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    result = run(sys.executable, '-c', code)
     assert result.stdout.strip() == 'set()', result.stderr

@@ -139,16 +139,9 @@ def _build(chosen: argparse.Namespace) -> int:
         print(f'convseq fleet: {name}: {why.removeprefix(f"{name}: ")}', file=sys.stderr)
     seconds = time.monotonic() - started
     if chosen.json:
-        print(
-            json.dumps(
-                {
-                    'built': [asdict(one) | {'map': name} for name, one in built.items()],
-                    'kept': [*kept],
-                    'failed': failed,
-                    'seconds': seconds,
-                }
-            )
-        )
+        done_now = [asdict(one) | {'map': name} for name, one in built.items()]
+        about = {'built': done_now, 'kept': [*kept], 'failed': failed, 'seconds': seconds}
+        print(json.dumps(about))
     else:
         places = sum(one.references for one in built.values()) + sum(kept.values())
         print(

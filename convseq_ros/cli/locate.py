@@ -106,20 +106,18 @@ def _answer(
         'problem': known.problem,
         'reason': matches[-1].reason.value,
         'images': len(matches),
-        'pose': _numbers(found) if found else None,
+        'pose': None,
     }
+    if found:
+        answer['pose'] = {
+            'position_m': list(found.pose.position),
+            'orientation': list(found.pose.orientation),
+            'covariance': found.covariance.ravel().tolist(),
+        }
     if index is not None:
         place = recognizer.reference_map.places[index]
         answer |= {'stamp_ns': place.stamp_ns, 'source': place.source}
     return answer
-
-
-def _numbers(found: PoseEstimate) -> dict[str, Any]:
-    return {
-        'position_m': list(found.pose.position),
-        'orientation': list(found.pose.orientation),
-        'covariance': found.covariance.ravel().tolist(),
-    }
 
 
 def _told(answer: dict[str, Any], found: PoseEstimate | None) -> str:

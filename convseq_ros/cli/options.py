@@ -112,21 +112,15 @@ def chosen_config(
 
 def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) -> dict[str, Any]:
     """Return the matching parameters of a ROS parameter file; the node's own are left out."""
-    content = read_yaml(path, reading)
-    values = {name: value for part in _node_parts(content, path) for name, value in part.items()}
+    values: dict[str, Any] = {}
+    for node in read_yaml(path, reading).values():
+        part = node.get('ros__parameters') if isinstance(node, dict) else None
+        if not isinstance(part, dict):
+            raise ConfigError(
+                f'{path}: not a ROS parameter file; `convseq config` prints one to start from'
+            )
+        values |= part
     core = [item.name for item in core_parameters()]
-    node = [item.name for item in parameters(NodeConfig)]
-    refuse_unknown(values, [*core, *node, *_ROS_OWN])
+    node_own = [item.name for item in parameters(NodeConfig)]
+    refuse_unknown(values, [*core, *node_own, *_ROS_OWN])
     return {name: value for name, value in values.items() if name in core}
-
-
-def _node_parts(content: Mapping[str, Any], path: Path) -> list[dict[str, Any]]:
-    parts = [
-        node.get('ros__parameters') if isinstance(node, dict) else None
-        for node in content.values()
-    ]
-    if not all(isinstance(part, dict) for part in parts):
-        raise ConfigError(
-            f'{path}: not a ROS parameter file; `convseq config` prints one to start from'
-        )
-    return [part for part in parts if isinstance(part, dict)]

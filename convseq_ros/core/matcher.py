@@ -68,7 +68,9 @@ class Matcher:
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
         self._verifies = verifies and fast.regions_of is not None
-        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(self._arranged)
+        # Without a reference to itself, so that a map that nobody has any more is freed at once.
+        read = partial(_arranged, self._fast, self._verifies)
+        self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(read)
 
     def reset(self) -> None:
         self._background.reset()
@@ -93,12 +95,6 @@ class Matcher:
     def arranged(self, index: int) -> Arranged | None:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""
         return self._kept_arranged(index)
-
-    def _arranged(self, index: int) -> Arranged | None:
-        regions_of, (reference,) = self._fast.pair.regions_of, self._fast.of([index])
-        if not (self._verifies and regions_of) or reference is None:
-            return None
-        return arranged(regions_of(reference))
 
     def scores(self, query: Features, indices: Indices) -> Row:
         """Return pair scores with references, (n,), in [0, 1]; NaN where one shows nothing."""
@@ -158,6 +154,13 @@ class Matcher:
             for kept in (self._fast, self._exact):
                 kept.clear()
             self._kept_arranged.cache_clear()
+
+
+def _arranged(features: FeatureCache, verifies: bool, index: int) -> Arranged | None:
+    regions_of, (reference,) = features.pair.regions_of, features.of([index])
+    if not (verifies and regions_of) or reference is None:
+        return None
+    return arranged(regions_of(reference))
 
 
 class DescriptorMatcher(Matcher):

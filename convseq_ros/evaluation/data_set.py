@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A data set: a query, a reference and a truth, named by a small YAML file."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-import difflib
 from pathlib import Path
 import re
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.simulated import read_simulated, SimulatedDrive
 from convseq_ros.files import read_yaml
+from convseq_ros.parameter import refuse_unknown
 from convseq_ros.reading_config import ReadingConfig
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
@@ -108,8 +108,7 @@ def open_data_set(
 
 def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
-    content = read_yaml(path, reading)
-    refuse_unknown(content, DataSet, path)
+    content = _mapping(read_yaml(path, reading), path, 'the file', DataSet)
     name = str(content.get('name', path.stem))
     if not re.fullmatch(r'[\w.-]+', name) or name.startswith('.'):
         raise ConfigError(f'{path}: name {name!r} is no folder name; use letters, digits, . _ -')
@@ -140,19 +139,8 @@ def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig
     return data_set
 
 
-def refuse_unknown(names: Iterable[str], record: Any, path: Path) -> None:
-    """Raise a ConfigError that names the first key that is no field, and the nearest field."""
-    known = [item.name for item in fields(record)]
-    for name in names:
-        if name not in known:
-            near = difflib.get_close_matches(str(name), known, n=1)
-            advice = f'did you mean {near[0]}?' if near else f'known: {", ".join(known)}'
-            raise ConfigError(f'{path}: unknown key {name!r}; {advice}')
-
-
 def _part(content: Any, path: Path, base: Path, name: str) -> Part:
-    said = _mapping(content, path, name)
-    refuse_unknown(said, Part, path)
+    said = _mapping(content, path, name, Part)
     drawn = said.get('simulated')
     if ('path' in said) == (drawn is not None):
         raise ConfigError(f'{path}: {name} has no path; add where its images are, or simulated')
@@ -176,8 +164,7 @@ def _part(content: Any, path: Path, base: Path, name: str) -> Part:
 
 
 def _truth(content: Any, path: Path, base: Path) -> TruthSource:
-    said = _mapping(content, path, 'truth')
-    refuse_unknown(said, TruthSource, path)
+    said = _mapping(content, path, 'truth', TruthSource)
     kind = str(said.get('kind', ''))
     if kind not in TRUTH_KINDS:
         raise ConfigError(f'{path}: truth kind {kind!r} is not one of {", ".join(TRUTH_KINDS)}')
@@ -195,9 +182,12 @@ def _truth(content: Any, path: Path, base: Path) -> TruthSource:
     )
 
 
-def _mapping(content: Any, path: Path, what: str) -> Mapping[str, Any]:
+def _mapping(content: Any, path: Path, what: str, record: Any = None) -> Mapping[str, Any]:
+    """Return a mapping whose keys are fields of a record, if there is one; else ConfigError."""
     if not isinstance(content, Mapping):
         raise ConfigError(f'{path}: {what} is not a list of `key: value`')
+    if record:
+        refuse_unknown(content, [item.name for item in fields(record)], f'{path}: unknown key')
     return content
 
 

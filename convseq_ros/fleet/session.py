@@ -45,7 +45,6 @@ class FleetSession:
         self.cameras = Cameras(reference_map, config, sources, coarse, describe)
         self.recognizer = self.cameras.first
         self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
-        self.keyframes_m = reference_map.keyframes.keyframe_distance_m
 
     @property
     def missing(self) -> list[str]:

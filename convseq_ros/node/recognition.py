@@ -5,8 +5,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-import threading
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 import time
 import traceback
 from typing import Any
@@ -22,6 +21,10 @@ from convseq_ros.results import ResultWriter
 from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
 from sensor_msgs.msg import CompressedImage, Image
 
+_LOG_PERIOD_S = 5.0
+_PATIENCE_S = 5.0  # for the place that is being linked, at the end
+Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
+
 
 class ResultLog:
     """Writes rows, if `path` is not empty, until that fails; counts what is `lost` then."""
@@ -30,7 +33,7 @@ class ResultLog:
         self.lost = 0
         self._path = path
         self._logger = logger
-        self._lock = threading.Lock()
+        self._lock = Lock()
         self._failed = False
         self._writer: ResultWriter | None = None
         if path:
@@ -46,13 +49,17 @@ class ResultLog:
 
     def write(self, match: Match, duration_ms: float) -> None:
         with self._lock:
-            if self._failed:
-                self.lost += 1
-            elif self._writer:
+            if writer := self._writer:
                 try:
-                    self._writer.write(match, duration_ms)
+                    writer.write(match, duration_ms)
                 except OSError as error:
-                    self._give_up(self._writer, match, error)
+                    self._logger.error(
+                        f'{self._path}: {error.strerror}; going on without rows from frame '
+                        f'{match.query_index} on'
+                    )
+                    writer.abandon()
+                    self._writer, self._failed = None, True
+            self.lost += self._failed
 
     def close(self) -> None:
         """Give the file its name; rows that come later are left out."""
@@ -63,19 +70,6 @@ class ResultLog:
                 except OSError as error:
                     self._logger.error(f'{self._path}: not completed ({error.strerror})')
             self._writer = None
-
-    def _give_up(self, writer: ResultWriter, match: Match, error: OSError) -> None:
-        self._logger.error(
-            f'{self._path}: {error.strerror}; going on without rows from frame '
-            f'{match.query_index} on'
-        )
-        self._failed = True
-        self.lost += 1
-        self._writer = None
-        writer.abandon()
-
-
-_PATIENCE_S = 5.0  # for the place at hand, at the end
 
 
 class MapLinking:
@@ -120,11 +114,6 @@ class MapLinking:
             if self._end.wait(time.monotonic() - began_s):
                 return
             began_s = time.monotonic()
-
-
-_LOG_PERIOD_S = 5.0
-
-Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
 @dataclass(frozen=True, slots=True)

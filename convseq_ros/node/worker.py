@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One thread behind one bounded queue."""
+"""The threads of the node: one behind a bounded queue, and those of services that take long."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Generator

@@ -104,30 +104,15 @@ def paint_car_side(rng: np.random.Generator, sheet: Sheet) -> None:
     nose = rng.uniform(0.62, 0.92)
     waist = rng.uniform(0.85, 0.95)
     roof_end, bonnet = nose * length - 0.9, nose * length
-    sheet.polygon(
-        [
-            (0.0, 0.28),
-            (length, 0.28),
-            (length, 0.66),
-            (bonnet, waist),
-            (roof_end, top - 0.02),
-            (0.0, top - 0.02),
-        ],
-        paint,
-    )
+    body = [(0.0, 0.28), (length, 0.28), (length, 0.66), (bonnet, waist)]
+    sheet.polygon([*body, (roof_end, top - 0.02), (0.0, top - 0.02)], paint)
     sheet.polygon(
         [(0.2, top - 0.12), (roof_end - 0.05, top - 0.12), (bonnet - 0.3, waist), (0.25, waist)],
         _GLASS,
     )
-    sheet.polygon(
-        [
-            (0.40 * length, waist),
-            (0.46 * length, waist),
-            (0.52 * length, top - 0.12),
-            (0.46 * length, top - 0.12),
-        ],
-        shade_of(_GLASS, 1.7),
-    )
+    shine = [(0.40 * length, waist), (0.46 * length, waist)]
+    shine += [(0.52 * length, top - 0.12), (0.46 * length, top - 0.12)]
+    sheet.polygon(shine, shade_of(_GLASS, 1.7))
     sheet.box(0.1, waist - 0.06, bonnet - 0.2, 0.04, shade_of(paint, 1.25))
     sheet.box(0.0, 0.37, length, 0.1, shade_of(paint, 0.78))
     for pillar in (0.36, 0.58):

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the camera was at any time, from a stream of stamped poses."""
+"""Where the camera was at any time: stamped poses of a stream, or of a file (TUM, KITTI)."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable

@@ -16,7 +16,7 @@ STAGES = (
     ('frame gate', 'late? still?\nno keyframe?', 'frame_gate.py'),
     ('encode', 'cells and\nsalient regions', 'encoding/'),
     ('coarse scores', 'one number for\neach place', 'sequence/'),
-    ('pair scores', 'some 50\nlikely places', 'similarity/'),
+    ('pair scores', 'rough for 40,\nfull for some 15', 'similarity/'),
     ('verify', 'some 10 places,\ndisplacements', 'geometry/'),
     ('decide', 'belief:\npredict, update', 'decision/'),
     ('measure', 'relative pose,\ncovariance', 'pose/'),

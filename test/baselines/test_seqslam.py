@@ -8,8 +8,6 @@ from convseq_ros.baselines.seqslam import (
     patch_normalized,
     trajectory_scores,
 )
-from hypothesis import given, strategies
-from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
 
@@ -25,14 +23,6 @@ def test_every_patch_has_mean_zero_and_deviation_one():
 
 def test_a_patch_without_contrast_is_zero():
     assert not patch_normalized(np.full(SMALL, 200, np.uint8)).any()
-
-
-@given(strategies.integers(1, 100), strategies.floats(0.3, 1.0))
-def test_brightness_and_contrast_do_not_matter(offset, gain):
-    image = np.random.default_rng(1).integers(0, 150, SMALL).astype(float)
-    other = image * gain + offset
-    first, second = (patch_normalized(np.rint(one).astype(np.uint8)) for one in (image, other))
-    assert np.abs(first - second).mean() < 0.05
 
 
 def test_differences_are_signed_numbers_and_do_not_wrap_round():
@@ -57,11 +47,6 @@ def test_enhancement_is_the_deviation_from_the_neighbours():
 def test_enhancement_at_the_rim_uses_the_neighbours_that_there_are():
     row = np.arange(6, dtype=np.float32)[None]
     assert enhanced(row, window=2)[0, 0] == pytest.approx((0.5 - 0) / 0.5)
-
-
-@given(arrays(np.float32, (3, 15), elements=strategies.integers(0, 50)))
-def test_enhancement_does_not_mind_an_offset(difference):
-    assert np.allclose(enhanced(difference), enhanced(difference + 100), atol=1e-3)
 
 
 @pytest.mark.parametrize('velocity', [0.8, 1.0, 1.2])

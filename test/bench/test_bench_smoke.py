@@ -4,10 +4,10 @@
 
 import json
 from pathlib import Path
-import subprocess
 import sys
 
 from convseq_ros.core.compiled import library
+from programs import run
 import pytest
 
 from bench.finding import is_met
@@ -23,7 +23,7 @@ def docs(tmp_path_factory):
     folder = tmp_path_factory.mktemp('docs')
     command = [sys.executable, '-m', 'bench', '--quick', '--page', '--docs', str(folder)]
     command += ['--json', str(folder / 'performance.json')]
-    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    done = run(*command, cwd=REPOSITORY)
     assert done.returncode == 0, done.stderr
     return folder
 

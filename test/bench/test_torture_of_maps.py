@@ -3,9 +3,9 @@
 """A short part of what `make torture` does to maps."""
 
 from pathlib import Path
-import subprocess
 import sys
 
+from programs import run
 import pytest
 
 from bench.torture.attack import attacks
@@ -23,7 +23,7 @@ def test_maps_survive_a_short_part_of_the_torture(name):
     if name in NEED_A_COMPILER and not compiler():
         pytest.skip('needs a C compiler')
     command = [sys.executable, '-m', 'bench.torture', name, '--short']
-    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    done = run(*command, cwd=REPOSITORY)
     count = attacks()[name].SHORT
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith(f'{name}: {count} of {count} in '), done.stdout + done.stderr
@@ -48,13 +48,8 @@ def test_the_torture_finds_out_who_lies(tmp_path):
         pytest.skip('needs a C compiler')
     from bench.torture.disk import environment
 
-    done = subprocess.run(
-        [sys.executable, '-c', LIES, str(tmp_path)],
-        cwd=REPOSITORY,
-        env=environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
+    done = run(
+        sys.executable, '-c', LIES, str(tmp_path), cwd=REPOSITORY, env=environment(tmp_path)
     )
     told = done.stdout.splitlines()
     assert len(told) == 12 and sum('AssertionError' in line for line in told) > 6, done

@@ -6,10 +6,10 @@ import json
 import os
 from pathlib import Path
 import resource
-import subprocess
 import sys
 import time
 
+from programs import run
 import pytest
 
 from bench.soak import growth, Sample
@@ -23,7 +23,7 @@ def test_reading_survives_a_short_part_of_the_torture():
     if fuzz.MISSING:
         pytest.skip(fuzz.MISSING)
     command = [sys.executable, '-m', 'bench.torture', 'fuzz', '--short']
-    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    done = run(*command, cwd=REPOSITORY)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -59,15 +59,8 @@ def test_the_oracle_sees_what_is_wrong(monkeypatch):
 def test_the_fuzzer_reports_what_breaks_a_decoder_and_keeps_the_input(tmp_path):
     if fuzz.MISSING:
         pytest.skip(fuzz.MISSING)
-    command = [
-        sys.executable,
-        Path(__file__).with_name('breaking_decoders.py'),
-        '100',
-        '0',
-        tmp_path,
-    ]
-    own = os.environ | {'PYTHONPATH': str(REPOSITORY)}
-    done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
+    own, script = os.environ | {'PYTHONPATH': str(REPOSITORY)}, 'breaking_decoders.py'
+    done = run(sys.executable, Path(__file__).with_name(script), 100, 0, tmp_path, env=own)
     assert done.returncode == 0, done.stderr
     *broken, holds = map(json.loads, done.stdout.splitlines())
     assert holds == ['holds', 100, '']

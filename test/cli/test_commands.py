@@ -16,6 +16,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 import cv2
 import numpy as np
+from programs import run
 import pytest
 
 COUNT = 24
@@ -139,7 +140,7 @@ def test_every_command_has_help(command, capsys):
     if command in ('play', 'watch'):  # these become another process
         pytest.importorskip('rclpy')
         told = [*START, command, '--help']
-        done = subprocess.run(told, capture_output=True, text=True, timeout=60)
+        done = run(*told, timeout=60)
         assert done.returncode == 0 and 'usage: ' in done.stdout
         return
     with pytest.raises(SystemExit) as ended:
@@ -229,14 +230,7 @@ def limited(arguments, size):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    return subprocess.run(
-        [*START, *map(str, arguments)],
-        preexec_fn=limit,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    return run(*START, *arguments, preexec_fn=limit, timeout=60)
 
 
 def test_no_space_left_for_a_map_is_one_line_and_keeps_what_was_committed(drive, tmp_path):

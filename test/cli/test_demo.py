@@ -34,23 +34,12 @@ def test_two_folders_go_through_the_live_node_and_end_in_a_table_and_a_picture(
 ):
     pytest.importorskip('rclpy')
     pytest.importorskip('matplotlib')
-    options = [
-        '--matching',
-        'regional',
-        '--search',
-        'exhaustive',
-        '--fixed-length',
-        '2',
-        '--rival-distance',
-        '1',
-        '--min-margin',
-        '0',
-    ]
+    options = '--matching regional --search exhaustive --fixed-length 2 --rival-distance 1'.split()
     earlier = tmp_path / 'out' / 'live.csv'
     earlier.parent.mkdir()
     (earlier.parent / MARKER).touch()
     earlier.write_text('of an earlier demo')
-    assert run(data, tmp_path / 'out', *options) == 0
+    assert run(data, tmp_path / 'out', *options, '--min-margin', '0') == 0
     assert len(read_results(earlier)) == COUNT
     lines = {line[:34].strip(): line[34:].split() for line in capfd.readouterr().out.splitlines()}
     assert lines['frames dropped'] == ['0', '0']

@@ -28,17 +28,8 @@ def street(tmp_path):
 
 def evaluate(street, *arguments):
     folder = street.parent
-    return main(
-        [
-            'evaluate',
-            *map(str, arguments),
-            '--output',
-            str(folder / 'out'),
-            '--cache',
-            str(folder / 'cache'),
-            *OPTIONS,
-        ]
-    )
+    places = '--output', str(folder / 'out'), '--cache', str(folder / 'cache')
+    return main(['evaluate', *map(str, arguments), *places, *OPTIONS])
 
 
 def test_a_table_is_printed_and_the_folder_written(street, capsys):

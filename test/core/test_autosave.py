@@ -63,14 +63,6 @@ def test_a_map_that_starts_empty_is_persisted_in_a_new_file(path):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_the_file_that_was_opened_goes_on_growing(path):
-    save_map(drawn(3), path)
-    autosave = own(path)
-    grow(autosave.reference_map, 2)
-    autosave.close()
-    assert holds(path) == 5
-
-
 def test_a_place_is_written_though_nothing_comes_after_it(path):
     autosave = own(path)
     for count in (1, 2, 7):

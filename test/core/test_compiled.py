@@ -6,11 +6,11 @@ import ctypes
 import os
 from pathlib import Path
 import shutil
-import subprocess
 import sys
 
 from convseq_ros.core import compiled
 import numpy as np
+from programs import run
 import pytest
 
 pytestmark = pytest.mark.once
@@ -90,13 +90,13 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
         'Session(None, Config()).warm_up()\n'
         'print(available())\n'
     )
-    result = subprocess.run(
-        [sys.executable, '-B', '-c', lines],
+    result = run(
+        sys.executable,
+        '-B',
+        '-c',
+        lines,
         env=os.environ | {'PYTHONPATH': str(tmp_path)},
         cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert result.stdout == 'True\n', result.stderr
     assert state() == before
@@ -123,8 +123,7 @@ def test_an_instruction_that_is_not_there_ends_a_probe_and_not_the_process():
         'tried = library().functions.convseq_tried\n'
         'print(tried(ctypes.c_void_p(probe)), tried(ctypes.c_void_p(probe)))\n'
     )
-    run = [sys.executable, '-c', lines]
-    result = subprocess.run(run, capture_output=True, text=True, check=False, cwd=INSTALLED.parent)
+    result = run(sys.executable, '-c', lines, cwd=INSTALLED.parent)
     assert result.stdout.split() == ['1', '1'], result.stderr
 
 

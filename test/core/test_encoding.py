@@ -158,13 +158,6 @@ def test_a_part_of_a_larger_image_is_encoded_like_its_copy(way):
     assert (describe(part).cells == describe(part.copy()).cells).all()
 
 
-def test_brightness_scale_changes_no_direction():
-    image = picture('noise', 512, 0) // 2
-    normal, bright = describe(image), describe(image * 2)
-    unit = [one.cells / np.linalg.norm(one.cells) for one in (normal, bright)]
-    assert np.abs(unit[0] - unit[1]).max() < 1e-6
-
-
 def test_a_region_is_salient_when_its_mean_entropy_reaches_the_threshold():
     bits = np.zeros((3, 3))
     bits[0, 0] = 16

@@ -74,14 +74,9 @@ def test_a_robot_that_stands_far_from_the_last_far_frame_is_asked_a_few_times_on
 
 @cache
 def drive(light, speed_mps):
+    size = {'width_px': 320, 'height_px': 240}
     shots = Drive(
-        light=light,
-        speed_mps=speed_mps,
-        frame_rate_hz=30,
-        num_frames=50,
-        seed=3,
-        width_px=320,
-        height_px=240,
+        num_frames=50, light=light, speed_mps=speed_mps, frame_rate_hz=30, seed=3, **size
     )
     small = Street(length_m=80, seed=5)
     return [shot.frame.gray for shot in draw(small, shots)]

@@ -4,7 +4,6 @@
 
 import os
 from pathlib import Path
-import subprocess
 import sys
 
 from convseq_ros.config import MatchingConfig
@@ -24,6 +23,7 @@ import cv2
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
+from programs import run
 import pytest
 
 INSTALLED_IN = Path(compiled.__file__).parents[2]  # which need not be the repository
@@ -289,14 +289,7 @@ told(products(rows, rows[0].astype(np.float32)))
 
 
 def in_process(lines, **environment):
-    result = subprocess.run(
-        [sys.executable, '-c', lines],
-        cwd=INSTALLED_IN,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **environment},
-    )
+    result = run(sys.executable, '-c', lines, cwd=INSTALLED_IN, env={**os.environ, **environment})
     assert result.returncode == 0, result.stderr
     return result.stdout.split('\n')[:-1]
 

@@ -10,7 +10,6 @@ import sys
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail
-from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 import cv2
@@ -109,11 +108,3 @@ def test_a_map_takes_little_more_memory_than_its_global_descriptors(large):
     assert (count, like) == (COUNT, 7)
     assert 500 * COUNT < opened < 1100 * COUNT
     assert used < 6e6
-
-
-def test_any_part_of_a_large_map_is_what_was_written(large):
-    opened = open_map(large)
-    for index in (0, 1, 4711, COUNT - 1):
-        assert opened.places[index].pose.position == (index, 0, 0)
-        assert (opened.packed(index) == pack_cells(drawn_cells(index % DRAWN))).all()
-        assert opened.thumbnail(index) == thumbnail(image(index % DRAWN), 128)

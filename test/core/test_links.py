@@ -68,12 +68,6 @@ def test_places_of_another_session_are_never_beside_nor_around():
     assert links.looks(52) == (*range(2, 19),)
 
 
-def test_who_was_an_anchor_takes_its_looks_along():
-    links = linked((20, 10), (30, 20), (40, 35), (50, 40), (35, 10))
-    assert {links.anchor(index) for index in (20, 30, 35, 40, 50)} == {10}
-    assert links.looks(10) == (20, 30, 35, 40, 50)
-
-
 def test_a_link_that_is_there_stays_and_a_later_place_is_no_look():
     links = linked((20, 10), (20, 10), (20, 15))
     assert [*links] == [(20, 10)] and links.rows == 1

@@ -39,15 +39,6 @@ def test_along_the_way_it_is_as_uncertain_as_places_are_apart():
     assert np.count_nonzero(estimate.covariance) == 6
 
 
-def test_the_long_axis_follows_a_diagonal_street():
-    places = street(*(pose(3 * index, 4 * index) for index in range(3)))
-    covariance = estimate_pose(places, 1).covariance[:2, :2]
-    assert covariance == pytest.approx(np.array([[9, 12], [12, 16]]) / 12)
-    values, axes = np.linalg.eigh(covariance)
-    assert values == pytest.approx([0, 25 / 12])
-    assert abs(axes[:, 1]) == pytest.approx([0.6, 0.8])
-
-
 def test_the_nearer_neighbour_counts_and_a_stop_is_passed_over():
     places = street(pose(0), pose(100), pose(100), pose(100), pose(102), pose(500))
     for index in (1, 2, 3):

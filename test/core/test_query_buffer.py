@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 from itertools import count
+from types import SimpleNamespace
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
@@ -28,15 +29,15 @@ class Approximate:
         self._approximate = (scores + error).astype(np.float32)
 
     def extract(self, _descriptor):
-        """Return the number of the frame."""
-        return next(self._frames)
+        """Return what stands for the features of a frame: its number."""
+        return SimpleNamespace(frame=next(self._frames), arranged=None)
 
     def scores_of(self, asked):
-        return [self._approximate[query, indices] for query, indices in asked]
+        return [self._approximate[query.frame, indices] for query, indices in asked]
 
     def exact_scores_of(self, asked):
-        self.rescored += [(query, index) for query, some in asked for index in some.tolist()]
-        return [self._exact[query, indices] for query, indices in asked]
+        self.rescored += [(query.frame, index) for query, some in asked for index in some.tolist()]
+        return [self._exact[query.frame, indices] for query, indices in asked]
 
 
 def append(buffer, descriptor=SHOWN):
@@ -91,7 +92,7 @@ def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
     for _ in range(13):
         append(buffer)
     assert len(buffer) == 10 and buffer.frame == 13
-    assert [one.features for one in buffer.outward] == [*range(12, 2, -1)]
+    assert [one.features.frame for one in buffer.outward] == [*range(12, 2, -1)]
     buffer.reset()
     assert len(buffer) == 0 and buffer.frame == 13 and buffer.row is None
 

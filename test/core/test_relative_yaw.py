@@ -57,11 +57,6 @@ def measured_px(query, reference):
     return shift_px(shift, *query.shape, CELLS)
 
 
-def test_a_shift_in_cells_is_a_share_of_the_image():
-    assert shift_px((2.0, -3.0), 480, 640, 32) == (30.0, -60.0)
-    assert shift_px((0.0, 0.0), 480, 640, 32) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize(('down', 'right'), [(0, 0), (0, 80), (0, -80), (45, 0), (-45, 60)])
 def test_what_lies_further_right_and_down_in_the_reference_has_a_positive_shift(
     scene, down, right

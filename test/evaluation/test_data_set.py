@@ -16,14 +16,8 @@ def test_paths_start_at_the_file(street):
 
 
 def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(tmp_path):
-    assert {
-        'alderley',
-        'campus_loop',
-        'corridor',
-        'gardens_point_day_day',
-        'gardens_point_day_night',
-        'nordland',
-    } <= set(ready_made())
+    names = 'alderley campus_loop corridor gardens_point_day_day gardens_point_day_night nordland'
+    assert {*names.split()} <= set(ready_made())
     for name in ready_made():
         data_set = open_data_set(name, tmp_path)
         if data_set.query.simulated:
@@ -43,6 +37,7 @@ def test_missing_images_of_a_ready_made_set_are_asked_for(tmp_path, street):
     assert '\n' not in str(caught.value)
 
 
+POSES = '{kind: poses, path: poses.csv, radius_m: 1}'
 SOUND = {
     'query': '{path: query}',
     'reference': '{path: reference}',
@@ -94,7 +89,8 @@ def test_an_unknown_name_lists_the_known_ones(tmp_path):
         (yaml(query='{path: nowhere}'), 'nowhere is missing'),
         (yaml(truth='{kind: table, path: gt.csv}'), 'reference 99 does not exist, there are 24'),
         (yaml(truth='{kind: table, path: empty.csv}'), 'gives no query a right reference'),
-        (yaml(truth='{kind: poses, path: poses.csv, radius_m: 1}'), '1 positions for 24 query'),
+        (yaml(truth=POSES), '1 positions for 24 query'),
+        (yaml(query='{path: query, backwards: true}', truth=POSES), 'poses cannot go backwards'),
     ],
 )
 def test_a_set_whose_parts_disagree_is_refused_in_one_line(street, text, problem):

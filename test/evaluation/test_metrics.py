@@ -138,15 +138,6 @@ def test_an_interval_holds_the_figure_and_is_the_same_at_every_call():
     assert block_intervals(0, mean_of(values)) == {}
 
 
-def test_errors_in_a_row_make_the_interval_wider_than_scattered_ones():
-    together = np.repeat([1.0, 0.0, 1.0, 1.0], 50)
-    widths = []
-    for values in (together, np.random.default_rng(0).permutation(together)):
-        low, high = block_intervals(200, mean_of(values))['mean']
-        widths.append(high - low)
-    assert widths[0] > 1.5 * widths[1]
-
-
 def test_blocks_of_one_frame_give_the_textbook_interval():
     low, high = block_intervals(400, mean_of(np.arange(400) % 2), block=1)['mean']
     assert abs((high - low) - 2 * 1.96 * 0.5 / 20) < 0.02

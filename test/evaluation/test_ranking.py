@@ -86,20 +86,6 @@ def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
         assert moved == other
 
 
-def test_a_forward_window_answers_for_its_first_frame(street, quick):
-    query, reference = street.open().drives(quick.encoding)
-    config = with_known(quick, {'fixed_length': 3})
-    rows = np.eye(24, dtype=np.float32)
-    found, scores = answers_to(rows, query, reference.reference_map, config, forward=True)
-    lengths = [one.sequence_length for one in found]
-    assert lengths == [3] * 22 + [0, 0]
-    assert [one.best.reference_index for one in found[:22]] == list(range(22))
-    assert found[22].reason is Reason.WARMING_UP
-    assert scores[:22].argmax(axis=1).tolist() == list(range(22))
-    assert scores[:22].max(axis=1).tolist() == [one.best.score for one in found[:22]] == [1] * 22
-    assert not np.isfinite(scores[22:]).any()
-
-
 @pytest.mark.parametrize('forward', [False, True])
 def test_scores_are_means_over_the_frames_of_the_window(street, quick, forward):
     query, reference = street.open().drives(quick.encoding)

@@ -81,15 +81,6 @@ def test_backwards_the_last_image_comes_first_at_the_same_pace(street, kept):
         assert (one.cells == other.cells).all()
 
 
-def test_poses_do_not_go_backwards(street):
-    street.write(
-        'query: {path: query, backwards: true}\nreference: {path: reference}\n'
-        'truth: {kind: poses, path: poses.csv, radius_m: 2}'
-    )
-    with pytest.raises(Exception, match='poses cannot go backwards'):
-        street.open()
-
-
 def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick, tmp_path):
     summaries = evaluate(
         [open_data_set(str(street.file))],

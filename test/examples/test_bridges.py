@@ -99,13 +99,6 @@ def rotation(vector):
     return np.eye(3) + cross + cross @ cross / 2
 
 
-def test_the_inverse_of_the_inverse_is_the_closure():
-    again = CLOSURE.inverse.inverse
-    assert again.position == pytest.approx(CLOSURE.position)
-    assert again.orientation == pytest.approx(CLOSURE.orientation)
-    assert np.allclose(again.covariance, CLOSURE.covariance)
-
-
 def test_our_descriptor_is_what_rtabmap_uncompresses(store):
     vector = np.linspace(-1, 1, 288, dtype=np.float32)
     made = messages.rtabmap_descriptor(store.types, header(store), vector, 1)

@@ -7,10 +7,10 @@ import json
 import math
 import os
 from pathlib import Path
-import subprocess
 import sys
 import threading
 
+from programs import run
 import pytest
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
@@ -118,11 +118,9 @@ def test_what_is_missing_is_one_line_that_says_how_to_get_it(tmp_path, script, m
     (tmp_path / f'{missing}.py').write_text(
         f'raise ModuleNotFoundError("No module named {missing!r}", name={missing!r})\n'
     )
-    result = subprocess.run(
-        [sys.executable, EXAMPLE / script],
-        capture_output=True,
-        text=True,
-        check=False,
+    result = run(
+        sys.executable,
+        EXAMPLE / script,
         env=os.environ | {'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])},
     )
     assert result.returncode == 1

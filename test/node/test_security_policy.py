@@ -4,9 +4,10 @@
 
 import os
 from pathlib import Path
-import subprocess
 import sys
 from xml.etree import ElementTree
+
+from programs import run
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'sros2_policy.xml'
 # Subscribed to with `use_sim_time`, and with `image_transport: compressed`.
@@ -42,24 +43,20 @@ def test_the_policy_names_what_the_node_uses(client, vpr):
 def test_security_that_cannot_be_had_is_one_line(tmp_path):
     enclave = tmp_path / 'enclaves' / 'vpr_node'
     enclave.mkdir(parents=True)
-    for name in (
-        'identity_ca.cert.pem',
-        'cert.pem',
-        'key.pem',
-        'permissions_ca.cert.pem',
-        'governance.p7s',
-        'permissions.p7s',
-    ):
+    certificates = 'identity_ca.cert.pem cert.pem key.pem permissions_ca.cert.pem'
+    for name in f'{certificates} governance.p7s permissions.p7s'.split():
         (enclave / name).touch()
     security = {'ENABLE': 'true', 'STRATEGY': 'Enforce', 'KEYSTORE': str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, '-m', 'convseq_ros.node', '--ros-args', '--enclave', '/vpr_node'],
+    done = run(
+        sys.executable,
+        '-m',
+        'convseq_ros.node',
+        '--ros-args',
+        '--enclave',
+        '/vpr_node',
         env=os.environ
         | {'PYTHONPATH': os.pathsep.join(sys.path)}
         | {f'ROS_SECURITY_{name}': value for name, value in security.items()},
-        capture_output=True,
-        text=True,
-        check=False,
         timeout=60,
     )
     assert done.returncode == 1

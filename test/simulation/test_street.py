@@ -57,19 +57,6 @@ def test_a_twin_has_the_same_houses_and_things_of_its_own(light):
     assert 0.3 < sum(same) / len(same) < 0.7
 
 
-@pytest.mark.parametrize('heading', [0.0, 90.0, 180.0, -90.0])
-def test_every_direction_can_be_drawn(camera, heading):
-    picture = camera.draw(120.0, 0.0, np.radians(heading))
-    assert picture.std() > 20
-
-
-def test_night_is_darker_and_its_windows_are_not(camera):
-    day = camera.draw(120.0, -1.5, 0.0)
-    night = view(Street(500.0, 3), 'night').draw(120.0, -1.5, 0.0)
-    assert night.mean() < 0.5 * day.mean()
-    assert night.max() > 200
-
-
 @pytest.mark.parametrize(('length', 'seed'), [(0.0, 1), (-5.0, 1), (float('nan'), 1), (10.0, -1)])
 def test_an_impossible_street_is_refused(length, seed):
     with pytest.raises(ConvseqError):

@@ -124,11 +124,6 @@ def test_yuv422_of_a_known_colour_becomes_its_gray(encoding, order):
     assert np.abs(decoded.astype(int) - GRAY_OF_COLOUR).max() <= 3
 
 
-def test_gray_colours_keep_their_value():
-    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
-    np.testing.assert_array_equal(gray_from_bgr(ramp)[0], np.arange(256))
-
-
 @pytest.mark.parametrize('encoding', ENCODINGS)
 def test_results_own_their_memory(encoding):
     size = ENCODINGS[encoding].bytes_per_pixel
@@ -144,13 +139,6 @@ def test_results_own_their_memory(encoding):
     assert decoded.shape == (6, 8)
     assert decoded.flags.c_contiguous
     assert decoded.flags.owndata
-
-
-@pytest.mark.parametrize('encoding', ['mono8', 'mono16', 'bgr8', 'rgba8'])
-def test_one_pixel_is_an_image(encoding):
-    size = ENCODINGS[encoding].bytes_per_pixel
-    pixel = np.full((1, 1, size), 77, np.uint8)
-    np.testing.assert_array_equal(decode_image(message(pixel, encoding)), [[77]])
 
 
 def test_padding_of_the_last_row_may_be_missing():

@@ -154,8 +154,7 @@ def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
         f'{sentence}.',
         f'Query {query}\nk {length}' + ('' if entropy is None else f', entropy {entropy:.3f}'),
         '\n'.join(lines),
-        f'Truth: {place}'
-        + (', left out of this map' if right is not None and not is_known else ''),
+        f'Truth: {place}',
     )
     move = _matrix(list(numbers.values())) if len(numbers) == len(_MOVE) else None
     return Row(query, verdict, best, right, int(length or 0), entropy, half, told, move)
