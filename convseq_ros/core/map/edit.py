@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.graph.links import beyond, Links
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import Database, explained
@@ -17,7 +16,7 @@ from convseq_ros.core.map.link_rows import write_links
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.looks import surplus
 from convseq_ros.core.map.place import Picture, Places
-from convseq_ros.core.map.reader import MapReader
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.map.writer import Progress, save_map
@@ -44,11 +43,9 @@ class SessionSlice:
         return self.session.name
 
 
-def slices_of(
-    path: Path, encoding: EncodingConfig | None = None, keyframes: KeyframeConfig | None = None
-) -> list[SessionSlice]:
-    """Return the sessions of a map file that have places; settings and errors of `MapReader`."""
-    return slices_in(path, MapReader(path, encoding, keyframes).reference_map())
+def slices_of(path: Path) -> list[SessionSlice]:
+    """Return the sessions of a map file that have places; MapError as of `open_map`."""
+    return slices_in(path, open_map(path))
 
 
 def slices_in(path: Path, whole: ReferenceMap) -> list[SessionSlice]:
@@ -181,7 +178,7 @@ def write_new(
     def refuse() -> None:
         if instead is None and path.exists():
             raise MapError(f'{path}: exists already; name another file')
-        if instead and _state(MapReader(path).reference_map()) != _state(instead):
+        if instead and _state(open_map(path)) != _state(instead):
             raise MapError(f'{path}: was changed meanwhile; run it again')
 
     save_map(whole, path, progress, refuse)
@@ -204,7 +201,7 @@ def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
 
     That is done in one step, or not at all; MapError as for `write_new`.
     """
-    whole = MapReader(path).reference_map()
+    whole = open_map(path)
     if out := surplus(whole, max_looks):
         write_new(joined(without(slices_in(path, whole), out)), path, progress, whole)
     return len(out)
@@ -230,7 +227,7 @@ def unlink(path: Path, places: Collection[int] | None = None) -> int:
     go, and places count as not looked up.
     """
     with _changed(path) as database:
-        whole = MapReader(path).reference_map()
+        whole = open_map(path)
         before, left = len(whole.links), Links(whole.bounds.around)
         if places is None:
             database.rows('DELETE FROM links')
