@@ -53,7 +53,8 @@ def test_stamps_of_tum_are_exact_and_frames_lie_between_them(file):
     assert pose_at(0, 1_700_000_002_000_000_000) is None
 
 
-@given(strategies.lists(strategies.floats(-1, 1), min_size=4, max_size=4))
+# Of two numbers so small that they have few digits left, the direction below is not known.
+@given(strategies.lists(strategies.floats(-1, 1, allow_subnormal=False), min_size=4, max_size=4))
 def test_every_rotation_keeps_its_turn(tmp_path_factory, numbers):
     length = math.hypot(*numbers)
     if length < 0.1:
