@@ -122,6 +122,11 @@ def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None
             place = Place(index * _SPACING_NS, f'{index:06d}.png')
             picture = Picture(packed, thumbnails[index % len(thumbnails)])
             writer.add(place, picture, global_descriptor(unpack_cells(packed)))
+    # Nothing earlier shows the same: else a node would look all places up, beside its answers.
+    with closing(sqlite3.connect(part)) as database, database:
+        rows = ((place, *(None,) * 5) for place in range(size))
+        add = 'INSERT INTO links VALUES (?, ?, ?, ?, ?, ?, ?)'
+        database.executemany(add, ((*row, row_crc(row)) for row in rows))
     part.rename(path)
 
 

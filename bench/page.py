@@ -41,8 +41,7 @@ _SPLIT = """
 the ratio of the integer peaks, the rest (*by clock*) by that of the clocks. A core that does less
 in a cycle than this one takes longer. Sequences have 10 frames; *own length*: as by default, by
 information gain, which costs a pair score by the paper for each frame of the sequence. *Share of a
-core* is that of a camera of 30 Hz with 8
-keyframes a second.
+core* is that of a camera of 30 Hz with 8 keyframes a second.
 """
 _ADVICE = """
 ## On a robot
