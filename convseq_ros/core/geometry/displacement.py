@@ -54,17 +54,12 @@ class Arranged:
 
 def arranged(regions: Regions) -> Arranged:
     """Return the regions (side ** 2, 32) of a square image as kernels read them."""
-    made = unfilled(isqrt(len(regions)))
-    image = regions.reshape(made.side, made.side, -1)
-    made.rows[:, :, : made.side] = image.transpose(0, 2, 1)
-    return made
-
-
-def unfilled(side: int) -> Arranged:
-    """Return room for the regions of an image, zeros, which begins with a cache line."""
+    side = isqrt(len(regions))
     numbers = side * REGION.numbers * _wide(side) + 2 * _border(side)
-    room = np.zeros(numbers + 16, np.float32)
-    return Arranged(room[-room.ctypes.data % 64 // 4 :], side)
+    room = np.zeros(numbers + 16, np.float32)  # of which it begins with a cache line
+    made = Arranged(room[-room.ctypes.data % 64 // 4 :], side)
+    made.rows[:, :, :side] = regions.reshape(side, side, -1).transpose(0, 2, 1)
+    return made
 
 
 def _wide(side: int) -> int:

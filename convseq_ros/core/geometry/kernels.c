@@ -317,10 +317,10 @@ KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sig
 // in `displacements` and `fit_motion`.
 KERNEL(verify)(const float *query, const float *const *references, intptr_t several,
                intptr_t side, const int64_t *shifts, const float *weights, float tolerance,
-               double sigma, intptr_t rounds, double stiff, double (*said)[4])
+               double sigma, intptr_t rounds, double stiff, double (*judged)[4])
 {
     intptr_t all = side * side;
-    double *off = malloc((size_t)(all + 3 * all) * sizeof *off);
+    double *off = malloc((size_t)all * (sizeof *off + FACTS * sizeof(float)));
     float *found = (float *)(off + all);
     int failed = !off;
     for (intptr_t one = 0; one < several && !failed; one++) {
@@ -338,9 +338,9 @@ KERNEL(verify)(const float *query, const float *const *references, intptr_t seve
             sums[1] += 2 * facts[0] < (float)side ? each : 0;
             sums[2] += 2 * facts[1] < (float)side ? each : 0;
         }
-        said[one][0] = (double)inliers;
+        judged[one][0] = (double)inliers;
         for (int sum = 0; sum < 3; sum++)
-            said[one][1 + sum] = sums[sum] > 0 ? sums[sum] : 0;
+            judged[one][1 + sum] = sums[sum] > 0 ? sums[sum] : 0;
     }
     free(off);
     return failed ? -1 : 0;

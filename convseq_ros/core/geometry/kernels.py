@@ -44,11 +44,11 @@ def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> npt.NDArray[np.float64]:
     """Return what `numpy_kernels.verified` does."""
-    said = np.empty((len(references), 4))
+    judged = np.empty((len(references), 4))
     where = np.array([address(one.first) for one in references], np.uint64)
     shifts = np.array(starts, np.int64).reshape(-1, 2)
     _verify(
         query.first, where, len(references), query.side, shifts, _WEIGHTS, FIELD.tolerance_cells,
-        *_OF_MOTION, said,
+        *_OF_MOTION, judged,
     )  # fmt: skip
-    return said
+    return judged

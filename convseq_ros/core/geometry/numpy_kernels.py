@@ -79,15 +79,15 @@ def verified(
 
     As `Verification` has them, of a query and n references, given their common shifts.
     """
-    said = np.empty((len(references), 4))
-    for row, reference, start in zip(said, references, starts, strict=True):
+    judged = np.empty((len(references), 4))
+    for row, reference, start in zip(judged, references, starts, strict=True):
         found = displacements(query, reference, start)
         off = fit_motion(found, query.side, start)[1]
         each = found[:, 4] / (1 + (off / MOTION.sigma_cells) ** 2)
         above, beside = (found[:, axis] < query.side / 2 for axis in (0, 1))
         row[0] = (off <= MOTION.sigma_cells).sum()
         row[1:] = [max(0.0, each[some].sum()) for some in (slice(None), above, beside)]
-    return said
+    return judged
 
 
 def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:

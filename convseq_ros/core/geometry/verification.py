@@ -41,8 +41,8 @@ def verify(
 ) -> list[Verification]:
     """Return what geometry says of a query and references of its size, by their common shifts."""
     starts = [_start(shift) for shift in shifts]
-    said = kernels_of(__package__).verified(query, references, starts).tolist()
-    return [Verification(int(inliers), *strengths) for inliers, *strengths in said]
+    judged = kernels_of(__package__).verified(query, references, starts).tolist()
+    return [Verification(int(inliers), *strengths) for inliers, *strengths in judged]
 
 
 def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.float64]:

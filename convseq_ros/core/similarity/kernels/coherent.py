@@ -81,7 +81,7 @@ def _compared(
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
     window = WINDOW
     if is_rough:
-        where, window = where + np.uint64(others[0].some), ROUGH_WINDOW
+        where, window = where + np.uint64(others[0].rough), ROUGH_WINDOW
     own = *query.packed, query.start, query.count, query.side
     half = window[COHERENT.reach_cells :]
     compare(*own, *_grid(query.side), half, where, len(others), found)

@@ -16,13 +16,13 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
 {
     intptr_t side = size - SPAN + 1, count = side * side, numbers = size * size * BINS;
     intptr_t blocks = (side + block - 1) / block;
-    // Cells as they are, and normalised; regions, and some of them.
+    // Cells as they are, and normalised; regions, and those of rough scores.
     float *cells = malloc((size_t)(2 * numbers + 2 * count * NUMBERS) * sizeof *cells);
     float *normal = cells + numbers;
     int failed = !cells;
     for (intptr_t one = 0; one < several && !failed; one++) {
         float *regions = scale > 0 ? normal + numbers : (float *)panels[one];
-        float *some = normal + numbers + count * NUMBERS;
+        float *rough = normal + numbers + count * NUMBERS;
         uint16_t any = 0;
         for (intptr_t place = 0; place < numbers; place += LANES) {
             intptr_t first = place < numbers - LANES ? place : numbers - LANES;
@@ -45,10 +45,10 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
         intptr_t kept = 0;
         for (intptr_t row = 0; row < side; row += step)
             for (intptr_t column = 0; column < side; column += step)
-                memcpy(some + NUMBERS * kept++, regions + (row * side + column) * NUMBERS,
-                       NUMBERS * sizeof *some);
+                memcpy(rough + NUMBERS * kept++, regions + (row * side + column) * NUMBERS,
+                       NUMBERS * sizeof *rough);
         CALL(pack_reference)(regions, count, scale, 0, panels[one]);
-        CALL(pack_reference)(some, kept, scale, 0,
+        CALL(pack_reference)(rough, kept, scale, 0,
                              panels[one] + rounded_up(count, COLUMNS) * NUMBERS);
     }
     free(cells);

@@ -44,24 +44,24 @@ _lateral_products = kernel(
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The regions of a reference, as bytes or floats; behind them some, and all in blocks."""
+    """The regions of a reference, as bytes or floats; then those of rough scores, and blocks."""
 
     panel: Panel
     address: int  # of the panel
     count: int  # regions
-    some: int  # where those begin that rough scores compare, in bytes
+    rough: int  # where the regions begin that rough scores compare, in bytes
     blocks: int  # where blocks begin, in numbers of 4 bytes; 0 if there are none
     length: float  # of the vector of all blocks
 
 
 def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
     """Return a reference from its regions, as bytes if there is a scale, and its blocks."""
-    shown, some = (
+    every, rough = (
         reference_bytes(one, scale) if scale else reference_floats(one)
         for one in (regions, thinned(regions, COHERENT.rough_step))
     )
     behind = np.zeros(0, np.float32) if blocks is None else blocks
-    parts = [one.view(np.uint8).ravel() for one in (shown, some, behind)]
+    parts = [one.view(np.uint8).ravel() for one in (every, rough, behind)]
     panel = empty_panel(sum(map(len, parts)), np.uint8)
     np.concatenate(parts, out=panel)
     begin = 0 if blocks is None else (len(parts[0]) + len(parts[1])) // 4
@@ -77,8 +77,8 @@ def pack_all(
     size, shown, step = len(packed[0]), np.empty(len(packed), np.int8), COHERENT.rough_step
     side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
     count, each = side**2, REGION.numbers * (1 if scale else 4)
-    some = rounded_up(count, COLUMNS) * each
-    room = some + rounded_up((-(-side // step)) ** 2, COLUMNS) * each
+    rough = rounded_up(count, COLUMNS) * each
+    room = rough + rounded_up((-(-side // step)) ** 2, COLUMNS) * each
     behind = 0
     if background is not None:
         background = np.ascontiguousarray(background, np.float32)
@@ -96,13 +96,13 @@ def pack_all(
     for panel in made if not scale else ():
         numbers = panel[:room].view(np.float32)
         regions = numbers[: count * REGION.numbers].reshape(-1, REGION.numbers).copy()
-        numbers[: some // 4] = reference_floats(regions)
-        numbers[some // 4 :] = reference_floats(thinned(regions, step))
+        numbers[: rough // 4] = reference_floats(regions)
+        numbers[rough // 4 :] = reference_floats(thinned(regions, step))
     blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
     begin = room // 4 if behind else 0
     found = iter(
         [
-            Reference(panel, address(panel), count, some, begin, length)
+            Reference(panel, address(panel), count, rough, begin, length)
             for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
         ]
     )
@@ -111,7 +111,7 @@ def pack_all(
 
 def regions_of(reference: Reference, scale: float) -> Regions:
     """Return the regions (N, 32) of a reference; of bytes, to half a step of these."""
-    panel = reference.panel[: reference.some]
+    panel = reference.panel[: reference.rough]
     if scale:
         return regions_of_bytes(panel.view(np.int8), reference.count, scale)
     return regions_of_floats(panel.view(np.float32), reference.count)
