@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A network in ONNX as a function from an image to a vector, run by the optional onnxruntime."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 import hashlib
 from pathlib import Path
@@ -12,81 +12,12 @@ from typing import Any
 from convseq_ros.config import Config
 from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
 from convseq_ros.files import read_yaml
+from convseq_ros.onnx_file import external_files
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
 import cv2
 import numpy as np
 import numpy.typing as npt
-
-# Which other files an ONNX file has its weights in. Only the outline of the protobuf is read:
-# fields that lead to a tensor's `external_data`, by their numbers in onnx.proto.
-MOST_FIELDS = 5_000_000  # that are looked at; a large network has some 100,000
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
-_WIDTH = {_FIXED64: 8, _FIXED32: 4}
-# Of each kind of message, what its fields lead to.
-_LEADS = {
-    'model': {7: 'graph', 20: 'training', 25: 'function'},
-    'training': {1: 'graph', 2: 'graph'},
-    'graph': {1: 'node', 5: 'tensor', 15: 'sparse'},
-    'node': {5: 'attribute'},
-    'function': {7: 'node', 11: 'attribute'},
-    'attribute': {5: 'tensor', 6: 'graph', 10: 'tensor', 11: 'graph', 22: 'sparse', 23: 'sparse'},
-    'sparse': {1: 'tensor', 2: 'tensor'},
-    'tensor': {13: 'entry'},
-    'entry': {1: 'key', 2: 'value'},
-}
-
-
-def external_files(data: bytes) -> list[str]:
-    """Return the files that tensors of a model lie in, as it names them; ValueError if damaged."""
-    found, waiting, left = dict[str, None](), [('model', 0, len(data))], MOST_FIELDS
-    while waiting:
-        kind, start, end = waiting.pop()
-        texts = dict[str, bytes]()
-        for number, first, last in _fields(data, start, end):
-            if not (left := left - 1):
-                raise ValueError(f'more than {MOST_FIELDS} fields')
-            inner = _LEADS[kind].get(number)
-            if inner in ('key', 'value'):
-                texts[inner] = data[first:last]
-            elif inner:
-                waiting.append((inner, first, last))
-        if texts.get('key') == b'location':
-            found[texts.get('value', b'').decode()] = None
-    return [*found]
-
-
-def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield number, start and end of the fields of a message that are bytes or messages."""
-    while at < end:
-        tag, at = _varint(data, at, end)
-        number, wire = tag >> 3, tag & 7
-        if wire == _VARINT:
-            _, at = _varint(data, at, end)
-        elif wire in _WIDTH:
-            at += _WIDTH[wire]
-        elif wire == _BYTES:
-            length, at = _varint(data, at, end)
-            at += length
-            if at <= end:
-                yield number, at - length, at
-        else:
-            raise ValueError(f'wire type {wire}')
-    if at != end:
-        raise ValueError('a field that is cut short')
-
-
-def _varint(data: bytes, at: int, end: int) -> tuple[int, int]:
-    value = 0
-    for shift in range(0, 70, 7):
-        if at >= end:
-            break
-        byte, at = data[at], at + 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, at
-    raise ValueError('a number that does not end')
-
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_SCALE = (0.229, 0.224, 0.225)

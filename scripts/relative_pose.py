@@ -32,7 +32,7 @@ from convseq_ros.core.types import Candidate, Descriptor, Frame
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.folder import ImageFolder
-from convseq_ros.sources.pose_track import read_pose_file
+from convseq_ros.sources.pose_file import read_pose_file
 import cv2
 from drives import head, options, row, shots
 import numpy as np

@@ -5,7 +5,8 @@
 import os
 
 from convseq_ros.errors import ModelError
-from convseq_ros.onnx_model import external_files, OnnxModel
+from convseq_ros.onnx_file import external_files
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.reading_config import ReadingConfig
 import cv2
 from descriptor_models import made

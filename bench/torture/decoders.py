@@ -22,7 +22,8 @@ from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
 from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
-from convseq_ros.sources.pose_track import pose_from_message, read_pose_file
+from convseq_ros.sources.pose_file import read_pose_file
+from convseq_ros.sources.pose_track import pose_from_message
 from convseq_ros.sources.topics import RawMessage
 import numpy as np
 

@@ -21,12 +21,13 @@ from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.cameras import image_subscriptions, ImageMessage, QUEUE_BYTES
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
+from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
+from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal

@@ -16,7 +16,8 @@ from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.depth import DEPTH_TYPES, DepthAt, DepthFolder, DepthTopic
 from convseq_ros.sources.folder import ImageFolder, natural_key, pictures_in
 from convseq_ros.sources.nav_sat import FIXES_GAP_NS
-from convseq_ros.sources.pose_track import PoseAt, PoseTrack, read_pose_file
+from convseq_ros.sources.pose_file import PoseAt, read_pose_file
+from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import messages_of, read_camera, read_poses_in, Recording
 from convseq_ros.sources.storage import is_storage_file
 from convseq_ros.sources.video import Video, VIDEO_SUFFIXES

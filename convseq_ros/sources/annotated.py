@@ -10,7 +10,7 @@ from typing import Protocol
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.sources.camera_info import fitted
 from convseq_ros.sources.depth import DepthAt
-from convseq_ros.sources.pose_track import PoseAt
+from convseq_ros.sources.pose_file import PoseAt
 
 CameraOf = Callable[[int, int], Camera]  # from an image's height and width in pixels
 

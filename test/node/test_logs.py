@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 from convseq_ros.core.types import Match, Reason, Status
 from convseq_ros.errors import ConfigError
-from convseq_ros.node import diagnostics as progress_log
+from convseq_ros.node import progress_log
 from convseq_ros.node.recognition import ResultLog
 from convseq_ros.results import read_results, ResultWriter
 import pytest

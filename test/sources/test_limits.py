@@ -21,7 +21,7 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import read_camera_file
 from convseq_ros.sources.images import decode_image
-from convseq_ros.sources.pose_track import read_pose_file
+from convseq_ros.sources.pose_file import read_pose_file
 import cv2
 import numpy as np
 import pytest

@@ -6,7 +6,7 @@ import math
 
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated
-from convseq_ros.sources.pose_track import read_pose_file
+from convseq_ros.sources.pose_file import read_pose_file
 import cv2
 from hypothesis import given, strategies
 import numpy as np

@@ -1,0 +1,94 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses of a text file, as TUM or KITTI write them."""
+
+from collections.abc import Callable
+from decimal import Decimal
+import math
+from pathlib import Path
+
+from convseq_ros.core.rigid import quaternion, ROBOT_LENS
+from convseq_ros.core.types import Pose
+from convseq_ros.errors import SourceError
+from convseq_ros.files import read_text
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.pose_track import PoseTrack
+import numpy as np
+import numpy.typing as npt
+
+PoseAt = Callable[[int, int], Pose | None]  # from a frame's number and stamp in nanoseconds
+_TUM, _KITTI = 8, 12  # numbers in a line
+# KITTI's axes are those of a lens (x right, y down, z ahead), ours those of a robot (REP-103: x
+# ahead, y left, z up).
+_TO_ROBOT = ROBOT_LENS[:3, :3]
+_ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
+
+
+def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConfig()) -> PoseAt:
+    """
+    Return the poses of a file, one a line; empty lines and those that begin with # are left out.
+
+    A line of 8 numbers is TUM's: the stamp in seconds, position, quaternion x, y, z, w; poses are
+    taken as they are, and frames between two stamps lie between their poses. A line of 12 is
+    KITTI's, one for each of the `frames`: the 3 x 4 matrix of the camera, rows first, in the order
+    of the frames; its axes, those of a lens, become those of a robot. SourceError if the file
+    cannot be read, is neither, a line is not a pose, or there are not as many.
+    """
+    text = read_text(path, 'a text file of poses, one a line', reading)
+    lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]
+    rows = [(number, words) for number, words in lines if words and not words[0].startswith('#')]
+    if not rows:
+        raise SourceError(f'{path}: holds no pose; give one a line')
+    size, stamped = len(rows[0][1]), list[tuple[int, Pose]]()
+    for number, words in rows:
+        if len(words) != size or size not in (_TUM, _KITTI):
+            raise SourceError(
+                f'{path}, line {number}: {len(words)} numbers; expected {_TUM} (TUM: stamp, '
+                f'position, quaternion) or {_KITTI} (KITTI: a 3 x 4 matrix) in every line'
+            )
+        try:
+            stamped.append(_tum(words) if size == _TUM else (number, _kitti(words)))
+        except ValueError as error:
+            raise SourceError(f'{path}, line {number}: {str(error)[:200]}') from None
+    if size == _TUM:
+        track = PoseTrack(sorted(stamped, key=lambda one: one[0]))
+        return lambda _index, stamp_ns: track.at(stamp_ns)
+    if len(rows) != frames:
+        raise SourceError(
+            f"{path}: {len(rows)} poses for {frames} images; KITTI's format has one for each"
+        )
+    return lambda index, _stamp_ns: stamped[index][1]
+
+
+def _numbers(words: list[str]) -> npt.NDArray[np.float64]:
+    numbers = np.array([float(word) for word in words])
+    if not np.isfinite(numbers).all():
+        raise ValueError('a number is not finite; leave the line out')
+    return numbers
+
+
+def _tum(words: list[str]) -> tuple[int, Pose]:
+    """Return a stamp in nanoseconds, exact where a double would round it, and the pose."""
+    try:
+        stamp = Decimal(words[0]) * 1_000_000_000
+        is_stamp = 0 <= stamp < 2**63
+    except ArithmeticError:
+        is_stamp = False
+    if not is_stamp:
+        raise ValueError(f'{words[0][:80]} is no stamp in seconds')
+    x, y, z, *turn = _numbers(words[1:]).tolist()
+    length = math.hypot(*turn)
+    if not length:
+        raise ValueError('the quaternion is zero; leave the line out')
+    qx, qy, qz, qw = (value / length for value in turn)
+    return int(stamp), Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def _kitti(words: list[str]) -> Pose:
+    matrix = _numbers(words).reshape(3, 4)
+    rotation = _TO_ROBOT @ matrix[:, :3] @ _TO_ROBOT.T
+    error = abs(rotation @ rotation.T - np.eye(3)).max()
+    if error > _ROTATION_ERROR or np.linalg.det(rotation) < 0:
+        raise ValueError('its first three columns are not a rotation')
+    x, y, z = (_TO_ROBOT @ matrix[:, 3]).tolist()
+    return Pose((x, y, z), quaternion(rotation))
