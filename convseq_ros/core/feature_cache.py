@@ -95,23 +95,19 @@ class FeatureCache:
             del self._kept[index]
         return [found[index] for index in indices]
 
-    def scores_of(
-        self, asked: Sequence[tuple[Any, Indices]], are_rough: bool = False
-    ) -> list[Row]:
+    def scores_of(self, asked: Sequence[tuple[Any, Indices]]) -> list[Row]:
         """Return the scores of queries with some references each; NaN where one shows nothing."""
-        compare = self.pair.compare_rough if are_rough else self.pair.compare
-        assert compare
         references = iter(self.of([index for _, some in asked for index in some.tolist()]))
         work = [(own, [*islice(references, len(some))]) for own, some in asked]
         found = [np.full(len(some), np.nan, np.float32) for _, some in work]
-        if asked and not are_rough:
+        if asked:
             self._begin(asked[0][0])
 
         def score(piece: int, lot: slice) -> None:
             own, some = work[piece]
             there = [place for place in range(lot.start, lot.stop) if some[place] is not None]
             if there:
-                scores, shifts = compare(own, [some[place] for place in there])
+                scores, shifts = self.pair.compare(own, [some[place] for place in there])
                 found[piece][there] = scores
                 if own is self._query and shifts is not None:
                     indices = asked[piece][1][there].tolist()

@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs cores
-_KEPT = 1200  # references whose features are kept beside a shortlist; 60 MB
+_KEPT = 500  # references whose features are kept beside a shortlist; 22 MB
+_ROUGH = 8  # rough ones are kept of so many times as many; 30 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
 _KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
 
@@ -42,8 +43,9 @@ class Matcher:
     """
     Scores queries against references of a map, which may grow; rebuilds regions when needed.
 
-    Features of `kept` references, or of all, stay in memory: 50 kB each by the 8-bit kernel, about
-    160 kB by others. ConfigError if the machine cannot run the kernel asked for.
+    Features of `kept` references, or of all, stay in memory: 43 kB each by the 8-bit kernel, about
+    130 kB by others; and rough ones, of a sixth of that, of 8 times as many. ConfigError if the
+    machine cannot run the kernel asked for.
     """
 
     def __init__(
@@ -68,6 +70,9 @@ class Matcher:
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)
         self._verifies = verifies and fast.regions_of is not None
+        self._rough: FeatureCache | None = None
+        if self._verifies and fast.rough:
+            self._rough = FeatureCache(reference_map, fast.rough, own, threads, kept and _ROUGH * kept)
         # Without a reference to itself, so that a map that nobody has any more is freed at once.
         read = partial(_arranged, self._fast, self._verifies)
         self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(read)
@@ -88,9 +93,9 @@ class Matcher:
         exact = (lambda: fast) if self.exact else cache(partial(pair.extract, *asked))
         if not self._verifies:
             return Features(fast, exact)
-        rough = self._fast.pair.extract_rough
-        assert shown and rough
-        return Features(fast, exact, arranged(shown[0]), rough(*asked))
+        assert shown
+        rough = self._rough and self._rough.pair.extract(*asked)
+        return Features(fast, exact, arranged(shown[0]), rough)
 
     def arranged(self, index: int) -> Arranged | None:
         """Return a reference as geometry reads it, if it shows something and geometry is asked."""
@@ -106,9 +111,9 @@ class Matcher:
 
     def rough_scores(self, query: Features, indices: Indices) -> Row | None:
         """Return what `scores` does, by a sixteenth of the work; None if the kernel has none."""
-        if query.rough is None:
+        if query.rough is None or self._rough is None:
             return None
-        return self._fast.scores_of([(query.rough, indices)], are_rough=True)[0]
+        return self._rough.scores_of([(query.rough, indices)])[0]
 
     def exact_scores_of(self, asked: Sequence[tuple[Features, Indices]]) -> list[Row]:
         """Return what `scores_of` does, by the definition."""
@@ -151,8 +156,9 @@ class Matcher:
 
     def _follow_map(self) -> None:
         if self._background.update_map():
-            for kept in (self._fast, self._exact):
-                kept.clear()
+            for kept in (self._fast, self._exact, self._rough):
+                if kept:
+                    kept.clear()
             self._kept_arranged.cache_clear()
 
 

@@ -351,14 +351,14 @@ def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypa
 @pytest.mark.parametrize('kernel', ['int8', 'float32'])
 def test_rough_scores_are_those_of_the_definition(kernel, image):
     described = [describe(image(place)) for place in (3, 3, 8)]
-    pairs = [chosen_kernels(MatchingConfig(kernel=name))[0] for name in (kernel, 'numpy')]
+    pairs = [chosen_kernels(MatchingConfig(kernel=name))[0].rough for name in (kernel, 'numpy')]
     background = projected_regions(described[2].cells)
     found = []
     for pair in pairs:
         shown = pair.subtract(pair.project(described[0].cells), background)
-        query = pair.extract_rough(described[0], 0.0, shown)
+        query = pair.extract(described[0], 0.0, shown)
         references = [pair.prepare(one.cells, background) for one in described]
-        found.append(pair.compare_rough(query, references[:2])[0])
+        found.append(pair.compare(query, references[:2])[0])
     assert found[1][0] > 0.9
     assert np.allclose(*found, atol=0.02 if kernel == 'int8' else 1e-5)
 

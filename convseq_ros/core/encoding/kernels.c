@@ -11,6 +11,9 @@ enum {
     REGION_ROWS = ROWS < 8 ? ROWS : 10, // regions that are projected at once; a row has 30
 };
 
+// Cells of a row that these regions have, if they lie so many cells apart.
+#define TILE_CELLS(step) ((REGION_ROWS - 1) * (step) + SPAN)
+
 // Change a level's count; return by how much its term changes.
 static inline double changed(int *count, int by, const double *terms)
 {
@@ -154,21 +157,22 @@ static inline void place_region(const float *numbers, float factor, const float 
         store(region + part * LANES, moved[part] * inverse);
 }
 
-// Write the products of neighbouring 3 x 3-cell regions with two vectors of axes. Every number of
-// a cell is loaded once for all three regions of a row that it belongs to.
-static inline void project_tile(const float *cells, intptr_t line, const float *axes, float *dots)
+// Write the products of 3 x 3-cell regions, `step` cells apart, with two vectors of axes. Every
+// number of a cell is loaded once for all regions of a row that it belongs to.
+INLINE void project_tile(const float *cells, intptr_t line, const float *axes, int step,
+                         float *dots)
 {
     Floats sums[REGION_ROWS][2] = {0};
     for (int down = 0; down < SPAN; down++, cells += line)
         for (int bin = 0; bin < BINS; bin++) {
             const float *own = axes + (down * SPAN * BINS + bin) * NUMBERS;
-#pragma GCC unroll 16
-            for (int cell = 0; cell < REGION_ROWS + SPAN - 1; cell++) {
+#pragma GCC unroll 32
+            for (int cell = 0; cell < TILE_CELLS(step); cell++) {
                 Floats number = spread(cells[cell * BINS + bin]);
 #pragma GCC unroll 16
                 for (int right = 0; right < SPAN; right++) {
-                    int region = cell - right;
-                    if (region < 0 || region >= REGION_ROWS)
+                    int region = (cell - right) / step;
+                    if (cell < right || (cell - right) % step || region >= REGION_ROWS)
                         continue;
                     const float *pair = own + right * BINS * NUMBERS;
                     sums[region][0] = fused(floats(pair), number, sums[region][0]);
@@ -182,14 +186,15 @@ static inline void project_tile(const float *cells, intptr_t line, const float *
     }
 }
 
-// Fill in the projected regions [(size - 2) ** 2][32] of cells [size][size][8], of unit length.
-// axes: [72][32]; origin: [32], where they map the mean. Return 0, or -1 if there is no memory.
-KERNEL(project)(const float *cells, intptr_t size, const float *axes, const float *origin,
-                float *regions)
+// Fill in the projected regions of cells [size][size][8], of unit length: of the (size - 2) ** 2,
+// those of every `step`-th row and column, 1 or 2. axes: [72][32]; origin: [32], where they map the mean.
+// Return 0, or -1 if there is no memory.
+KERNEL(project)(const float *cells, intptr_t size, int step, const float *axes,
+                const float *origin, float *regions)
 {
-    intptr_t side = size - SPAN + 1;
+    intptr_t side = (size - SPAN) / step + 1;
     // Wide enough for a tile, and with what the last one reads beyond the image.
-    intptr_t wide = size < REGION_ROWS + SPAN - 1 ? REGION_ROWS + SPAN - 1 : size;
+    intptr_t wide = size < TILE_CELLS(step) ? TILE_CELLS(step) : size;
     float *room = calloc((size_t)(size * wide * (BINS + 1)), sizeof *room);
     float *squares = room + size * wide * BINS;
     float dots[REGION_ROWS][NUMBERS];
@@ -205,14 +210,18 @@ KERNEL(project)(const float *cells, intptr_t size, const float *axes, const floa
             // The last tile ends with the row, and says again what the one before has said.
             first = done > side - REGION_ROWS ? side - REGION_ROWS : done;
             first = first < 0 ? 0 : first;
-            for (int axis = 0; axis < NUMBERS; axis += COLUMNS)
-                project_tile(room + (row * wide + first) * BINS, wide * BINS, axes + axis,
-                             dots[0] + axis);
+            const float *tile = room + step * (row * wide + first) * BINS;
+            for (int axis = 0; axis < NUMBERS; axis += COLUMNS) {
+                if (step == 1)
+                    project_tile(tile, wide * BINS, axes + axis, 1, dots[0] + axis);
+                else
+                    project_tile(tile, wide * BINS, axes + axis, 2, dots[0] + axis);
+            }
             for (intptr_t column = done; column < side && column < first + REGION_ROWS; column++) {
                 float total = 0;
                 for (int down = 0; down < SPAN; down++)
                     for (int right = 0; right < SPAN; right++)
-                        total += squares[(row + down) * wide + column + right];
+                        total += squares[(step * row + down) * wide + step * column + right];
                 place_region(dots[column - first], total > 0 ? 1 / sqrtf(total) : 1, origin,
                              regions + (row * side + column) * NUMBERS);
             }

@@ -37,13 +37,23 @@ def unit(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
     return rows / np.where(length > 0, length, length.dtype.type(1))
 
 
-def joined_regions(cells: Cells, span: int = REGION.span) -> Regions:
-    """Return the n x n-cell regions of cells (S, S, 8) as unit rows: ((S - n + 1)^2, 8 n^2)."""
+def regions_in_a_row(size: int, step: int = 1, span: int = REGION.span) -> int:
+    """Return how many n x n-cell regions, so many cells apart, a row of cells has."""
+    return (size - span) // step + 1
+
+
+def joined_regions(cells: Cells, span: int = REGION.span, step: int = 1) -> Regions:
+    """
+    Return the n x n-cell regions of cells (S, S, 8) as unit rows, ((S - n + 1)^2, 8 n^2).
+
+    Of rows and columns of regions, one of each `step` is taken.
+    """
     cells = np.ascontiguousarray(cells)
     (height, width, bins), (row, column, one) = cells.shape, cells.strides
     # In memory, the cells of a region that lie side by side are one run of numbers.
-    shape = height - span + 1, width - span + 1, span, span * bins
-    strides = row, column, row, one
+    down, right = (regions_in_a_row(size, step, span) for size in (height, width))
+    shape = down, right, span, span * bins
+    strides = step * row, step * column, row, one
     joined = np.lib.stride_tricks.as_strided(cells, shape, strides, writeable=False)
     return unit(joined.reshape(-1, span * span * bins))
 
@@ -61,10 +71,14 @@ def projection() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     return stored[:, 0], stored[:, 1:]
 
 
-def projected_regions(cells: Cells) -> Regions:
-    """Return the projected 3 x 3-cell regions of cells (S, S, 8), unit rows: ((S - 2)^2, 32)."""
+def projected_regions(cells: Cells, step: int = 1) -> Regions:
+    """
+    Return the projected 3 x 3-cell regions of cells (S, S, 8), unit rows, ((S - 2)^2, 32).
+
+    Of rows and columns of regions, one of each `step` is taken.
+    """
     mean, axes = projection()
-    return unit((joined_regions(cells) - mean) @ axes)
+    return unit((joined_regions(cells, step=step) - mean) @ axes)
 
 
 def global_descriptor(cells: Cells) -> npt.NDArray[np.float16]:

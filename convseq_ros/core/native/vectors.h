@@ -14,6 +14,8 @@
 #define REGISTER "+w"
 #endif
 
+#define INLINE static inline __attribute__((always_inline))
+
 typedef float Floats __attribute__((vector_size(4 * LANES)));
 typedef int32_t Words __attribute__((vector_size(4 * LANES)));
 typedef int16_t Shorts __attribute__((vector_size(2 * LANES)));

@@ -10,7 +10,6 @@ asked, not how similar it is, which survives night, seasons and another viewpoin
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from convseq_ros.core.constants import constants
@@ -74,15 +73,16 @@ def coherent_pair(
     exact: bool,
     regions: tuple[
         Callable[[Cells], Cells],
-        Callable[[Cells], Regions],
+        Callable[[Cells, int], Regions],
         Callable[[Regions, Regions | None], Shown],
     ],
     pack_query: Callable[[CoherentQuery], Any],
     references: tuple[Callable[[Regions, Blocks | None], Any], Callable[[Any], Regions]],
     compare: Callable[
-        [Any, Wide | None, Sequence[Any], bool], tuple[Scores, npt.NDArray[np.float32] | None]
+        [Any, Wide | None, Sequence[Any], int], tuple[Scores, npt.NDArray[np.float32] | None]
     ],
-    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None,
+    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None, int], list[Any]]
+    | None = None,
 ) -> PairScore:
     """
     Return the pair score of a kernel: `coherent_score`, less where whole images differ.
@@ -96,25 +96,36 @@ def coherent_pair(
     _, project, subtract = regions
     pack_reference, regions_of = references
 
-    def extracted(
-        query: Descriptor, least_bits: float, shown: Shown | None, step: int = 1
-    ) -> _Query | None:
-        own, blocks = shown or (project(query.cells), None)
-        found = extract(query, least_bits, own, step)
-        if found is None:
-            return None
-        wide = None if blocks is None or step > 1 else widened(blocks, found.side)
-        return _Query(found, pack_query(found), wide)
+    def of_step(step: int, rough: PairScore | None = None) -> PairScore:
+        def extracted(
+            query: Descriptor, least_bits: float, shown: Shown | None
+        ) -> _Query | None:
+            own, blocks = shown or (project(query.cells, 1), None)
+            found = extract(query, least_bits, own, step)
+            if found is None:
+                return None
+            wide = None if blocks is None or step > 1 else widened(blocks, found.side)
+            return _Query(found, pack_query(found), wide)
 
-    def prepare(cells: Cells, background: Regions | None) -> Any:
-        return pack_reference(*subtract(project(cells), background))
+        def prepare(cells: Cells, background: Regions | None) -> Any:
+            behind = None if background is None else thinned(background, step)
+            shown, blocks = subtract(project(cells, step), behind)
+            return pack_reference(shown, blocks if step == 1 else None)
 
-    def score(query: _Query, references: Sequence[Any], is_rough: bool = False) -> Scores:
-        (shares, shifts), alike = compare(query.packed, query.wide, references, is_rough)
-        return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
+        def score(query: _Query, references: Sequence[Any]) -> Scores:
+            (shares, shifts), alike = compare(query.packed, query.wide, references, step)
+            return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
 
-    return PairScore(
-        name, exact, extracted, prepare, score, *regions, prepare_packed, regions_of,
-        extract_rough=partial(extracted, step=COHERENT.rough_step),
-        compare_rough=partial(score, is_rough=True),
-    )  # fmt: skip
+        def prepare_all(
+            packed: Sequence[Packed], normalizes: bool, background: Regions | None
+        ) -> list[Any]:
+            assert prepare_packed
+            behind = None if background is None else thinned(background, step)
+            return prepare_packed(packed, normalizes, behind, step)
+
+        made = prepare_all if prepare_packed else None
+        return PairScore(
+            name, exact, extracted, prepare, score, *regions, made, regions_of, rough
+        )
+
+    return of_step(1, of_step(COHERENT.rough_step))

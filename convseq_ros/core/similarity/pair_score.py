@@ -34,13 +34,12 @@ class PairScore:
     # From cells to normalised ones, from these to regions, and from regions and a background to
     # those that are compared. Only where a background can be subtracted.
     normalize: Callable[[Cells], Cells] | None = None
-    project: Callable[[Cells], Regions] | None = None
+    project: Callable[..., Regions] | None = None
     subtract: Callable[[Regions, Regions | None], Shown] | None = None
     # From the packed cells of n references, whether to normalise them and the background to what
     # `prepare` gives of each, None of one that shows nothing; only where one call makes them all.
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None
     # From a reference, as it is compared, to its regions (N, 32).
     regions_of: Callable[[Any], Regions] | None = None
-    # As `extract` and `compare`, for rough scores: by a sixteenth of the work, without shifts.
-    extract_rough: Callable[[Descriptor, float, Shown | None], Any] | None = None
-    compare_rough: Callable[[Any, Sequence[Any]], Scores] | None = None
+    # The same by a sixteenth of the work, with rough scores.
+    rough: 'PairScore | None' = None

@@ -10,7 +10,7 @@ from convseq_ros.core.compiled import array, kernel, library, SIZE
 from convseq_ros.core.encoding.kernels import project
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import Wide
-from convseq_ros.core.similarity.kernels.numpy_coherent import ROUGH_WINDOW, WINDOW
+from convseq_ros.core.similarity.kernels.numpy_coherent import WINDOWS
 from convseq_ros.core.similarity.kernels.panel import (
     COLUMNS,
     Packed,
@@ -75,15 +75,12 @@ def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 
 def _compared(
-    query: _Query, wide: Wide | None, others: Sequence[Reference], is_rough: bool = False
+    query: _Query, wide: Wide | None, others: Sequence[Reference], step: int
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
     compare = _compare_floats if query.packed[1] is None else _compare_bytes
     found, where = np.empty((len(others), 3)), np.array([one.address for one in others], np.uint64)
-    window = WINDOW
-    if is_rough:
-        where, window = where + np.uint64(others[0].rough), ROUGH_WINDOW
     own = *query.packed, query.start, query.count, query.side
-    half = window[COHERENT.reach_cells :]
+    half = WINDOWS[step][COHERENT.reach_cells :]
     compare(*own, *_grid(query.side), half, where, len(others), found)
     scores = found[:, 0].astype(np.float32), found[:, 1:]
     return scores, None if wide is None else alike(wide, others, where)

@@ -7,7 +7,7 @@ from functools import cache
 from threading import local
 from typing import Any
 
-from convseq_ros.core.encoding.regions import projected_regions, Regions, thinned, unit
+from convseq_ros.core.encoding.regions import projected_regions, Regions, unit
 from convseq_ros.core.similarity.coherent import COHERENT, coherent_pair, CoherentQuery
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
@@ -29,7 +29,8 @@ def window(sigma_cells: float) -> npt.NDArray[np.float64]:
     return np.exp(-(cells**2) / (2 * sigma_cells**2)).astype(np.float32).astype(float)
 
 
-WINDOW, ROUGH_WINDOW = window(COHERENT.sigma_cells), window(COHERENT.rough_sigma)
+WINDOW = window(COHERENT.sigma_cells)
+WINDOWS = {1: WINDOW, COHERENT.rough_step: window(COHERENT.rough_sigma)}  # by step
 
 
 def coherent_score(
@@ -113,10 +114,9 @@ def _both(regions: Regions, blocks: Blocks | None) -> Shown:
 
 
 def _compare(
-    query: CoherentQuery, wide: Wide | None, references: Sequence[Shown], is_rough: bool = False
+    query: CoherentQuery, wide: Wide | None, references: Sequence[Shown], step: int
 ) -> tuple[Scores, npt.NDArray[np.float32] | None]:
-    step, window = (COHERENT.rough_step, ROUGH_WINDOW) if is_rough else (1, WINDOW)
-    told = (coherent_score(query, thinned(one, step), window) for one, _ in references)
+    told = (coherent_score(query, regions, WINDOWS[step]) for regions, _ in references)
     scores, shifts = zip(*told, strict=True)
     found, blocks = (
         (np.array(scores, np.float32), np.array(shifts)),

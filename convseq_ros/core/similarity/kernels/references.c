@@ -6,23 +6,22 @@
 //
 // packed: cells [size][size][8] of each in half precision, to be multiplied by `unit`. They are
 // normalised (see there) if `typical` is not 0, and less the background if there is one. A panel has
-// the regions, then every `step`-th region of every `step`-th row, and ends with the sums of blocks
-// of regions if there is a background. Without a scale regions are floats as they come, and `room`
-// bytes hold both; else they are bytes.
-KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, intptr_t step,
+// the regions, those of every `step`-th row and column, in `room` bytes, and ends with the sums of
+// blocks of all regions if these are asked for, as is a background. Without a scale regions are
+// floats as they come; else they are bytes.
+KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, int step,
                 float unit, float middle, float beside, double typical, const float *axes,
                 const float *origin, const float *background, intptr_t block, float scale,
                 intptr_t room, int8_t *const *panels, int8_t *shown)
 {
-    intptr_t side = size - SPAN + 1, count = side * side, numbers = size * size * BINS;
-    intptr_t blocks = (side + block - 1) / block;
-    // Cells as they are, and normalised; regions, and those of rough scores.
-    float *cells = malloc((size_t)(2 * numbers + 2 * count * NUMBERS) * sizeof *cells);
+    intptr_t side = (size - SPAN) / step + 1, count = side * side, numbers = size * size * BINS;
+    intptr_t blocks = block ? (side + block - 1) / block : 0;
+    // Cells as they are, and normalised; regions.
+    float *cells = malloc((size_t)(2 * numbers + count * NUMBERS) * sizeof *cells);
     float *normal = cells + numbers;
     int failed = !cells;
     for (intptr_t one = 0; one < several && !failed; one++) {
         float *regions = scale > 0 ? normal + numbers : (float *)panels[one];
-        float *rough = normal + numbers + count * NUMBERS;
         uint16_t any = 0;
         for (intptr_t place = 0; place < numbers; place += LANES) {
             intptr_t first = place < numbers - LANES ? place : numbers - LANES;
@@ -34,22 +33,14 @@ KERNEL(prepare)(const uint16_t *const *packed, intptr_t several, intptr_t size, 
             continue;
         if (typical > 0)
             failed |= CALL(normalize)(cells, size, middle, beside, typical, normal);
-        failed |= CALL(project)(typical > 0 ? normal : cells, size, axes, origin, regions);
-        if (background) {
-            float *sums = (float *)(panels[one] + room);
+        failed |= CALL(project)(typical > 0 ? normal : cells, size, step, axes, origin, regions);
+        float *sums = blocks ? (float *)(panels[one] + room) : NULL;
+        if (sums)
             memset(sums, 0, (size_t)(blocks * blocks * NUMBERS) * sizeof *sums);
+        if (background)
             CALL(subtract)(regions, background, side, block, sums);
-        }
-        if (!(scale > 0))
-            continue;
-        intptr_t kept = 0;
-        for (intptr_t row = 0; row < side; row += step)
-            for (intptr_t column = 0; column < side; column += step)
-                memcpy(rough + NUMBERS * kept++, regions + (row * side + column) * NUMBERS,
-                       NUMBERS * sizeof *rough);
-        CALL(pack_reference)(regions, count, scale, 0, panels[one]);
-        CALL(pack_reference)(rough, kept, scale, 0,
-                             panels[one] + rounded_up(count, COLUMNS) * NUMBERS);
+        if (scale > 0)
+            CALL(pack_reference)(regions, count, scale, 0, panels[one]);
     }
     free(cells);
     return failed ? -1 : 0;

@@ -5,11 +5,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
+from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, INT, kernel, SIZE
 from convseq_ros.core.encoding.kernels import axes
-from convseq_ros.core.encoding.regions import REGION, Regions, thinned
+from convseq_ros.core.encoding.regions import REGION, Regions, regions_in_a_row
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
-from convseq_ros.core.similarity.coherent import COHERENT
 from convseq_ros.core.similarity.global_similarity import (
     Blocks,
     from_products,
@@ -34,7 +33,7 @@ import numpy.typing as npt
 
 _FLOATS, _ADDRESSES = array('f4'), array('u8')
 _prepare = kernel(
-    'prepare', _ADDRESSES, SIZE, SIZE, SIZE, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS,
+    'prepare', _ADDRESSES, SIZE, SIZE, INT, FLOAT, FLOAT, FLOAT, DOUBLE, _FLOATS, _FLOATS,
     _FLOATS, SIZE, FLOAT, SIZE, _ADDRESSES, array('i1'),
 )  # fmt: skip
 _lateral_products = kernel(
@@ -44,45 +43,47 @@ _lateral_products = kernel(
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The regions of a reference, as bytes or floats; then those of rough scores, and blocks."""
+    """The regions of a reference, as bytes or floats; then its blocks."""
 
     panel: Panel
     address: int  # of the panel
     count: int  # regions
-    rough: int  # where the regions begin that rough scores compare, in bytes
     blocks: int  # where blocks begin, in numbers of 4 bytes; 0 if there are none
     length: float  # of the vector of all blocks
 
 
 def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
     """Return a reference from its regions, as bytes if there is a scale, and its blocks."""
-    every, rough = (
-        reference_bytes(one, scale) if scale else reference_floats(one)
-        for one in (regions, thinned(regions, COHERENT.rough_step))
-    )
+    every = reference_bytes(regions, scale) if scale else reference_floats(regions)
     behind = np.zeros(0, np.float32) if blocks is None else blocks
-    parts = [one.view(np.uint8).ravel() for one in (every, rough, behind)]
+    parts = [one.view(np.uint8).ravel() for one in (every, behind)]
     panel = empty_panel(sum(map(len, parts)), np.uint8)
     np.concatenate(parts, out=panel)
-    begin = 0 if blocks is None else (len(parts[0]) + len(parts[1])) // 4
-    return Reference(
-        panel, address(panel), len(regions), len(parts[0]), begin, float(lengths(behind))
-    )
+    begin = 0 if blocks is None else len(parts[0]) // 4
+    return Reference(panel, address(panel), len(regions), begin, float(lengths(behind)))
 
 
 def pack_all(
-    packed: Sequence[Packed], normalizes: bool, background: Regions | None, scale: float
+    packed: Sequence[Packed],
+    normalizes: bool,
+    background: Regions | None,
+    step: int,
+    scale: float,
 ) -> list[Reference | None]:
-    """Return what `pack` does of each reference, from its packed cells; None without gradient."""
-    size, shown, step = len(packed[0]), np.empty(len(packed), np.int8), COHERENT.rough_step
-    side, own, block = size - REGION.span + 1, NORMALIZATION, GLOBAL_SIMILARITY.block
+    """
+    Return what `pack` does of each reference, from its packed cells; None without gradient.
+
+    Of rows and columns of regions, one of each `step`, 1 or 2, is taken; with 2 without blocks.
+    """
+    size, shown, own = len(packed[0]), np.empty(len(packed), np.int8), NORMALIZATION
+    side, block, behind = regions_in_a_row(size, step), 0, 0
     count, each = side**2, REGION.numbers * (1 if scale else 4)
-    rough = rounded_up(count, COLUMNS) * each
-    room = rough + rounded_up((-(-side // step)) ** 2, COLUMNS) * each
-    behind = 0
+    room = rounded_up(count, COLUMNS) * each
     if background is not None:
         background = np.ascontiguousarray(background, np.float32)
-        behind = (-(-side // block)) ** 2 * REGION.numbers * 4
+        if step == 1:
+            block = GLOBAL_SIMILARITY.block
+            behind = (-(-side // block)) ** 2 * REGION.numbers * 4
     cells = [np.ascontiguousarray(one) for one in packed]
     panels = [empty_panel(room + behind, np.uint8) for _ in packed]
     _prepare(
@@ -96,13 +97,12 @@ def pack_all(
     for panel in made if not scale else ():
         numbers = panel[:room].view(np.float32)
         regions = numbers[: count * REGION.numbers].reshape(-1, REGION.numbers).copy()
-        numbers[: rough // 4] = reference_floats(regions)
-        numbers[rough // 4 :] = reference_floats(thinned(regions, step))
+        numbers[:] = reference_floats(regions)
     blocks = np.array([panel[room:] for panel in made], np.uint8).view(np.float32)
     begin = room // 4 if behind else 0
     found = iter(
         [
-            Reference(panel, address(panel), count, rough, begin, length)
+            Reference(panel, address(panel), count, begin, length)
             for panel, length in zip(made, lengths(blocks).tolist(), strict=True)
         ]
     )
@@ -111,7 +111,7 @@ def pack_all(
 
 def regions_of(reference: Reference, scale: float) -> Regions:
     """Return the regions (N, 32) of a reference; of bytes, to half a step of these."""
-    panel = reference.panel[: reference.rough]
+    panel = reference.panel[: 4 * reference.blocks or None]
     if scale:
         return regions_of_bytes(panel.view(np.int8), reference.count, scale)
     return regions_of_floats(panel.view(np.float32), reference.count)

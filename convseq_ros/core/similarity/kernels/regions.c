@@ -47,18 +47,21 @@ KERNEL(normalize)(const float *cells, intptr_t size, float middle, float side,
 
 // Subtract the background from regions [side * side][32], to unit length, and add them up in
 // square blocks, [blocks][blocks][32], in whole numbers, whose products are exact in any order.
+// Without `sums` none are added up.
 KERNEL(subtract)(float *regions, const float *background, intptr_t side, intptr_t block,
                       float *sums)
 {
-    intptr_t blocks = (side + block - 1) / block;
+    intptr_t blocks = sums ? (side + block - 1) / block : 0;
     for (intptr_t place = 0; place < side * side; place++) {
         float *own = regions + place * NUMBERS;
-        float *sum = sums + (place / side / block * blocks + place % side / block) * NUMBERS;
         place_region(own, 1, background + place * NUMBERS, own);
+        if (!sums)
+            continue;
+        float *sum = sums + (place / side / block * blocks + place % side / block) * NUMBERS;
         for (int number = 0; number < NUMBERS; number++)
             sum[number] += own[number];
     }
-    for (intptr_t place = 0; place < blocks * blocks * NUMBERS; place++)
+    for (intptr_t place = 0; place < blocks * blocks * NUMBERS && sums; place++)
         sums[place] = rintf(sums[place] * 0x1p17f); // as GLOBAL_SIMILARITY has it
     return 0;
 }

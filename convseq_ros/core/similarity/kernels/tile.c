@@ -5,8 +5,6 @@
 //
 // A query lies as [rows][numbers], up to full tiles; a reference as [blocks][numbers][COLUMNS], or
 // for bytes as [blocks][numbers / 4][2][4 * LANES]. In both, the last region is repeated.
-#define INLINE static inline __attribute__((always_inline))
-
 #ifdef SMALL_SUMS
 
 // Write dot products of bytes of unit vectors, as sums of two numbers of 16 bits. A query's and a
