@@ -60,8 +60,9 @@ def _driven(
 ) -> tuple[int, list[float], float]:
     """Send images at a rate; return how many, milliseconds to each answer, percent of a core."""
     one.took_ms = []
-    count, begun_s, busy_s = max(1, int(rate_hz * seconds)), time.perf_counter(), _cpu_s(one)
+    count = max(1, int(rate_hz * seconds))
     messages = [_message(image) for image in images[:count]]
+    begun_s, busy_s = time.perf_counter(), _cpu_s(one)
     for number in range(count):
         one.spin(begun_s + number / rate_hz - time.perf_counter())
         _send(one, messages[number % len(messages)])

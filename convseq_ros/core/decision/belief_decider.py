@@ -99,6 +99,7 @@ class BeliefDecider:
     def _learn(self, best: int, seen: Observation, session_start: int) -> None:
         """Take in a match."""
         self._prior.fix(best)
+        self._observer.end_search()
         near = self._near.mask(seen.places, best, _WINDOW)
         is_shown, learned = bool((seen.log_ratios[near] > 0).any()), self._observer.likelihood
         learned.confirm(is_shown)
