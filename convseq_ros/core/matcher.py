@@ -72,7 +72,8 @@ class Matcher:
         self._verifies = verifies and fast.regions_of is not None
         self._rough: FeatureCache | None = None
         if self._verifies and fast.rough:
-            self._rough = FeatureCache(reference_map, fast.rough, own, threads, kept and _ROUGH * kept)
+            most = kept and _ROUGH * kept
+            self._rough = FeatureCache(reference_map, fast.rough, own, threads, most)
         # Without a reference to itself, so that a map that nobody has any more is freed at once.
         read = partial(_arranged, self._fast, self._verifies)
         self._kept_arranged = lru_cache(_KEPT_TO_VERIFY)(read)

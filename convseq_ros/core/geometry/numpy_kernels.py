@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Volume = npt.NDArray[np.float32]  # (span, span, side, side), by displacement and place; or -inf
+Volume = npt.NDArray[np.float32]  # (side * side, span * span), by place and displacement; or -inf
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
 _NORMS_KEPT = 16  # of the last common shifts, 370 kB each
@@ -28,28 +28,22 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     counts if it is not on the border of the search, and the best of where it leads to, seen from
     the reference, differs by at most 0.7 cells. Query and reference are of one size.
     """
-    side, away = query.side, range(-FIELD.reach_cells, FIELD.reach_cells + 1)
-    sums, (shared, norms) = _blended(_tried(query, reference, start)), _norms(side, start)
-    means = np.divide(sums, norms, out=np.full_like(sums, -np.inf), where=shared)
-    volume = np.ascontiguousarray(means.transpose(2, 3, 0, 1))
-    back = np.full_like(volume, -np.inf)  # by the place in the reference
-    both = [[_overlap(side, side, middle + step) for step in away] for middle in start]
-    for down, (rows, moved_rows) in enumerate(both[0]):
-        for right, (columns, moved_columns) in enumerate(both[1]):
-            back[down, right, moved_rows, moved_columns] = volume[down, right, rows, columns]
-    ahead, known = _refined(volume, start)
-    behind, found_back = _refined(back, start)
-    y, x = np.nonzero(known)
-    row, column = np.floor(np.array([y, x], np.float32) + ahead[:, y, x] + np.float32(0.5)).astype(
-        int
-    )
+    side, shape = query.side, (query.side**2, _SPAN**2)
+    sums, (norms, shared) = _blended(_tried(query, reference, start)), _norms(side, start)
+    means = sums / norms + shared
+    volume, back = means.reshape(shape), _turned(means, start).reshape(shape)
+    ahead, best, known = _refined(volume, start)
+    place = np.flatnonzero(known)
+    found = np.array(np.divmod(place, side), np.float32)
+    row, column = np.floor(found + ahead[:, place] + np.float32(0.5)).astype(int)
     inside = (row >= 0) & (row < side) & (column >= 0) & (column < side)
-    y, x, row, column = y[inside], x[inside], row[inside], column[inside]
-    miss = ((ahead[:, y, x] - behind[:, row, column]) ** 2).sum(axis=0)
-    kept = found_back[row, column] & (miss <= np.float32(FIELD.tolerance_cells) ** 2)
-    y, x = y[kept], x[kept]
-    best = volume.reshape(-1, side, side).max(axis=0)
-    return np.column_stack((y, x, *ahead[:, y, x], best[y, x])).astype(np.float32)
+    place, there = place[inside], (row * side + column)[inside]
+    behind, _, found_back = _refined(back[there], start)
+    miss = ((ahead[:, place] - behind) ** 2).sum(axis=0)
+    place = place[found_back & (miss <= np.float32(FIELD.tolerance_cells) ** 2)]
+    return np.column_stack((*np.divmod(place, side), *ahead[:, place], best[place])).astype(
+        np.float32
+    )
 
 
 def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motion:
@@ -65,8 +59,8 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
     motion = initial_motion(start)
     stiff = np.diag([1e-6, MOTION.stiffness, MOTION.stiffness])
     for _ in range(MOTION.rounds):
-        off = np.hypot(*(moved - motion @ places))
-        weighted = places / (1 + (off / sigma) ** 2) ** 2
+        off_squared = ((moved - motion @ places) ** 2).sum(axis=0)
+        weighted = places / (1 + off_squared / sigma**2) ** 2
         motion = np.linalg.solve(weighted @ places.T + stiff, weighted @ moved.T).T
     return motion, np.hypot(*(moved - motion @ places))
 
@@ -119,16 +113,37 @@ def _tried(
     return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
 
 
+def _turned(means: npt.NDArray[np.float32], start: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Return similarities (side, side, span, span) by the place in the reference; or -inf."""
+    # Moved by the last displacement that is tried, among places that are like none.
+    side, wide = len(means), len(means) + _SPAN - 1
+    (rows, own_rows), (columns, own_columns) = (
+        _overlap(wide, side, 1 - _SPAN + FIELD.reach_cells - middle) for middle in start
+    )
+    moved = np.full((wide, wide, _SPAN, _SPAN), -np.inf, np.float32)
+    moved[rows, columns] = means[own_rows, own_columns]
+    # The farther a displacement leads, the farther before the place it begins.
+    down, right, row, column = moved.strides
+    strides = down, right, row - down, column - right
+    first = moved[_SPAN - 1 :, _SPAN - 1 :]
+    return np.lib.stride_tricks.as_strided(first, means.shape, strides)
+
+
 @lru_cache(_NORMS_KEPT)
 def _norms(
     side: int, start: tuple[int, int]
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
-    """Return which places and displacements both images share, and the sums of their weights."""
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """
+    Return the sums of weights by place and displacement, (side, side, span, span).
+
+    And what is added to means: 0, or -inf where the images do not share a place; sums are 1 there.
+    """
     away = np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
     y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
     row, column = y + start[0] + away[i], x + start[1] + away[j]
     shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)
-    return shared, _blended(shared.astype(np.float32))
+    sums = np.where(shared, _blended(shared.astype(np.float32)), np.float32(1))
+    return sums, np.where(shared, np.float32(0), np.float32(-np.inf))
 
 
 def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -140,20 +155,25 @@ def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 def _refined(
     volume: Volume, start: tuple[int, int]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
-    """Return rows and columns moved, between cells, (2, side, side), and which are known."""
-    i, j = np.divmod(volume.reshape(-1, *volume.shape[2:]).argmax(axis=0), _SPAN)
-    y, x = np.indices(i.shape)
-    top = volume[i, j, y, x]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """Return rows and columns moved, between cells, (2, n), how similar, and which are known."""
+    at, places = volume.argmax(axis=1), np.arange(len(volume))
+    i, j = np.divmod(at, _SPAN)
+    top = volume[places, at]
     inside = np.isfinite(top) & (i > 0) & (i < _SPAN - 1) & (j > 0) & (j < _SPAN - 1)
-    i, j = i.clip(1, _SPAN - 2), j.clip(1, _SPAN - 2)
-    rows = _beside(volume[i - 1, j, y, x], top, volume[i + 1, j, y, x])
-    columns = _beside(volume[i, j - 1, y, x], top, volume[i, j + 1, y, x])
-    moved = np.array([start[0] - FIELD.reach_cells + i, start[1] - FIELD.reach_cells + j])
-    return (moved + np.array([rows, columns])).astype(np.float32), inside
+    at = i.clip(1, _SPAN - 2) * _SPAN + j.clip(1, _SPAN - 2)
+    beside = (
+        _beside(volume[places, at - step], top, volume[places, at + step]) for step in (_SPAN, 1)
+    )
+    moved = np.add.outer(start, [-FIELD.reach_cells]) + np.array([i, j])
+    return (moved + np.array([*beside])).astype(np.float32), top, inside
 
 
-def _beside(before: Volume, middle: Volume, after: Volume) -> Volume:
+def _beside(
+    before: npt.NDArray[np.float32],
+    middle: npt.NDArray[np.float32],
+    after: npt.NDArray[np.float32],
+) -> npt.NDArray[np.float32]:
     """Return how far beside the middle the top of a parabola lies; 0 where one is not known."""
     known = np.isfinite(before) & np.isfinite(middle) & np.isfinite(after)
     with np.errstate(invalid='ignore', divide='ignore'):

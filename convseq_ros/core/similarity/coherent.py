@@ -97,9 +97,7 @@ def coherent_pair(
     pack_reference, regions_of = references
 
     def of_step(step: int, rough: PairScore | None = None) -> PairScore:
-        def extracted(
-            query: Descriptor, least_bits: float, shown: Shown | None
-        ) -> _Query | None:
+        def extracted(query: Descriptor, least_bits: float, shown: Shown | None) -> _Query | None:
             own, blocks = shown or (project(query.cells, 1), None)
             found = extract(query, least_bits, own, step)
             if found is None:
@@ -124,8 +122,6 @@ def coherent_pair(
             return prepare_packed(packed, normalizes, behind, step)
 
         made = prepare_all if prepare_packed else None
-        return PairScore(
-            name, exact, extracted, prepare, score, *regions, made, regions_of, rough
-        )
+        return PairScore(name, exact, extracted, prepare, score, *regions, made, regions_of, rough)
 
     return of_step(1, of_step(COHERENT.rough_step))

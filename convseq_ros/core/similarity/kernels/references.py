@@ -64,11 +64,7 @@ def pack(regions: Regions, blocks: Blocks | None, scale: float) -> Reference:
 
 
 def pack_all(
-    packed: Sequence[Packed],
-    normalizes: bool,
-    background: Regions | None,
-    step: int,
-    scale: float,
+    packed: Sequence[Packed], normalizes: bool, background: Regions | None, step: int, scale: float
 ) -> list[Reference | None]:
     """
     Return what `pack` does of each reference, from its packed cells; None without gradient.
