@@ -115,14 +115,14 @@ class OdometryPrior:
 
     def _off(self, place: int, session_start: int) -> tuple[float, float] | None:
         """Return how far off a place is: sigmas beyond the slack, metres beyond the drift."""
-        pose = self._map.places[place].pose
-        if self._here is None or pose is None or not self._config.odometry_way_error:
+        position = self._map.places.position(place)
+        if self._here is None or position is None or not self._config.odometry_way_error:
             return None
         own = self._first(place) if place >= session_start else None
         if (sure := self._way.sure.get(self._frame(place)) or own) is None:
             return None
         here = sure.map_odometry[:3, :3] @ self._here[:3, 3] + sure.map_odometry[:3, 3]
-        off_m = math.dist(here, pose.position) - self._slack_m(place)
+        off_m = math.dist(here, position) - self._slack_m(place)
         turn_rad = min(self._way.turn_rad - sure.turn_rad, math.tau)
         share = self._config.odometry_way_error + self._config.odometry_turn_error * turn_rad
         drift_m = share * (self._way.way_m - sure.way_m)
@@ -130,7 +130,7 @@ class OdometryPrior:
         return 2 * max(0.0, off_m) / max(drift_m, 1e-3), off_m - drift_m
 
     def _frame(self, place: int) -> str:
-        session = self._map.sessions[self._map.places[place].session]
+        session = self._map.sessions[self._map.places.session(place)]
         return session.frame or session.id  # a frame without a name is the session's own
 
     def _first(self, place: int) -> Fix | None:
@@ -144,7 +144,7 @@ class OdometryPrior:
     def _slack_m(self, place: int) -> float:
         """Return by how much a match may be off: some of the way to the places beside it."""
         near = self._map.bounds.around(place, 1)
-        poses = [self._map.places[at].pose for at in near if at < len(self._map)]
-        known = [one.position for one in poses if one is not None]
+        positions = [self._map.places.position(at) for at in near if at < len(self._map)]
+        known = [one for one in positions if one is not None]
         way_m = max(math.dist(one, other) for one in known for other in known)
         return max(SLACK.least_m, SLACK.places * way_m)

@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells
 from convseq_ros.core.map.sessions import SessionBounds
-from convseq_ros.core.types import Pose
+from convseq_ros.core.types import Pose, Vector
 from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
@@ -159,6 +159,15 @@ class Places(Sequence[Place]):
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def position(self, index: int) -> Vector | None:
+        """Return where the camera was at a place, if it is known; quicker than the whole place."""
+        x, y, z = self._rows.view['pose'][index, :3].tolist()
+        return None if math.isnan(x) else (x, y, z)
+
+    def session(self, index: int) -> int:
+        """Return the session of a place."""
+        return int(self._rows.view['session'][index])
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):

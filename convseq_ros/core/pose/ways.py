@@ -28,13 +28,21 @@ class Ways:
 
     def moved(self, index: int, other: int) -> Matrix | None:
         """Return the motion from the base at a place to that at another of its drive, if known."""
+        if self._way_m(index, other) is None:
+            return None
+        one, two = self._map.places[index].pose, self._map.places[other].pose
+        assert one and two
+        return inverse(matrix(two)) @ matrix(one)
+
+    def _way_m(self, index: int, other: int) -> float | None:
+        """Return how far apart two places of one drive are, if known."""
         places = self._map.places
         if not (0 <= index < len(places) and 0 <= other < len(places)):
             return None
-        one, two = places[index], places[other]
-        if one.pose is None or two.pose is None or one.session != two.session:
+        one, two = places.position(index), places.position(other)
+        if one is None or two is None or places.session(index) != places.session(other):
             return None
-        return inverse(matrix(two.pose)) @ matrix(one.pose)
+        return math.dist(one, two)
 
     def neighbours(self, index: int, apart_m: float, count: int) -> list[tuple[int, Matrix]]:
         """
@@ -54,11 +62,13 @@ class Ways:
         found: list[tuple[int, Matrix]] = []
         last_m = 0.0
         for step in range(1, WAYS.look + 1):
-            moved = self.moved(index, other := index + side * step)
-            if moved is None or len(found) == count:
+            way_m = self._way_m(index, other := index + side * step)
+            if way_m is None or len(found) == count:
                 break
-            way_m = float(np.linalg.norm(moved[:3, 3]))
-            if way_m >= last_m + apart_m and moved[0, 0] >= WAYS.most_turned:
+            if way_m < last_m + apart_m:
+                continue
+            moved = self.moved(index, other)
+            if moved is not None and moved[0, 0] >= WAYS.most_turned:
                 found.append((other, moved))
                 last_m = way_m
         return found
@@ -72,8 +82,8 @@ class Ways:
         best, least_m = index, math.hypot(*pose.position_m) - WAYS.nearer_m
         first, end = max(0, index - WAYS.look), min(len(places), index + WAYS.look + 1)
         for other in range(first, end):
-            one = places[other]
-            if one.pose and one.session == own.session:
-                if (way_m := math.dist(one.pose.position, here)) < least_m:
+            position = places.position(other)
+            if position is not None and places.session(other) == own.session:
+                if (way_m := math.dist(position, here)) < least_m:
                     best, least_m = other, way_m
         return best
