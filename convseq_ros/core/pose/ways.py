@@ -8,7 +8,6 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.types import RelativePose
-import numpy as np
 
 
 @constants
