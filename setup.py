@@ -101,7 +101,6 @@ setup(
         'fleet': ['distributed>=2026.1'],  # convseq fleet
         'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
-        'kiss': ['kiss-slam>=0.0.2'],  # its optimiser in examples/pose_graph; wants NumPy 2.2
         'test': [
             'distributed>=2026.1',
             'hypothesis>=6.98',

@@ -3,15 +3,11 @@
 """
 Print how much frames of a drawn street overlap, by how far apart they are and in which light.
 
-Usage: python scripts/overlap.py [--data FOLDER], some seconds. The overlap is what
+Usage: python scripts/overlap.py, some seconds. The overlap is what
 `keyframe_overlap` is compared with: the share of a frame's salient regions that moved together
 since an earlier frame. Beside it the paper's similarity of the same frames. Medians over a street
-of 60 m. With FOLDER, which holds the sets of REAL, also from image to image of each.
+of 60 m.
 """
-
-import argparse
-from itertools import pairwise
-from pathlib import Path
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
@@ -19,7 +15,6 @@ from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources import open_source
 import numpy as np
 
 STREET, STEP_M = 903, 0.25
@@ -28,26 +23,11 @@ DRIVES = {
     'by day': {'seed': 1810},
     'evening, .7 m to the side': {'seed': 1811, 'light': 'evening', 'lane_offset_m': -0.8},
 }
-REAL = {'Gardens Point, left by day': 'gardens_point/day_left', 'corridor': 'corridor/query',
-        'rtabmap84': 'rtabmap84'}  # fmt: skip
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path)
-    data = parser.parse_args().data
     overlap = Overlap(EncodingConfig().saliency_threshold)
-    of_street(overlap)
-    if data:
-        print('| from image to image | median | most | above .75 |')
-        print('|---|---|---|---|')
-        for name, folder in REAL.items():
-            of_images(overlap, name, data / folder)
-
-
-def of_street(overlap: Overlap) -> None:
-    """Print a table of the drawn street."""
     print('| metres on |', ' | '.join(f'{STEP_M * one:g}' for one in APART), '|')
     print('|---|' + '---|' * len(APART))
     similarity = PaperSimilarity('auto')
@@ -63,14 +43,6 @@ def of_street(overlap: Overlap) -> None:
         alike = [np.median([similarity(new, old) for old, new in some]) for some in pairs]
         print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
         print(f'| {name}, similarity |', ' | '.join(f'{one:.3f}' for one in alike), '|')
-
-
-def of_images(overlap: Overlap, name: str, folder: Path) -> None:
-    """Print a row of images, each compared with the one before."""
-    shown = [describe(frame.gray) for frame in open_source(folder)]
-    shares = np.array([overlap.since(overlap.prepare(old), new) for old, new in pairwise(shown)])
-    above = f'{np.sum(shares > 0.75)} of {len(shares)}'
-    print(f'| {name} | {np.median(shares):.2f} | {shares.max():.2f} | {above} |')
 
 
 if __name__ == '__main__':

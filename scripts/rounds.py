@@ -1,34 +1,24 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what drives are recognised of their own past: three rounds of a town, and ways without loops.
+Print what drives are recognised of their own past: three rounds of a town.
 
-Usage: python scripts/rounds.py [--towns 1 2] [--data FOLDER] [--threads 1], two minutes a town.
+Usage: python scripts/rounds.py [--towns 1 2] [--threads 1], two minutes a town.
 Drawn towns are driven round three times in one drive, up to .6 m to the side of one line, in
-online mode without odometry; right is within 5 m of where the camera is. With a folder of data
-sets, their drives, forwards and backwards, are told nothing but their own past, every frame of it
-but the latest 20: they pass every place once, so all that is accepted is false.
+online mode without odometry; right is within 5 m of where the camera is.
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
 from convseq_ros.simulation.route import Corner, Route
-from convseq_ros.sources.folder import FRAME_INTERVAL_NS, ImageFolder
 from drives import away_m, blind, count, head, lanes, options, RIGHT_M, row, shots
 import numpy as np
 
 BLOCK: tuple[Corner, ...] = ((0.0, 0.0), (120.0, 0.0), (120.0, 80.0), (0.0, 80.0))
 START: Corner = (10.0, 0.0)  # on the first street; also the end
 ROUNDS = 3
-RECENT = 20  # frames that are no own past yet
-OWN_PASTS = (
-    'corridor/query', 'corridor/ref', 'gardens_point/day_left', 'gardens_point/day_right',
-    'road_1/images', 'road_2/images',
-)  # fmt: skip
 
 
 def rounds(seed: int, config: Config) -> list[Counter[str]]:
@@ -54,27 +44,10 @@ def rounds(seed: int, config: Config) -> list[Counter[str]]:
     ]
 
 
-def own_past(frames: Sequence[Frame], config: Config) -> int:
-    """Return how many frames are accepted as others of their drive."""
-    recognizer = PlaceRecognizer(build_map([], None, config), config)
-    stamps_ns = [frame.stamp_ns for frame in frames]
-    again = (replace(one, stamp_ns=at) for one, at in zip(frames, sorted(stamps_ns), strict=True))
-    return count(recognizer, again, lambda *_: False)['false']
-
-
 def main() -> None:
     """Draw, recognise, and print two tables."""
-    chosen = options(__doc__, towns=[1, 2], data=None, threads=0)
+    chosen = options(__doc__, towns=[1, 2], threads=0)
     online = {'threads': chosen.threads, 'mode': 'online'}
-    if chosen.data:
-        step_s = FRAME_INTERVAL_NS / 1e9
-        recent = {'keyframe_overlap': 1.0, 'exclusion_s': (RECENT - 0.5) * step_s}
-        config = make_config({**online, **recent})
-        head('drive', 'frames', 'accepted forwards', 'backwards')
-        for name in OWN_PASTS:
-            frames = list(ImageFolder(chosen.data / name))
-            row(name, len(frames), *(own_past(way, config) for way in (frames, frames[::-1])))
-        print()
     head('town', 'round', 'keyframes', 'right', 'recall', 'false')
     for seed in chosen.towns:
         for number, counts in enumerate(rounds(seed, make_config(online)), 1):

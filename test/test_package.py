@@ -14,9 +14,10 @@ import sysconfig
 import xml.etree.ElementTree as xml
 
 import convseq_ros
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 from programs import run
 import pytest
 
@@ -189,7 +190,7 @@ def test_the_robot_block_of_the_readme_works(workspace):
     (block,) = re.findall(r'```bash\n(colcon build.*?)```', readme, re.DOTALL)
     build, make, run = block.splitlines()
     assert build == 'colcon build --packages-select convseq_ros && source install/setup.bash'
-    drawn = draw(Street(60.0, seed=3), Drive(num_frames=25, width_px=160, height_px=120))
+    drawn = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(workspace / 'first_drive.mcap', drawn)
     # The workspace is built already, by the same command but for this package's name.
     sourced = f'set -e; source install/setup.bash; {ROS2_RUN}'

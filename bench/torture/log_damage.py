@@ -23,7 +23,7 @@ ORACLE = (
     'it is refused with one line within 5 s, or has all that was committed; zeros that a power '
     'cut leaves too, with at most one whole commit after them, cost what follows them'
 )
-COUNT, PORTION, SHORT, SEED = 2_000, 500, 60, 16
+COUNT, PORTION, SHORT, SEED = 2_000, 500, 30, 16
 _PLACES, _SECTOR = 8, 512
 _FRAME, _MARK = PAGE_BYTES + 24, 24  # of the log: a page, before which stands whose it is
 _MOST_S = 5.0

@@ -22,7 +22,7 @@ ORACLE = (
     'it is refused with one line within 5 s, or all that it answers is what it was, but for links '
     'that it says in one line are damaged'
 )
-COUNT, PORTION, SHORT, SEED = 5_000, 500, 100, 16
+COUNT, PORTION, SHORT, SEED = 5_000, 500, 40, 16
 _PLACES, _LINKS, _SECTOR = 60, 40, 512
 _MOST_S = 5.0
 

@@ -26,7 +26,7 @@ ABOUT = (
     'first so many'
 )
 ORACLE = 'that of `map_writes`'
-COUNT, PORTION, SHORT, SEED = 2_000, 200, 30, 16
+COUNT, PORTION, SHORT, SEED = 2_000, 200, 16, 16
 _SECTOR = 512
 _HEAD = struct.Struct('<6q')
 _NOT_SYNCED = 'result table'  # whose rows of the last second may be lost with the power

@@ -18,7 +18,7 @@ ORACLE = (
     'what was acknowledged is there, all that is there is right, nothing is half there; the '
     'next program goes on with it; errors are one line'
 )
-COUNT, PORTION, SHORT, SEED = 2_000, 100, 30, 16
+COUNT, PORTION, SHORT, SEED = 2_000, 100, 12, 16
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:

@@ -136,12 +136,6 @@ def _errors(
         'those that GNC kept, iSAM2': incremental.path,
         'live, with the false ones, GNC': live.after,
     }
-    try:
-        from kiss import optimise_with_kiss
-
-        paths["those that GNC kept, kiss-slam's"] = optimise_with_kiss(odometry, believed)
-    except ModuleNotFoundError:
-        _say("kiss-slam is not installed; its optimiser is left out (extra 'kiss')")
     return {
         name: (absolute_error_m(path[:, :2], real), absolute_error_m(path[again, :2], real[again]))
         for name, path in paths.items()

@@ -161,24 +161,11 @@ def test_without_a_command_all_of_them_are_listed(capsys):
     assert all(f'\n  {command} ' in told for command in COMMANDS)
 
 
-@pytest.mark.parametrize('name', ['none', 'empty'])
-def test_a_recording_that_is_missing_or_empty_is_one_line(capsys, tmp_path, name):
-    (tmp_path / 'empty').mkdir()
-    assert name in refused(capsys, 'build-map', tmp_path / name, tmp_path / 'map.db')
-    assert not (tmp_path / 'map.db').exists()
-
-
 def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
     folder = draw(tmp_path / 'drive', range(3))
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
-
-
-def test_an_existing_map_is_not_overwritten(capsys, drive, map_path):
-    before = map_path.read_bytes()
-    assert 'exists already' in refused(capsys, 'build-map', drive, map_path)
-    assert map_path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -207,7 +194,7 @@ def test_a_bad_option_of_replay_is_one_line(
         ('fixed_length: 3', 'not a ROS parameter file'),
         ('{', 'not YAML'),
         ('/**: &own\n  ros__parameters: *own', 'has an alias'),
-        ('[' * 5_000, 'nested too deeply'),
+        ('[' * 1_000, 'nested too deeply'),
         ('# ' * 200_000, 'set max_file_mb to 409.6'),
         ('- 1', 'not a list of'),
         ('/**:\n  ros__parameters: 3', 'not a ROS parameter file'),
@@ -217,13 +204,6 @@ def test_a_bad_parameter_file_is_one_line(capsys, drive, map_path, tmp_path, tex
     file = tmp_path / 'my.yaml'
     file.write_text(text)
     assert told in refused(capsys, 'replay', drive, '--map', map_path, '--config', file)
-
-
-def test_a_map_that_is_none_is_one_line(capsys, drive, tmp_path):
-    file = tmp_path / 'map.db'
-    file.write_text('hello')
-    assert 'not a convseq map' in refused(capsys, 'replay', drive, '--map', file)
-    assert 'not a convseq map' in refused(capsys, 'info', file)
 
 
 def limited(arguments, size):
@@ -257,7 +237,7 @@ def _hear_sigint():
 
 
 def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
-    folder, path = draw(tmp_path / 'drive', range(1500)), tmp_path / 'map.db'
+    folder, path = draw(tmp_path / 'drive', range(800)), tmp_path / 'map.db'
     with subprocess.Popen(
         [*START, 'build-map', str(folder), str(path)],
         stderr=subprocess.PIPE,
@@ -273,4 +253,4 @@ def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=60)[1]
     assert process.returncode == 1 and 'interrupted; the map holds what was added' in said
-    assert 0 < len(open_map(path)) < 1500
+    assert 0 < len(open_map(path)) < 800

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 import shlex
 
+from drives import shots_of
 import pytest
 
 pytest.importorskip('rosbags')
@@ -15,7 +16,7 @@ from convseq_ros import __version__
 from convseq_ros.cli import main
 from convseq_ros.cli.recording_info import describe_recording, recording_lines
 from convseq_ros.core.compiled import library
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 import cv2
@@ -25,7 +26,7 @@ import numpy as np
 @pytest.fixture(scope='module')
 def drive(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp('drive') / 'first drive'
-    shots = draw(Street(60.0, seed=3), Drive(num_frames=12, width_px=160, height_px=120))
+    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:12]
     write_recording(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
     return path
 

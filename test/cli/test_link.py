@@ -17,10 +17,11 @@ from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.odometry import Drift, with_odometry
 from convseq_ros.simulation.route import Route
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 import numpy as np
 import pytest
 
@@ -41,7 +42,7 @@ def driven(tmp_path_factory):
         )  # fmt: skip
         config = Config(keyframes=EVERY_FRAME)
         with MapBuilder(path, config, number > 0, light) as builder:
-            for shot in draw(Street(60.0, seed=5), drive):
+            for shot in shots_of(Street(60.0, seed=5), drive):
                 truth.append(np.array(shot.pose.position))
                 pose = pose_of(AWAY @ matrix(shot.pose)) if number else shot.pose
                 builder.process(replace(shot.frame, pose=pose, camera=drive.camera))
@@ -125,7 +126,7 @@ def circled(tmp_path_factory):
         width_px=240,
         height_px=180,
     )
-    shots = [*draw(route, drive)]
+    shots = shots_of(route, drive)
     truth = [shot.pose.position for shot in shots]
     drift = Drift(scale=0.02, yaw_bias_deg=4.0, seed=2)
     with MapBuilder(path, Config(keyframes=EVERY_FRAME), links=False) as builder:
@@ -177,7 +178,9 @@ def test_without_poses_or_a_link_nothing_is_made_and_one_line_says_why(tmp_path,
     assert brought_together(poses, session, edges_of(poses, session, [])) == {}
     path, better = tmp_path / 'map.db', tmp_path / 'better.db'
     with MapBuilder(path, Config(keyframes=EVERY_FRAME)) as builder:
-        for shot in draw(Street(60.0, seed=5), Drive(num_frames=4, width_px=160, height_px=120)):
+        for shot in shots_of(
+            Street(60.0, seed=5), Drive(num_frames=4, width_px=160, height_px=120)
+        ):
             builder.process(replace(shot.frame, pose=None))
     assert main(['map', 'link', str(path), '-o', str(better)]) == 1
     assert 'built with --odom and --camera-info' in capsys.readouterr().err

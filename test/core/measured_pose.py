@@ -12,8 +12,9 @@ from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.rigid import angle, inverse, matrix
 from convseq_ros.core.types import Candidate, Pose
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 
 SIZE = {'width_px': 320, 'height_px': 240}
 
@@ -24,7 +25,7 @@ def drawn_street():
     way = Street(120.0, 5)
     there = Drive(num_frames=30, **SIZE)
     here = Drive(num_frames=24, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in draw(way, one)] for one in (there, here)]
+    return [[shot.frame for shot in shots_of(way, one)] for one in (there, here)]
 
 
 def measured(reference_map, query, index, reading=ReadingConfig()):

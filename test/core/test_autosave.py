@@ -95,16 +95,6 @@ def test_what_is_persisted_is_evicted_and_still_known(path):
     assert (reference_map.packed(7) == cells(7)).all()
 
 
-@pytest.mark.parametrize(
-    'content', [b'text', b'SQLite format 3\0' + b'\0' * 500], ids=['text', 'header']
-)
-def test_a_file_that_is_no_map_is_left_alone(path, content):
-    path.write_bytes(content)
-    with pytest.raises(MapError, match='not a convseq map'):
-        own(path)
-    assert path.read_bytes() == content and list(path.parent.iterdir()) == [path]
-
-
 def test_an_empty_file_is_made_into_a_map_unless_there_must_be_one(path):
     path.touch()
     with pytest.raises(MapError, match='is empty, no map yet'):
@@ -120,11 +110,6 @@ def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypat
     monkeypatch.setattr(os, 'access', lambda one, _mode: os.fspath(one) != os.fspath(blocked))
     with pytest.raises(MapError, match=r'map.db: cannot be written; make it and its folder'):
         own(path)
-
-
-def test_a_missing_folder_is_said_at_the_start(tmp_path):
-    with pytest.raises(MapError, match=r'there is no folder .*/none; make it'):
-        own(tmp_path / 'none' / 'map.db')
 
 
 def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room(path):

@@ -16,6 +16,8 @@ from convseq_ros.errors import ConfigError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 STEP_NS = 100_000_000
 FRONT, REAR = '/front', '/rear'
 LENS = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)

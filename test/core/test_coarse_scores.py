@@ -186,14 +186,6 @@ def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
     assert track.sums == pytest.approx(brute_force(rows, own, both), abs=1e-4)
 
 
-def test_after_a_reset_nothing_is_left():
-    track = Track(False)
-    track.update(np.ones(5, np.float32), np.zeros(1, np.int64))
-    track.reset()
-    track.update(np.zeros(5, np.float32), np.zeros(1, np.int64))
-    assert track.sums.tolist() == [0] * 5
-
-
 def test_the_row_that_came_is_not_changed():
     row, track = np.ones(5, np.float32), Track(True)
     for _ in range(3):

@@ -11,12 +11,15 @@ from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.kept_image import packed_depths, unpacked_depths
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map_builder import build_map
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 import numpy as np
 import pytest
 
 from test.core.measured_pose import measured, off, SIZE
+
+pytestmark = pytest.mark.once
 
 EVERY = Config(keyframes=EVERY_FRAME)
 
@@ -27,7 +30,7 @@ def street():
     way = Street(120.0, 5)
     there = Drive(num_frames=14, has_depth=True, **SIZE)
     here = Drive(num_frames=10, start_m=2.4, lane_offset_m=-0.7, light='evening', seed=1, **SIZE)
-    return [[shot.frame for shot in draw(way, one)] for one in (there, here)]
+    return [[shot.frame for shot in shots_of(way, one)] for one in (there, here)]
 
 
 def blind(frames, change=lambda depth_m: depth_m):

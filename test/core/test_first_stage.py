@@ -21,6 +21,8 @@ import cv2
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 CONFIG = Config(keyframes=EVERY_FRAME)
 BY_VECTOR = replace(CONFIG, matching=replace(CONFIG.matching, matching='descriptor'))
 COUNT = 40

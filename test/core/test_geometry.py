@@ -156,13 +156,6 @@ def test_the_same_scene_is_verified_and_another_is_not():
         assert elsewhere.strength < 60
 
 
-def test_identical_images_are_all_inliers():
-    query = view(scene(8))
-    found = verify(query, query, (0, 0))
-    assert found.inliers > 0.9 * SIDE**2
-    assert found.strength == pytest.approx(found.inliers, rel=1e-3)
-
-
 @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])
 def test_what_shows_nothing_verifies_nothing(value):
     nothing = arranged(np.full((SIDE**2, 32), value, np.float32))

@@ -11,10 +11,13 @@ from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.glance import distance, GLANCE, glance, NearnessByGlance
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 import numpy as np
 import pytest
+
+pytestmark = pytest.mark.once
 
 RAMP = np.linspace(60, 200, 320 * 240).reshape(240, 320)
 
@@ -79,7 +82,7 @@ def drive(light, speed_mps):
         num_frames=50, light=light, speed_mps=speed_mps, frame_rate_hz=30, seed=3, **size
     )
     small = Street(length_m=80, seed=5)
-    return [shot.frame.gray for shot in draw(small, shots)]
+    return [shot.frame.gray for shot in shots_of(small, shots)]
 
 
 def counted(gray, count):

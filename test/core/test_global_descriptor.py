@@ -49,10 +49,6 @@ def test_small_images_have_fewer_frequencies(size, length):
     assert len(global_descriptor(cells)) == global_descriptor_length(cells.shape) == length
 
 
-def test_an_image_that_shows_nothing_gives_a_finite_answer():
-    assert np.isfinite(global_descriptor(np.zeros((32, 32, 8), np.float32))).all()
-
-
 def drawn(seed, side=30):
     return np.random.default_rng(seed).normal(size=(side * side, 32)).astype(np.float32)
 
@@ -72,12 +68,6 @@ def test_blocks_are_the_sums_of_nine_regions():
     sums = drawn(0).reshape(10, 3, 10, 3, 32).sum(axis=(1, 3))
     assert found / 2**17 == pytest.approx(sums, abs=1e-5)
     assert (found == np.rint(found)).all()
-
-
-def test_an_image_is_like_itself_and_unlike_noise():
-    found = alike(drawn(1), drawn(1), drawn(2))
-    assert found[0] == pytest.approx(1.0, abs=1e-3)
-    assert 0 <= found[1] < 0.1
 
 
 @pytest.mark.parametrize('right', [12, -9, 3])

@@ -28,6 +28,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 ENCODING, SECOND = EncodingConfig(image_size_px=64), 10**9
 LAP, LAPS = 30, 3
 CAMERA = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)

@@ -20,6 +20,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 ENCODING, SECOND, DAY = EncodingConfig(image_size_px=64), 10**9, 86_400 * 10**9
 ROUND = 3 * LOOK.stretch
 

@@ -18,6 +18,8 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 SECOND = 1_000_000_000
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 SETTINGS = {

@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The similarity of two frames of one drive: the paper's, and how much moved together."""
 
-from convseq_ros.config import Config, EncodingConfig, make_config
-from convseq_ros.core.compiled import available
+from convseq_ros.config import Config, EncodingConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
-from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
 from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
 from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
 from convseq_ros.core.similarity.overlap import Overlap
-from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
-from convseq_ros.core.types import Descriptor, Frame
+from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import pytest
@@ -46,47 +42,6 @@ def test_a_pair_scores_the_mean_of_the_best_similarities_of_salient_regions(sali
 SMALL = EncodingConfig(image_size_px=128)
 
 DRAWN = np.random.default_rng(0).integers(0, 256, (3, 128, 128), np.uint8)
-
-
-class CompiledError(Exception):
-    """Raised where compiled code would have computed a score."""
-
-
-@pytest.fixture
-def refused(monkeypatch):
-    """Let the compiled kernels of the paper's pair score fail."""
-    if not available():
-        pytest.skip('nothing is compiled on this machine')
-    from convseq_ros.core.similarity.kernels import regional
-
-    def refuse(*_args):
-        raise CompiledError
-
-    for name in ('float32', 'int8'):
-        fields = _fields(getattr(regional, name)(), refuse)
-        monkeypatch.setattr(regional, name, lambda fields=fields: PairScore(**fields))
-
-
-def _fields(pair, compare):
-    return {name: getattr(pair, name) for name in pair.__slots__} | {'compare': compare}
-
-
-def test_the_kernel_that_is_asked_for_rules_the_similarity(refused):
-    first, second = (describe(gray, SMALL) for gray in DRAWN[:2])
-    with pytest.raises(CompiledError):
-        PaperSimilarity('auto')(first, second)
-    assert 0 < PaperSimilarity('numpy')(first, second) < 1
-
-
-def test_a_recogniser_hands_its_kernel_on(refused):
-    def answers(config):
-        recognizer = PlaceRecognizer(ReferenceMap(config.encoding), config)
-        return [recognizer.process(Frame(index * 10**9, gray)) for index, gray in enumerate(DRAWN)]
-
-    settings = {'mode': 'online', 'exclusion_s': 0.0, 'image_size_px': 128}
-    with pytest.raises(CompiledError):
-        answers(make_config(settings))
-    assert len(answers(make_config(settings | {'kernel': 'numpy'}))) == len(DRAWN)
 
 
 def test_every_kernel_says_the_same():

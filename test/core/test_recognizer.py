@@ -50,14 +50,6 @@ def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
         assert match.pairs_scored == PLACES
 
 
-def test_single_frames_give_the_pair_score_itself(reference_map):
-    single = with_values(PAPER, {'fixed_length': 1})
-    recognizer = PlaceRecognizer(reference_map, single)
-    match = recognizer.process(Frame(0, image(4)))
-    assert match.best.score == pytest.approx(recognizer.buffer.row.max())
-    assert match.sequence_length == 1
-
-
 @pytest.mark.parametrize(
     ('blank', 'reason'),
     [(np.zeros((96, 120), np.uint8), Reason.UNINFORMATIVE), (None, Reason.UNREADABLE)],
@@ -87,10 +79,6 @@ def test_a_frame_that_comes_late_is_left_out(reference_map):
     following = recognizer.process(Frame(4 * STEP_NS, image(4)))
     assert late.reason is Reason.OUT_OF_ORDER and recognizer.resets == 0
     assert following.accepted.reference_index == 4
-
-
-def test_without_a_map_every_frame_says_so():
-    assert PlaceRecognizer(ReferenceMap()).process(Frame(0, image(0))).reason is Reason.NO_MAP
 
 
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):

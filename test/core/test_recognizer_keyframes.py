@@ -11,7 +11,6 @@ from convseq_ros.config import (
     make_config,
     OnlineConfig,
 )
-from convseq_ros.core import recognizer as recognizer_module
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -69,23 +68,6 @@ def test_a_map_of_keyframes_decides_which_frames_are_matched(third_places, image
     assert {match.pairs_scored for match in between} == {0}
     assert [match.best.reference_index for match in asked[3:]] == [*range(13, 28)]
     assert all(match.accepted for match in asked[12:])
-
-
-def test_between_keyframes_the_last_answer_stands_and_nothing_is_encoded(
-    third_places, image, monkeypatch
-):
-    encoded = []
-
-    def counted(gray, encoding):
-        encoded.append(gray)
-        return describe(gray, encoding)
-
-    monkeypatch.setattr(recognizer_module, 'describe', counted)
-    recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
-    matches = show(recognizer, image, range(30, 60))
-    assert len(encoded) == 10
-    assert matches[28].candidates == matches[29].candidates == matches[27].candidates
-    assert matches[28].shift_px == matches[27].shift_px is not None
 
 
 def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, image):

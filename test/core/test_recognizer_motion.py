@@ -20,7 +20,6 @@ SMALL = EncodingConfig(image_size_px=256)
 OWN = make_config(
     {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
 )
-ONLINE = with_values(OWN, {'mode': 'online', 'exclusion_s': 1.0})
 
 
 @pytest.fixture(scope='module')
@@ -81,15 +80,6 @@ def test_after_a_long_gap_the_sequence_starts_anew(reference_map, drive):
     matches = drive(PlaceRecognizer(reference_map, OWN), places)
     assert [match.sequence_length for match in matches[15:19]] == [1, 2, 3, 4]
     assert matches[18].best.reference_index == 33
-
-
-def test_a_clock_that_jumps_back_begins_another_session(drive):
-    grown = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
-    recognizer = PlaceRecognizer(grown, ONLINE)
-    drive(recognizer, range(40), start_ns=10**12)
-    matches = drive(recognizer, range(10, 30), seed=2)
-    assert (recognizer.resets, recognizer.mapping.session_start) == (1, 40)
-    assert matches[-1].accepted.reference_index == 29
 
 
 def test_matches_come_at_the_stated_rate(reference_map, drive):

@@ -6,15 +6,7 @@ from threading import Thread
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.regions import global_descriptor
-from convseq_ros.core.map.place import (
-    GrowingArray,
-    pack_cells,
-    Picture,
-    Place,
-    shown,
-    thumbnail,
-    unpack_cells,
-)
+from convseq_ros.core.map.place import pack_cells, Picture, Place, shown, thumbnail, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Pose
 import cv2
@@ -58,20 +50,6 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
         reference_map.cells(index)
     with pytest.raises(IndexError, match='of 1'):
         reference_map.cells_of([0, index])
-
-
-def test_what_is_stored_is_evicted():
-    reference_map = ReferenceMap(ENCODING)
-    for index in range(5):
-        reference_map.add(Place(index), cells(index))
-    for count in (2, 4):
-        reference_map.evict(count, Stored().pictures)
-        found = [reference_map.packed(index) for index in range(5)]
-        expected = [cells(index + 1000 * (index < count)) for index in range(5)]
-        assert (np.array(found) == expected).all()
-        assert len(reference_map._in_memory) == 5 - count
-    reference_map.add(Place(5), cells(5))
-    assert (reference_map.packed(5) == cells(5)).all()
 
 
 def test_several_places_are_read_in_one_go_wherever_they_are():
@@ -121,15 +99,6 @@ def test_whoever_reads_while_it_grows_finds_places_complete():
     for reader in readers:
         reader.join()
     assert not problems
-
-
-def test_a_view_stays_as_it_was():
-    growing = GrowingArray(np.zeros(0))
-    growing.extend([1])
-    before = growing.view
-    for number in range(500):
-        growing.extend([number])
-    assert before.tolist() == [1]
 
 
 @pytest.mark.parametrize(

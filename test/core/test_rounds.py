@@ -10,9 +10,10 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import LocalizationState, Pose, Reason
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.route import Route
 from convseq_ros.simulation.street import Street
+from drives import shots_of
 import numpy as np
 import pytest
 
@@ -33,7 +34,7 @@ RIGHT_M = 5.0
 def one_round():
     """Return the frames of one round."""
     drive = Drive(num_frames=ROUND, speed_mps=SPEED_MPS, width_px=160, height_px=120)
-    return [shot.frame for shot in draw(ROUTE, drive)]
+    return [shot.frame for shot in shots_of(ROUTE, drive)]
 
 
 def rounds(frames, count):
@@ -104,7 +105,7 @@ LOCALISED = LocalizationState.LOCALISED
 
 
 def drawn(street, **how):
-    return [shot.frame for shot in draw(Street(150.0, street), Drive(**how, **SIZE))]
+    return [shot.frame for shot in shots_of(Street(150.0, street), Drive(**how, **SIZE))]
 
 
 @pytest.fixture(scope='module')

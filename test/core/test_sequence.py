@@ -16,7 +16,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from test.golden.restatement import length_at
+
 RULE = SequenceConfig()
+# Runs of frames that let a sequence grow, or just not.
+RUN = st.tuples(st.sampled_from([0.0, 0.4, 0.6, 0.89, 0.9, 1.0]), st.integers(1, 30))
+RUNS = st.lists(RUN, max_size=3).map(
+    lambda runs: [one for one, count in runs for _ in range(count)]
+)
 
 
 def frame(entropy=0.6, informative=True):
@@ -34,33 +41,14 @@ def frames(count, entropy=0.6):
     return [frame(entropy) for _ in range(count)]
 
 
-def test_sequence_stops_at_the_first_frame_that_brings_information_and_keeps_it():
-    assert length(frames(6), [1, 0.95, 0.95, 0.89, 0.95, 0.95]) == 4
-    assert length(frames(5), [1, 0.1, 1, 1, 1]) == 2  # never less
-    assert length(frames(4), [1, 0.9, 0.5, 1]) == 3  # at the threshold it still grows
-
-
-def test_similar_frames_grow_the_sequence_to_fifteen():
-    assert length(frames(40), [1] * 40) == 15
-
-
-def test_sequence_grows_while_entropy_is_low():
-    low_then_high = frames(5, 0.4) + frames(20, 0.9)
-    similar = [1, 0.1] + [1] * 23
-    entropies = [each.entropy for each in low_then_high]
-    expected = next(k for k in range(2, 25) if np.mean(entropies[:k]) > 0.5)
-    assert length(low_then_high, similar) == expected == 7
-
-
-def test_low_entropy_grows_the_sequence_to_twenty_five():
-    assert length(frames(40, 0.2), [1, 0.1] + [1] * 38) == 25
-
-
-def test_length_is_unknown_while_more_frames_would_be_needed():
-    assert length(frames(1), [1]) is None
-    assert length(frames(14), [1] * 14) is None
-    assert length(frames(15), [1] * 15) == 15
-    assert length(frames(24, 0.2), [1, 0.1] + [1] * 22) is None
+@given(RUNS, RUNS)
+def test_lengths_are_those_of_the_paper_restated(similar, entropies):
+    similar, entropies = [1.0, *similar], [0.6, *entropies]
+    newest = min(len(similar), len(entropies)) - 1
+    similar, entropies = similar[: newest + 1], entropies[: newest + 1]
+    # The restatement has the newest frame last.
+    expected = length_at(newest, {newest: similar[::-1]}, entropies[::-1])
+    assert length([frame(value) for value in entropies], similar) == expected
 
 
 def test_fixed_length_ignores_similarity_and_entropy():
@@ -72,19 +60,6 @@ def test_fixed_length_ignores_similarity_and_entropy():
 def test_uninformative_frames_are_passed_over():
     mixed = [frame(), frame(0.0, informative=False), frame(), frame()]
     assert length(mixed, [1, 0.0, 0.5, 1]) == 3
-
-
-@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 0.8)), min_size=1, max_size=40))
-def test_chosen_length_is_within_its_bounds_and_within_the_frames(drawn):
-    similar, entropies = zip(*drawn, strict=True)
-    found = length([frame(value) for value in entropies], similar)
-    assert found is None or 2 <= found <= min(25, len(drawn))
-
-
-def test_hand_worked_two_by_two_diagonal():
-    newest, older = np.array([0.1, 0.9], np.float32), np.array([0.7, 0.2], np.float32)
-    scores = sequence_scores([newest, older])
-    assert scores[0] == -np.inf and scores[1] == pytest.approx((0.9 + 0.7) / 2)
 
 
 @pytest.mark.parametrize('velocity', [0.5, 1.0, 2.0])
@@ -117,7 +92,7 @@ def test_scores_are_those_of_the_definition(data, velocity):
 def drawn_rows(data):
     """Draw rows, some of them shorter than the newest, None, or with unknown pairs."""
     rng = np.random.default_rng(data.draw(st.integers(0, 999)))
-    count = data.draw(st.integers(1, 14))
+    count = data.draw(st.integers(1, 30))
     rows = [rng.random(count, np.float32)]
     for _ in range(data.draw(st.integers(0, 6))):
         row = rng.random(int(rng.integers(0, count + 1)) if rng.random() < 0.3 else count)

@@ -26,22 +26,6 @@ def numbers(*values):
     return np.array(values, float)
 
 
-def test_a_curve_is_what_one_computes_by_hand():
-    curve = precision_recall(flags(1, 1, 0, 1), numbers(0.9, 0.8, 0.7, 0.6))
-    assert curve.threshold.tolist() == [0.9, 0.8, 0.7, 0.6]
-    assert curve.precision.tolist() == pytest.approx([1, 1, 2 / 3, 3 / 4])
-    assert curve.recall.tolist() == pytest.approx([1 / 3, 2 / 3, 2 / 3, 1])
-    assert average_precision(curve) == pytest.approx(2 / 3 + 3 / 4 / 3)
-    assert recall_at_full_precision(curve) == pytest.approx(2 / 3)
-
-
-def test_equal_scores_are_one_step():
-    curve = precision_recall(flags(1, 0, 1), numbers(0.5, 0.5, 0.5))
-    assert curve.precision.tolist() == pytest.approx([2 / 3])
-    assert curve.recall.tolist() == [1]
-    assert recall_at_full_precision(curve) == 0
-
-
 def test_missed_places_count_when_their_number_is_given():
     curve = precision_recall(flags(1, 0), numbers(0.9, 0.1), positives=4)
     assert recall_at_full_precision(curve) == 1 / 4

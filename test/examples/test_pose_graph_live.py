@@ -17,15 +17,18 @@ pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 pytest.importorskip('rclpy', reason="needs ROS: pip install '.[ros]'")
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
+from convseq_ros.simulation.recording import write_recording
 from convseq_ros.sources.recording import read_poses
+import drives
 from graph import Odometry, optimise
 from live import play
 import numpy as np
 from record import read_record
-from simulated import record, two_blocks
+from simulated import shots, two_blocks
 from trajectory_error import absolute_error_m
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'pose_graph'
+SIMULATED = EXAMPLE / 'simulated.py'
 SETTINGS = {
     'mode': 'online', 'exclusion_s': 12.0, 'closure_interval_s': 1.0, 'matching': 'coherent',
     'search': 'shortlist', 'queue_size': 1000, 'max_wait_s': 0.0, 'odom_wait_s': 2.0,
@@ -73,7 +76,9 @@ class Listener:
 
 
 def test_closures_of_the_node_correct_the_path_and_false_ones_do_not(tmp_path):
-    record(tmp_path / 'drive', two_blocks(30.0, 24.0))
+    route = two_blocks(30.0, 24.0)
+    drawn = drives.kept(lambda: shots(route), 'simulated', SIMULATED.read_bytes(), route)
+    write_recording(tmp_path / 'drive', drawn, info_topic='/camera/camera_info')
     truth = {
         stamp_ns: pose.position[:2]
         for stamp_ns, pose in read_poses(tmp_path / 'drive', '/ground_truth')

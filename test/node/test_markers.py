@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What RViz and Foxglove draw."""
 
-from dataclasses import replace
 from unittest.mock import Mock
 
 from convseq_ros.config import EVERY_FRAME
@@ -14,13 +13,10 @@ from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node import map_topics
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.map_topics import MapTopics, path_message
-from convseq_ros.node.markers import closure_markers, MatchMarkers, places_marker
+from convseq_ros.node.markers import MatchMarkers
 import numpy as np
-import pytest
-from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-HEADER = Header(frame_id='map')
 ACCEPTED = Match(3, 9, Status.ACCEPTED, Reason.ACCEPTED, (Candidate(5, 8, 0.75),), 2)
 REJECTED = Match(4, 10, Status.REJECTED, Reason.WEAK, (Candidate(5, 8, 0.75),), 2)
 BLANK = pack_cells(describe(np.zeros((64, 64), np.uint8)).cells)
@@ -72,32 +68,6 @@ class Viewer:
             return None
         (message,) = self.publisher.publish.call_args.args
         return {marker.ns: marker for marker in message.markers}
-
-
-def test_closures_are_drawn_as_lio_sam_does():
-    nodes, edges = closure_markers(HEADER, [((1, 0, 0), (2, 0, 0)), (None, (3, 0, 0))])
-    assert (nodes.ns, nodes.type) == ('loop_nodes', Marker.SPHERE_LIST)
-    assert (edges.ns, edges.type) == ('loop_edges', Marker.LINE_LIST)
-    assert xs(nodes) == [1, 2, 3]
-    assert xs(edges) == [1, 2]
-    assert all(marker.header.frame_id == 'map' for marker in (nodes, edges))
-    assert all(marker.action == Marker.ADD and marker.color.a == 1 for marker in (nodes, edges))
-
-
-def test_places_are_dots_as_large_as_fits():
-    places = places_marker(HEADER, map_of(pose(0), None, pose(0.6), pose(1.2)).places)
-    assert (places.ns, places.type) == ('places', Marker.POINTS)
-    assert xs(places) == [0, 0.6, 1.2]
-    assert places.scale.x == pytest.approx(0.2)
-
-
-def test_each_session_has_its_colour_and_one_alone_is_grey():
-    places = map_of(pose(0), pose(1), pose(2)).places[:]
-    assert not places_marker(HEADER, places).colors
-    places[1:] = (replace(place, session=number) for number, place in enumerate(places[1:], 1))
-    first, second, third = places_marker(HEADER, places).colors
-    assert (first.r, first.g, first.b) == pytest.approx((0.6, 0.6, 0.6))
-    assert second != first != third != second
 
 
 def test_nothing_is_built_for_nobody_and_closures_are_remembered():

@@ -7,7 +7,7 @@ import threading
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -57,25 +57,6 @@ def test_the_second_round_closes_the_loop_and_the_map_is_on_disk(
     client.wait_for(lambda: own in [message.status[0].message for message in diagnostics])
     node.context.try_shutdown()
     client.wait_for(lambda: len(open_map(path)) == 20, 'the file to be complete')
-
-
-def test_keyframes_are_committed_as_it_goes(client, vpr, street, image, tmp_path):
-    path = tmp_path / 'new.db'
-    vpr(map_path=path, diagnostics_period_s=0.1, **ONLINE)
-    assert len(open_map(path)) == 0
-    camera = client.camera(Image)
-    diagnostics = client.listen(DiagnosticArray, '/diagnostics')
-    sent = 0
-
-    def kept():
-        nonlocal sent
-        camera.publish(image(street[sent % 25], (LATER_S + sent) * SECOND))
-        sent += 1
-        return diagnostics and int(client.values_of(diagnostics[-1])['places_kept']) > 3
-
-    client.wait_for(kept)
-    assert len(open_map(path)) > 3
-    assert float(client.values_of(diagnostics[-1])['since_last_commit_s']) < 20
 
 
 def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(
@@ -173,12 +154,6 @@ def test_the_map_that_grows_is_completed_where_it_is(client, vpr, street, image,
     assert len(open_map(path)) == 7
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(path))
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
-
-
-def test_a_second_node_on_the_same_map_is_told_at_the_start(vpr, tmp_path):
-    vpr(map_path=tmp_path / 'new.db', **ONLINE)
-    with pytest.raises(MapError, match=r'new.db: another program adds to this map'):
-        vpr(map_path=tmp_path / 'new.db', **ONLINE)
 
 
 def test_a_node_that_does_not_start_leaves_the_map_to_others(vpr, tmp_path):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the node are those of config.py, checked at start and when set."""
 
-from convseq_ros.config import Config, core_parameters, SequenceConfig
+from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.parameters import declare, KNOWN
 from convseq_ros.node_config import NodeConfig
@@ -70,13 +70,6 @@ def test_every_parameter_is_described_with_unit_and_bounds(declared):
             assert item.choices[0] in descriptor.additional_constraints
 
 
-def test_the_command_line_is_obeyed(declared):
-    node = declared('-p', 'fixed_length:=3', '-p', 'map_frame:=site')
-    assert node.config.sequence.fixed_length == 3
-    assert node.node_config.map_frame == 'site'
-    assert node.get_parameter('fixed_length').value == 3
-
-
 @pytest.mark.parametrize('text', ['1', '1.0'])
 def test_a_whole_number_will_do_for_a_float(declared, text):
     node = declared('-p', f'min_margin:={text}')
@@ -119,14 +112,6 @@ def test_parameters_of_ros_itself_are_let_be(declared):
         'qos_overrides./clock.subscription.depth:=3',
     )
     assert node.get_parameter('use_sim_time').value is True
-
-
-def test_setting_a_dynamic_parameter_announces_the_new_configuration(declared):
-    node = declared()
-    assert set_one(node, 'fixed_length', 5).successful
-    config, node_config = node.changes[-1]
-    assert config.sequence == SequenceConfig(fixed_length=5)
-    assert node_config == NodeConfig()
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,14 @@
 
 import sys
 
+from drives import shots_of
 import pytest
 
 pytest.importorskip('rosbags')
 
 from convseq_ros.cli import main
 from convseq_ros.results import COLUMNS, read_results
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.storage import open_storage
@@ -20,7 +21,7 @@ from convseq_ros.sources.storage import open_storage
 def mapped(tmp_path_factory):
     """Return a drive and its map, with poses."""
     folder = tmp_path_factory.mktemp('mapped')
-    shots = draw(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
+    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
     write_recording(folder / 'drive', shots)
     assert main(['build-map', str(folder / 'drive'), str(folder / 'm.db'), '--odom', '/odom']) == 0
     return folder

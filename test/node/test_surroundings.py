@@ -83,16 +83,6 @@ def test_a_frame_gets_the_pose_of_its_stamp_and_a_camera_of_its_size(
     assert surroundings.odometry.frame_id == 'odom'
 
 
-def test_without_odometry_and_camera_info_frames_are_as_ever(client, frames, street, image):
-    node, seen = frames
-    camera = client.camera(Image)
-    for index in range(5):
-        camera.publish(image(street[index], (index + 1) * SECOND))
-    client.wait_for(lambda: len(seen) == 5)
-    assert all(frame.pose is frame.camera is None for frame in seen)
-    assert node._situation().further['frames_without_pose'] == 0
-
-
 def test_bad_camera_info_is_one_warning_and_no_camera(client, frames, street, image, capfd):
     node, seen = frames
     info = client.camera(CameraInfo, '/camera_info')
@@ -247,11 +237,6 @@ def test_what_is_no_depth_is_counted(heard):
     images, hear = heard
     hear(depth(SECOND, encoding='rgb8'))
     assert images.at(SECOND) is None and images.unreadable == 1
-
-
-def test_without_a_topic_nothing_is_heard():
-    images = module.DepthImages(Mock(), '', 1.0, ReadingConfig())
-    assert images.at(SECOND) is None and images.missing == 0
 
 
 LENS = SimpleNamespace(x=-0.5, y=0.5, z=-0.5, w=0.5)  # x right, y down, z ahead: REP-103

@@ -109,28 +109,6 @@ def test_every_change_of_the_state_is_published_and_latched_with_one_initial_pos
     assert last[0].header.frame_id == 'map' and last[0].pose.covariance[0] > 0
 
 
-def test_a_robot_that_is_put_elsewhere_gets_another_initial_pose(client, vpr, map_path, show):
-    vpr(map_path=map_path, publish_initial_pose='true', **BELIEF)
-    told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
-    poses = client.listen(PoseWithCovarianceStamped, '/initialpose', LATCHED)
-    client.wait_for(lambda: told)
-    show(1, 2, 3, 4, 20, 21, 22, 23)
-    client.wait_for(lambda: poses and told[-1].message == 'localised')
-    assert [each.message for each in told].count('localised') == 2
-    client.wait_for(lambda: len(poses) == 2)
-    assert poses[1].pose.pose.position.x >= 20.0
-
-
-def test_by_the_margin_the_newest_frame_alone_tells(client, vpr, map_path, show):
-    vpr(map_path=map_path, fixed_length=1, min_margin=0.05)
-    told = client.listen(DiagnosticStatus, '/vpr_node/localization', LATCHED)
-    client.wait_for(lambda: told)
-    show(1, 2, UNKNOWN, UNKNOWN, 21)
-    client.wait_for(lambda: len(told) == 4)
-    assert [each.message for each in told] == ['lost', 'localised', 'lost', 'localised']
-    assert 'quality' not in {item.key for item in told[-1].values}
-
-
 def test_many_who_wait_take_no_threads_and_too_many_are_told(
     client, vpr, map_path, show, ask, monkeypatch
 ):

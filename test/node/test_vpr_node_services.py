@@ -124,12 +124,6 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
     assert capfd.readouterr().err.count('ValueError: a surprise') == 2
 
 
-def test_no_map_cannot_be_saved(client, vpr, tmp_path):
-    vpr(save_map_path=tmp_path / 'copy.db')
-    answer = client.call(Trigger, '/vpr_node/save_map')
-    assert (answer.success, answer.message) == (False, 'there is no map to save')
-
-
 def test_reset_starts_the_sequence_anew(client, vpr, drive, map_path):
     vpr(map_path=map_path)
     assert [drive(place) for place in (1, 2, 3)] == [-1, 2, 3]

@@ -86,8 +86,8 @@ def test_a_second_drive_is_recognised_on_all_topics(
     assert [int(row['reference_index'] or -1) for row in table] == indices
 
 
-def test_compressed_images_are_recognised(client, start, map_path, street):
-    start('vpr_node', '-r', 'image:=/image/compressed', map_path=map_path)
+def test_compressed_images_are_recognised(client, vpr, map_path, street):
+    vpr('-r', 'image:=/image/compressed', map_path=map_path)
     heard = client.listen(Int32, '/vpr_node/match_index')
     camera = client.camera(CompressedImage, '/image/compressed')
     for index in range(5):
@@ -99,12 +99,12 @@ def test_compressed_images_are_recognised(client, start, map_path, street):
 
 
 def test_names_can_be_remapped_and_put_in_a_namespace(
-    client, start, map_path, street, image, tmp_path
+    client, vpr, map_path, street, image, tmp_path
 ):
     settings = tmp_path / 'settings.yaml'
     settings.write_text('/**:\n  ros__parameters:\n    map_frame: site\n    fixed_length: 1\n')
     names = '-r image:=/cam/image -r __ns:=/robot -r __node:=places -r ~/match_index:=/lio/index'
-    start('vpr_node', *names.split(), '--params-file', settings, map_path=map_path)
+    vpr(*names.split(), '--params-file', str(settings), map_path=map_path)
     clouds = client.listen(PointCloud2, '/robot/places/candidates')
     indices = client.listen(Int32, '/lio/index')
     camera = client.camera(Image, '/cam/image')

@@ -3,8 +3,6 @@
 """Cut, flipped, foreign and hostile recordings: frames that are right, or one clear error."""
 
 import os
-from pathlib import Path
-import shutil
 import sqlite3
 import struct
 import threading
@@ -13,7 +11,6 @@ import zipfile
 
 from convseq_ros.core.types import Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.truth_file import read_npy, read_pairs
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
@@ -130,15 +127,6 @@ def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
     assert 'left out' in warnings[0]
 
 
-def test_saved_frames_can_be_read_twice_and_as_messages(recorder, pictures):
-    path = recorder.write('mcap zstd', recorder.drive(pictures))
-    path.write_bytes(path.read_bytes()[:-40])
-    recording = open_source(path)
-    assert len(recording) == len(list(recording)) == len(list(recording)) == 12
-    assert len(list(recording.messages())) == 12
-    assert len(recording.warnings) == 1
-
-
 def test_poses_are_saved_from_a_cut_mcap(recorder):
     rows = [('/odom', i, recorder.odometry(float(i), i + 1)) for i in range(9)]
     path = recorder.write('mcap plain', rows)
@@ -218,14 +206,6 @@ def test_foreign_files_are_one_clear_error(recorder, tmp_path, suffix, kind, pic
     assert str(path) in error
 
 
-def test_one_format_under_the_name_of_another_is_an_error(recorder, tmp_path, pictures):
-    path = recorder.write('db3 file', recorder.drive(pictures))
-    for suffix in ('.mcap', '.bag'):
-        foreign = tmp_path / f'foreign{suffix}'
-        shutil.copy(path, foreign)
-        assert str(foreign) in read(foreign)[1]
-
-
 def test_paths_that_are_no_recording_are_one_clear_error(tmp_path):
     assert 'no such file' in read(tmp_path / 'missing.mcap')[1]
     note = tmp_path / 'notes.txt'
@@ -248,14 +228,6 @@ def test_metadata_of_a_recorder_is_not_needed(recorder, layout, pictures, conten
     next(folder.glob('drive.*')).unlink()
     frames, error, _ = read(folder)
     assert str(folder) in error
-
-
-def test_a_recording_that_vanishes_is_one_clear_error(recorder, layout, pictures):
-    path = recorder.write(layout, recorder.drive(pictures))
-    source = open_source(path)
-    shutil.rmtree(path) if path.is_dir() else Path.unlink(path)
-    with pytest.raises(SourceError, match='drive'):
-        list(source)
 
 
 MEGABYTE = 1 << 20
@@ -376,20 +348,6 @@ def test_a_pipe_in_a_folder_is_left_out(recorder, pictures, pipe):
     assert any('is a pipe' in line for line in warnings)
 
 
-@pytest.mark.parametrize(
-    'read_truth', [lambda path: read_pairs(path, [], []), lambda path: read_npy(path, (1, 1))]
-)
-def test_a_pipe_is_no_truth(tmp_path, read_truth):
-    os.mkfifo(tmp_path / 'truth')
-
-    def refused():
-        with pytest.raises(SourceError, match='is a pipe'):
-            read_truth(tmp_path / 'truth')
-        return True
-
-    assert in_time(refused)
-
-
 COMPUTED = """
 ALTER TABLE messages RENAME TO kept;
 CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,
@@ -412,26 +370,6 @@ def test_a_database_that_computes_is_refused(recorder, pictures, change, told):
     with sqlite3.connect(path) as database:
         database.executescript(change)
     assert told in read(path)[1]
-
-
-def test_pages_that_stand_for_many_are_refused(recorder, pictures):
-    path = recorder.write('db3 file', recorder.drive(pictures[:1] * 400))
-    data = bytearray(path.read_bytes())
-    size = struct.unpack_from('>H', data, 16)[0]
-    changed = 0
-    for start in range(0, len(data), size):
-        if data[start] == 5:  # an inner page of a table: all its children become the first
-            (cells,) = struct.unpack_from('>H', data, start + 3)
-            pointers = struct.unpack_from(f'>{cells}H', data, start + 12)
-            child = data[start + pointers[0] : start + pointers[0] + 4]
-            for pointer in pointers:
-                data[start + pointer : start + pointer + 4] = child
-            changed += cells
-    assert changed
-    path.write_bytes(data)
-    frames, error, warnings = in_time(lambda: read(path))
-    assert len(frames) <= 400
-    assert error or warnings or len(frames) == 400
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4', 'bz2'])

@@ -57,14 +57,6 @@ def sure_of(belief, place):
     return belief
 
 
-def test_at_first_the_robot_is_elsewhere(a_map):
-    belief = Belief(a_map(5), Driven())
-    belief.predict(5)
-    posterior = belief.posterior
-    assert posterior.elsewhere == 1 and len(posterior.places) == len(posterior.mass) == 0
-    assert belief.likeliest(5) == [] and belief.velocity(3) == 1.0
-
-
 def test_the_second_step_by_hand(a_map):
     belief = Belief(a_map(4), Driven())
     first = seen(belief, np.log([1, 20, 1, 1]))
@@ -81,16 +73,6 @@ def test_the_second_step_by_hand(a_map):
     assert mass == pytest.approx(weights / total) and left == pytest.approx(
         0.996 * elsewhere / total
     )
-
-
-def test_what_is_believed_counts_as_the_frame_shows_it(a_map):
-    belief = sure_of(Belief(a_map(5), Driven(0.0)), 3)
-    before, elsewhere = masses(belief, 5)
-    assert belief.places.tolist() == [3]
-    seen(belief, [0.0], [1], unseen=np.log(0.25))
-    share = (0.004 * elsewhere + 1e-4) / 5
-    weights = np.array([0, share, 0, 0.25 * (before[3] + share), 0])
-    assert masses(belief, 5)[0] == pytest.approx(weights / (weights.sum() + 0.996 * elsewhere))
 
 
 def test_motion_spreads_as_a_bell(a_map):
@@ -163,12 +145,6 @@ def test_what_is_told_as_unlikely_as_can_be_is_found_again(a_map):
     for _ in range(3):
         posterior = seen(belief, [6.0, *[-2.0] * 19])
     assert posterior.mass[0] > 0.9
-
-
-def test_after_a_reset_it_is_elsewhere(a_map):
-    belief = sure_of(Belief(a_map(5), Driven()), 3)
-    belief.reset()
-    assert belief.posterior.elsewhere == 1 and not len(belief.posterior.places)
 
 
 LENGTHS = st.lists(st.integers(1, 12), min_size=1, max_size=4)

@@ -12,6 +12,8 @@ from convseq_ros.core.types import Frame, LocalizationState, Pose, Reason, Statu
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 SMALL = EncodingConfig(image_size_px=256)
 PLACES = 60
 STEP_NS = 10**8

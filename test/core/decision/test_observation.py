@@ -2,13 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a frame says of places: by hand, and whatever it shows."""
 
-import math
-
-from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO, strength_of
+from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import OBSERVED, Observer
+from convseq_ros.core.decision.observation import Observer
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.graph.links import LINKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -66,9 +63,6 @@ def scored(best=30, score=0.104, count=100, **more):
     return scores
 
 
-UNSEEN = 0.5 * math.log(0.5)  # half of the frames do not show their place, as far as one knows
-
-
 def looked(
     reference_map, frame, predicted=(), start=NONE, listed=None, learned=None, believed=None
 ):
@@ -81,39 +75,6 @@ def looked(
     believed = np.array(sorted(predicted) if believed is None else believed, np.int64)
     seen = observer.observe(frame, believed, predicted, start)
     return seen, dict(zip(seen.places.tolist(), seen.log_ratios.tolist(), strict=True))
-
-
-@pytest.mark.parametrize(('frames', 'most'), [(1, OBSERVED.first_scored), (20, OBSERVED.scored)])
-def test_the_best_by_rough_scores_and_controls_are_scored_in_full(a_map, frames, most):
-    observer = Observer(Listed(range(100), 100), Neighbourhood(a_map(100)), 40)
-    for _ in range(frames):
-        frame = Frame(scored(), {30: 36.0})
-        observer.observe(frame, NONE, (), NONE)
-    assert len(frame.scored) == most and {30, *RIVALS} <= {*frame.scored}
-    assert sum(abs(one - 30) > LINKS.beside for one in frame.scored) >= OBSERVED.fewest
-
-
-def test_a_lead_counts_by_strength_and_by_score_in_scales(a_map):
-    seen, ratios = looked(a_map(100), Frame(scored(), {30: 36.0}), believed=range(100))
-    # Twice the roots of 36 and of the rivals' 25; .104 against .1.
-    lead, above = 12 - 10, (0.104 - 0.1) / RATIO.prior_score
-    lead /= RATIO.prior_strength**RATIO.power
-    expected = RATIO.constant + RATIO.strength * lead + RATIO.score * above
-    assert 0 < expected < RATIO.most and seen.has_rivals
-    assert ratios[30] == pytest.approx(expected, abs=1e-4)
-    # The hardest rival does not lead itself; the next one is behind it.
-    assert ratios[50] == pytest.approx(RATIO.constant, abs=1e-4)
-    behind = RATIO.constant - RATIO.score * 0.01 / RATIO.prior_score
-    assert ratios[60] == pytest.approx(max(behind, RATIO.least), abs=1e-4)
-    # Nobody has verified these; what lies beside what is denied is denied.
-    assert ratios[20] == ratios[99] == ratios[26] == UNSEEN
-    assert ratios[62] == ratios[60] < UNSEEN
-    assert set(seen.verified) == {30, *RIVALS, 28, 29, 31, 32}
-
-
-def test_what_lies_on_the_ground_alone_hardly_counts():
-    assert strength_of(shown(224.0, 30.0)) == 90 and strength_of(shown(224.0, 190.0)) == 224
-    assert strength_of(shown(3.0)) == RATIO.unrelated / 2
 
 
 def test_looks_are_no_rivals(a_map):
@@ -133,13 +94,6 @@ def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
     assert not seen.has_rivals and max(ratios.values()) <= 0
 
 
-def test_where_the_list_has_too_few_controls_more_are_scored(a_map):
-    listed = range(28, 34)
-    seen, ratios = looked(a_map(100), Frame(scored(), {30: 400.0}), listed=listed)
-    assert seen.has_rivals and ratios[30] > 0
-    assert len(seen.places) == len(listed) + OBSERVED.fewest
-
-
 def test_what_was_believed_is_scored_and_the_likeliest_of_it_verified(a_map):
     predicted, frame = [20, 42, 15], Frame(scored(), {})
     seen, _ = looked(a_map(100), frame, predicted, listed=[*range(50, 100), 30])
@@ -150,29 +104,6 @@ def test_what_was_believed_is_scored_and_the_likeliest_of_it_verified(a_map):
 def test_a_frame_without_scores_says_nothing(a_map):
     seen, ratios = looked(a_map(30), Frame(np.full(30, np.nan), {}), [3])
     assert ratios == {3: 0.0} and not seen.has_rivals
-
-
-def test_how_rarely_true_places_are_shown_is_learned(a_map):
-    observer = Observer(Listed([], 9), Neighbourhood(a_map(9)), 40)
-    assert observer.likelihood.unseen == pytest.approx(UNSEEN)
-    for _ in range(30):
-        observer.likelihood.confirm(True)
-    assert RATIO.least <= observer.likelihood.unseen < 2 * UNSEEN
-    for _ in range(100):
-        observer.likelihood.confirm(False)
-    assert UNSEEN < observer.likelihood.unseen <= 0
-    observer.reset()
-    assert observer.likelihood.unseen == pytest.approx(UNSEEN)
-
-
-def test_a_place_that_is_shown_far_worse_than_matches_are_is_doubted(a_map):
-    frame = Frame(scored(), {30: 50.0}, usual=20.0)
-    ratios = looked(a_map(100), frame, learned=[400.0])[1]
-    undoubted = looked(a_map(100), frame)[1]
-    share = math.log(50 / 400) - math.log(RATIO.share)
-    doubt = max(RATIO.doubt * share, RATIO.least)
-    assert doubt < 0 and ratios[30] == pytest.approx(undoubted[30] + doubt)
-    assert looked(a_map(100), frame, learned=[60.0])[1][30] == undoubted[30] > 0
 
 
 def test_a_place_of_this_drive_is_compared_with_the_frame_before(a_map):

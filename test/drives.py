@@ -1,0 +1,45 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drawn drives, which take long to draw: a machine draws each once, until the drawing changes."""
+
+from collections.abc import Callable, Iterable
+import functools
+import hashlib
+import os
+from pathlib import Path
+import pickle
+
+from convseq_ros import simulation
+from convseq_ros.core import types
+from convseq_ros.simulation.drive import draw, Drive, Shot, Way
+import cv2
+import numpy as np
+
+KEPT = Path(__file__).resolve().parents[1] / '.pytest_cache' / 'drives'
+
+
+@functools.cache
+def _drawing() -> bytes:
+    """Return a digest of all that decides what a drive looks like."""
+    sources = [*Path(simulation.__file__).parent.glob('*.py'), Path(types.__file__)]
+    texts = [path.read_bytes() for path in sorted(sources)]
+    return hashlib.sha256(
+        b'\0'.join([*texts, repr((cv2.__version__, np.__version__)).encode()])
+    ).digest()
+
+
+def kept(make: Callable[[], Iterable[Shot]], *what: object) -> list[Shot]:
+    """Return what is made, which has this description and no other."""
+    path = KEPT / hashlib.sha256(_drawing() + repr(what).encode()).hexdigest()
+    if path.exists():
+        return pickle.loads(path.read_bytes())
+    shots, part = [*make()], path.with_suffix(f'.{os.getpid()}')
+    KEPT.mkdir(parents=True, exist_ok=True)
+    part.write_bytes(pickle.dumps(shots))
+    part.replace(path)
+    return shots
+
+
+def shots_of(way: Way, drive: Drive) -> list[Shot]:
+    """Return the shots of a drive."""
+    return kept(lambda: draw(way, drive), way, drive)
