@@ -8,6 +8,8 @@ from convseq_ros.core.types import Indices
 import numpy as np
 import numpy.typing as npt
 
+Values = npt.NDArray[np.float64]
+
 
 class Neighbourhood:
     """Knows which places of a map show much the same as one of them."""
@@ -33,6 +35,18 @@ class Neighbourhood:
     def beside(self, places: Indices, index: int, distance: int) -> npt.NDArray[np.bool_]:
         """Return which of some places (n,) are of the same session, within a distance."""
         return self._map.bounds.near(places, index, distance)
+
+    def best_beside(
+        self, places: Indices, others: Indices, values: Values, reach: int, loss: float = 0.0
+    ) -> Values:
+        """
+        Return of places (n,) the best value of others (m,) at most so far off in their session.
+
+        It is less by so much for each place between; -inf where there is none.
+        """
+        near = self._map.bounds.nearness(places, others, reach)
+        found = values[:, None] - loss * abs(places - others[:, None])
+        return np.where(near, found, -np.inf).max(axis=0, initial=-np.inf)
 
     def is_near(self, one: int, other: int, distance: int = LINKS.beside) -> bool:
         """Return whether a place is near another."""

@@ -147,7 +147,9 @@ class Observer:
         if not has_rivals:  # then nothing is likelier than elsewhere, but the best is the best
             best_ratio = max(0.0, float(log_ratios.max()))
             log_ratios = np.maximum(log_ratios - best_ratio, RATIO.least)
-        smoothed = self._smoothed(looked, log_ratios[at])
+        # One frame cannot tell a place from those beside it.
+        beside = OBSERVED.beside, RATIO.beside
+        smoothed = self._near.best_beside(looked, looked, log_ratios[at], *beside)
         log_ratios[at] = np.maximum(smoothed, judge.support(strengths, is_own))
         step = buffer.verified_step if is_own.any() else None
         doubts = judge.doubts(strengths, is_own, step)
@@ -167,22 +169,10 @@ class Observer:
         if not len(looked):
             return replace(seen, places=places, log_ratios=log_ratios)
         ratios = seen.log_ratios[np.searchsorted(seen.places, looked)]
-        best = np.full(len(places), -np.inf)
-        for one, ratio in zip(looked.tolist(), ratios, strict=True):
-            near = self._near.beside(places, one, LINKS.beside // 2)
-            best[near] = np.maximum(best[near], ratio)
+        best = self._near.best_beside(places, looked, ratios, LINKS.beside // 2)
         unknown = ~np.isin(places, looked) & np.isfinite(best)
         log_ratios[unknown] = np.minimum(log_ratios[unknown], best[unknown])
         return replace(seen, places=places, log_ratios=log_ratios)
-
-    def _smoothed(self, places: Indices, log_ratios: Values) -> Values:
-        """Return ratios of places (n,) that one frame cannot tell from those beside them."""
-        found = log_ratios.copy()
-        for place, ratio in zip(places.tolist(), log_ratios.tolist(), strict=True):
-            near = self._near.beside(places, place, OBSERVED.beside)
-            off = RATIO.beside * abs(places[near] - place)
-            found[near] = np.maximum(found[near], ratio - off)
-        return found
 
     def _peaks(self, places: Indices, scores: Values, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""

@@ -112,3 +112,9 @@ class SessionBounds:
         """Return which of some places (n,) are of the same session, within a distance."""
         there = self.around(index, distance)
         return (indices >= there.start) & (indices < there.stop)
+
+    def nearness(self, indices: Indices, others: Indices, distance: int) -> npt.NDArray[np.bool_]:
+        """Return the same of some places (n,) for each of others (m,), as (m, n)."""
+        apart = abs(indices - others[:, None])
+        first, end = (np.broadcast_to(one, others.shape)[:, None] for one in self.spans(others))
+        return (apart <= distance) & (indices >= first) & (indices < end)
