@@ -109,6 +109,8 @@ class RelativePoses:
         self, index: int, own: LensView, query: LensView, frame: Frame, known: RelativePose | None
     ) -> RelativePose | None:
         """Return the pose by kept images, from what cells said; None if too little agrees."""
+        if not self._map.images.are_kept:
+            return None
         nearest = self.ways.nearest(index, known) if known else index
         if (between := self.ways.moved(nearest, index)) is None:
             return None
