@@ -14,13 +14,18 @@ import json
 from pathlib import Path
 import shutil
 import sqlite3
+import subprocess
+import sys
 
 from convseq_ros.config import EncodingConfig, EVERY_FRAME, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.regions import global_descriptor
+from convseq_ros.core.encoding.first_stage import identity_of
+from convseq_ros.core.encoding.regions import global_descriptor, unit
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail, unpack_cells
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2
@@ -100,6 +105,33 @@ def keyframe_map(folder: Path, size: int) -> Path:
     return path
 
 
+def model_of(folder: Path) -> Path:
+    """Return a model of 10 MFLOP: random convolutions of a colour image; needs `onnx`."""
+    path = folder / 'model.onnx'
+    if not path.exists():
+        script = Path(__file__).parents[1] / 'scripts' / 'make_onnx_model.py'
+        subprocess.run([sys.executable, script, path, '--kind', 'random'], check=True)
+    return path
+
+
+def model_map(folder: Path, size: int, frames: int) -> Path:
+    """Return a map with the vectors of that model; those of other streets are random."""
+    path = folder / f'map-{size}-model.db'
+    if path.exists():
+        return path
+    model, plain = OnnxModel(model_of(folder)), open_map(map_path(folder, size))
+    vectors = np.random.default_rng(size).standard_normal((size, model.numbers), np.float32)
+    own = vectors[home(size, frames) :][:frames]
+    day = _gray(Street(length_m=frames + 60, seed=7), Drive(num_frames=frames))
+    own[:] = [model(gray) for gray in day[: len(own)]]
+    encoding = EncodingConfig(descriptor_model=identity_of(model))
+    with MapWriter(path, encoding, EVERY_FRAME) as writer:
+        for index, vector in enumerate(vectors):
+            writer.add(plain.places[index], *plain.pictures([index]), unit(vector))
+    _say_linked(path, size)
+    return path
+
+
 def truth(index: int, size: int, frames: int) -> int:
     """Return the reference that shows the same place as a query."""
     return home(size, frames) + index + round(_START_M)
@@ -122,12 +154,16 @@ def _write(path: Path, size: int, cells: Cells, thumbnails: list[bytes]) -> None
             place = Place(index * _SPACING_NS, f'{index:06d}.png')
             picture = Picture(packed, thumbnails[index % len(thumbnails)])
             writer.add(place, picture, global_descriptor(unpack_cells(packed)))
-    # Nothing earlier shows the same: else a node would look all places up, beside its answers.
-    with closing(sqlite3.connect(part)) as database, database:
+    _say_linked(part, size)
+    part.rename(path)
+
+
+def _say_linked(path: Path, size: int) -> None:
+    """Nothing earlier shows the same: else a node would look all places up, beside its answers."""
+    with closing(sqlite3.connect(path)) as database, database:
         rows = ((place, *(None,) * 5) for place in range(size))
         add = 'INSERT INTO links VALUES (?, ?, ?, ?, ?, ?, ?)'
         database.executemany(add, ((*row, row_crc(row)) for row in rows))
-    part.rename(path)
 
 
 def _laps(size: int, cells: Cells) -> Iterator[npt.NDArray[np.float16]]:

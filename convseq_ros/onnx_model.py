@@ -10,6 +10,7 @@ import re
 from typing import Any
 
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.first_stage import checked_vector
 from convseq_ros.errors import ModelError, one_line, pip_install, SourceError
 from convseq_ros.files import read_yaml
 from convseq_ros.onnx_file import external_files
@@ -43,8 +44,8 @@ class Input:
             if unknown := [*said.keys() - known]:
                 raise ValueError(f'{unknown[0]!r} is none of {", ".join(sorted(known))}')
             numbers = {name: _numbers(said[name]) for name in said if name != 'color'}
-            if any(not all(numbers[name]) for name in numbers.keys() & {'size', 'scale'}):
-                raise ValueError('size and scale are not 0')
+            if not all(numbers.get('scale', ())):
+                raise ValueError('scale is not 0')
             size: Any = tuple(map(int, numbers.pop('size', ()))) or None
             if size and (len(size) > 2 or min(size) < 1 or max(size) > 4096):
                 raise ValueError(f'size {size} is not height and width, 1 to 4096 px')
@@ -121,31 +122,24 @@ class OnnxModel:
         ModelError if the model fails, or its vector holds NaN or has another length than before.
         """
         height, width = self._size
-        if image.ndim == 2 or self._color == 'gray':
-            gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-            image = np.repeat(gray[:, :, None], self._channels, axis=2)
-        elif self._color == 'rgb':
-            image = image[:, :, ::-1]
-        image = np.ascontiguousarray(image)
+        if image.ndim == 3 and self._color == 'gray':
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-        planes = small.reshape(height, width, -1).transpose(2, 0, 1) / 255.0
+        if small.ndim == 2:
+            small = np.repeat(small[:, :, None], self._channels, axis=2)
+        elif self._color == 'rgb':
+            small = small[:, :, ::-1]
+        planes = small.transpose(2, 0, 1) / 255.0
         planes = ((planes - self._mean) / self._scale).astype(self._type)
         try:
             answer = self._session.run(None, {self._input: planes[None]})[0]
-            vector = np.asarray(answer, np.float32).ravel()
+            vector = np.asarray(answer, np.float32)
         except Exception as error:
             raise ModelError(
                 f'{self._path}: the model fails on an image of {height} x {width} px '
                 f'({one_line(error)}); is that its size?'
             ) from None
-        if not len(vector) or not np.isfinite(vector).all():
-            raise ModelError(f'{self._path}: its vector holds NaN, or nothing; check its scale')
-        if self.numbers and len(vector) != self.numbers:
-            raise ModelError(
-                f'{self._path}: its vector has {len(vector)} numbers, and had {self.numbers}; '
-                'export it with an output of one size'
-            )
-        return vector
+        return checked_vector(vector, self.numbers, self._path)
 
     def _read(self, path: Path, reading: ReadingConfig) -> tuple[bytes, Any]:
         """Return what is in the file, and the digest of it and of the files it names."""

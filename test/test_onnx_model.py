@@ -108,7 +108,7 @@ def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
         ('size: [4, 9]', 'size .* contradicts the model'),
         ('colour: rgb', "'colour' is none of color, mean, scale, size"),
         ('color: red', "color 'red' is none of rgb, bgr, gray"),
-        ('scale: 0', 'are not 0'),
+        ('scale: 0', 'is not 0'),
         ('mean: [a, b]', 'could not convert'),
     ):
         (tmp_path / 'm.yaml').write_text(f'{line}\n')
@@ -161,7 +161,7 @@ def test_a_vector_whose_size_changes_is_told(tmp_path):
         onnx.helper.make_node('Cast', ['where'], ['descriptor'], to=onnx.TensorProto.FLOAT),
     ]
     own = OnnxModel(graph_model(tmp_path / 'm.onnx', nodes, (1, 1, 8, 8)), given=NOTHING)
-    with pytest.raises(ModelError, match=r'numbers, and had .*; export it'):
+    with pytest.raises(ModelError, match=r'numbers, expected .*, as others'):
         own(np.eye(8, dtype=np.uint8))
 
 

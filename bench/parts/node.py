@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 import importlib.util
 import os
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.finding import Finding
-from bench.material import keyframe_map, read_drive
+from bench.material import keyframe_map, model_map, model_of, read_drive
 from bench.part import BLAS
 from bench.work import Work
 
@@ -52,7 +53,32 @@ def measure(work: Work) -> list[Finding]:
         name = f'drive of 10 m/s, {_WANTED_HZ} Hz, 8 keyframes a second, R = {size:,}'
         run = _driven(one, images, _WANTED_HZ, seconds)
         findings += _told(work, name, *run, _MOST_DRIVE_P95_MS, _MOST_PERCENT)
+    if work.threads == 1 and importlib.util.find_spec('onnx'):
+        findings += _with_model(work, size, seconds)
     return findings
+
+
+def _with_model(work: Work, size: int, seconds: int) -> list[Finding]:
+    """Send every frame to a node whose vectors are a network's."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    answers: list[dict[str, str]] = []
+
+    def listen(message: Any) -> None:
+        answers.append({one.key: one.value for one in message.status[0].values})
+
+    path = model_map(work.folder, size, len(work.images))
+    with _node(work, path, descriptor_model=model_of(work.folder).absolute()) as one:
+        one.node.create_subscription(DiagnosticArray, '/vpr_node/answer', listen, 100)
+        run = _driven(one, work.images, _RATES_HZ[0], seconds)
+    model_ms, frame_ms = (
+        np.median([float(answer[name]) for answer in answers if answer.get('model_ms')])
+        for name in ('model_ms', 'duration_ms')
+    )
+    what = f'node with a model of 10 MFLOP, {_RATES_HZ[0]} Hz, R = {size:,}'
+    by_answers = f"by ~/answer, {model_ms:.2g} of {frame_ms:.1f} ms are the model's"
+    told, dropped, share = _told(work, what, *run)
+    return [replace(told, note=by_answers), replace(dropped, most=0), share]
 
 
 def _driven(
@@ -112,7 +138,7 @@ def _start(work: Work, what: str, path: Path) -> Finding:
 
 
 @contextmanager
-def _node(work: Work, path: Path, waits: bool = True) -> Iterator['Robot']:
+def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> Iterator['Robot']:
     """Run the node with a map on the first cores; the camera may use the others."""
     from bench.torture.robot import robot
 
@@ -120,7 +146,8 @@ def _node(work: Work, path: Path, waits: bool = True) -> Iterator['Robot']:
         os.environ.pop(name, None)
     cores = sorted(os.sched_getaffinity(0))
     own, others = cores[: work.threads], cores[work.threads :] or cores
-    with robot(work.folder, None, own, waits, map_path=path.absolute()) as one:
+    parameters['map_path'] = path.absolute()
+    with robot(work.folder, None, own, waits, **parameters) as one:
         os.sched_setaffinity(0, others)
         try:
             yield one

@@ -3,7 +3,6 @@
 """A tree of words of binary descriptors, and bags of them weighed by tf-idf, as in DBoW2."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +11,8 @@ BRANCHES, LEVELS = 10, 4  # 10,000 words at most; ORB-SLAM's has 6 levels, for a
 _ROUNDS = 10  # of k-medians; few descriptors change sides later
 _MOST = 60_000  # descriptors that words are learnt of, drawn of all
 _SEED = 0
+
+_ONES = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
 
 Bits = npt.NDArray[np.uint8]  # (n, 32), 256 bits a descriptor
 Signs = npt.NDArray[np.float32]  # (n, 256), each bit as -1 or 1
@@ -48,14 +49,6 @@ def _distances(descriptors: Signs, centres: Signs) -> npt.NDArray[np.float32]:
     return (descriptors.shape[1] - descriptors @ centres.T) / 2
 
 
-@dataclass(eq=False)
-class _Node:
-    """A branch of the tree: what its children are like, and which they are."""
-
-    centres: Signs  # (k, 256)
-    children: 'list[_Node | int]'  # nodes, or words by their number
-
-
 class Vocabulary:
     """
     Words learnt from the descriptors (n, 32) of some images, a tree of 10 branches and 4 levels.
@@ -67,9 +60,14 @@ class Vocabulary:
         self, images: Sequence[Bits], branches: int = BRANCHES, levels: int = LEVELS
     ) -> None:
         self._branches, self._random, self._words = branches, np.random.default_rng(_SEED), 0
+        # Of each fork of the tree, what its branches are like, and where they lead: to another
+        # fork, or, as -1 - w, to a word. Branches that a fork lacks are repeats of others.
+        self._centres = np.zeros((0, branches, 32), np.uint8)
+        self._leads = np.zeros((0, branches), np.int64)
         every = np.concatenate(images)
         some = signs(every[self._random.permutation(len(every))[:_MOST]])
-        self._root = self._grown(some, levels) if len(some) else None
+        if len(some):
+            self._grow(some, levels)
         counts = np.zeros(self._words)
         for one in images:
             counts[np.unique(self.words(one))] += 1
@@ -78,35 +76,34 @@ class Vocabulary:
     def __len__(self) -> int:
         return self._words
 
-    def _grown(self, descriptors: Signs, levels: int) -> _Node:
+    def _grow(self, descriptors: Signs, levels: int) -> int:
+        """Add a fork and all behind it; return its number."""
         centres = medians(descriptors, self._branches, self._random)
         own = _distances(descriptors, centres).argmin(axis=1)
-        children: list[_Node | int] = []
+        fork, every = len(self._leads), np.arange(self._branches) % len(centres)
+        bits = np.packbits(centres > 0, axis=1)[every]
+        self._centres = np.append(self._centres, bits[None], axis=0)
+        self._leads = np.append(self._leads, every[None], axis=0)
+        leads = []
         for number in range(len(centres)):
             some = descriptors[own == number]
             if levels > 1 and len(some) > self._branches:
-                children.append(self._grown(some, levels - 1))
+                leads.append(self._grow(some, levels - 1))
             else:
-                children.append(self._words)
                 self._words += 1
-        return _Node(centres, children)
+                leads.append(-self._words)
+        self._leads[fork] = np.array(leads)[every]
+        return fork
 
     def words(self, descriptors: Bits) -> Words:
         """Return the word of each descriptor (n, 32), as the nearest branches lead to it: (n,)."""
-        found = np.zeros(len(descriptors), np.int64)
-        if self._root is None or not len(descriptors):
-            return found
-        waiting = [(self._root, np.arange(len(descriptors)), signs(descriptors))]
-        while waiting:
-            node, places, some = waiting.pop()
-            nearest = _distances(some, node.centres).argmin(axis=1)
-            for number, child in enumerate(node.children):
-                here = nearest == number
-                if isinstance(child, int):
-                    found[places[here]] = child
-                elif here.any():
-                    waiting.append((child, places[here], some[here]))
-        return found
+        at = np.full(len(descriptors), 0 if self._words else -1, np.int64)
+        while len(inside := np.flatnonzero(at >= 0)):
+            forks = at[inside]
+            differ = descriptors[inside, None] ^ self._centres[forks]
+            nearest = _ONES[differ].sum(axis=2, dtype=np.int16).argmin(axis=1)
+            at[inside] = self._leads[forks, nearest]
+        return -1 - at
 
     def bag(self, descriptors: Bits) -> npt.NDArray[np.float32]:
         """Return the tf-idf of each word in an image, (W,), that sum up to 1; or all 0."""

@@ -4,13 +4,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cache, cached_property
+from functools import cached_property
 import json
 from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.config import EncodingConfig, EVERY_FRAME
+from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.view import upright
@@ -19,7 +19,7 @@ from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.cache import Cache, content_digest, digest
 from convseq_ros.evaluation.simulated import SimulatedDrive
-from convseq_ros.onnx_model import OnnxModel
+from convseq_ros.onnx_model import OnnxModel, open_model
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
@@ -130,19 +130,13 @@ class Drive:
         return made
 
 
-@cache
-def model_at(path: str, reading: ReadingConfig) -> OnnxModel | None:
-    """Return the model of a path, opened once; None of none."""
-    return OnnxModel(Path(path), reading) if path else None
-
-
 def describe_drive(images: Images, encoding: EncodingConfig, kept_in: Cache) -> Drive:
     """
     Describe every image of a drive, or recall it, by the model of the encoding if it names one.
 
     SourceError if images cannot be read, ModelError if the model cannot be used.
     """
-    if model := model_at(encoding.descriptor_model, images.reading):
+    if model := open_model(Config(encoding=encoding, reading=images.reading)):
         encoding = replace(encoding, descriptor_model=identity_of(model))
         images = images.in_color if model.wants_color else images
     facts = [images.content, asdict(encoding)]

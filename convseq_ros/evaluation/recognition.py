@@ -15,9 +15,8 @@ from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.evaluation.drive import model_at
 from convseq_ros.evaluation.material import Material
-from convseq_ros.onnx_model import OnnxModel
+from convseq_ros.onnx_model import OnnxModel, open_model
 from convseq_ros.parameter import Value
 import numpy as np
 import numpy.typing as npt
@@ -67,7 +66,7 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     """
     if material.data_set.online:
         config = _online(material, config)
-    model = model_at(config.encoding.descriptor_model, config.reading)
+    model = open_model(config)
     made_by = [model.identity] if model else []
     facts = [material.content, flatten(config), span, *made_by]
     kept = material.cache.get('recognitions', facts)

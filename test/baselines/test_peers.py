@@ -31,7 +31,7 @@ def textured(random, size=(240, 320)):
 def test_words_are_those_that_opencvs_matcher_finds(random):
     images = drawn(random, 6)
     flat = Vocabulary(images, branches=20, levels=1)
-    centres = flat._root.centres
+    centres = signs(flat._centres[0])
     for image in images:
         # As BOWImgDescriptorExtractor does; of words as near as each other, the first or any.
         matches = cv2.BFMatcher(cv2.NORM_L2).match(signs(image), centres)

@@ -5,7 +5,6 @@
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
-from convseq_ros.evaluation.drive import model_at
 from descriptor_models import made
 import numpy as np
 import pytest
@@ -68,7 +67,6 @@ def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
     for more in ('', '+matching=descriptor'):
         assert accuracy(f'convseq+descriptor_model={net}{more}') > 0.6
     made(net, 'hog', 32, 64)
-    model_at.cache_clear()
     assert accuracy(f'convseq+descriptor_model={net}') > 0.6  # not what was kept of the other one
 
 

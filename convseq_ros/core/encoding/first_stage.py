@@ -58,6 +58,23 @@ def identity_of(describe: Describe) -> str:
     return own and f'#{own}'
 
 
+def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.NDArray[np.float32]:
+    """
+    Return what a model answered as a vector (n,).
+
+    ModelError if it is empty, not finite, or has other than so many numbers; 0 for any.
+    """
+    vector = np.asarray(answer, np.float32).ravel()
+    if not len(vector) or not np.isfinite(vector).all():
+        raise ModelError(f'{whose}: its vector holds NaN, or nothing; check its scale')
+    if numbers and len(vector) != numbers:
+        raise ModelError(
+            f'{whose}: its vector has {len(vector)} numbers, expected {numbers}, as '
+            'others; make it of one size'
+        )
+    return vector
+
+
 def with_first_stage(config: Config, describe: Describe | None) -> Config:
     """
     Return a configuration as maps keep it: with the identity of the model, not its path.
@@ -115,20 +132,11 @@ class FirstStage:
         wants_color = getattr(self._describe, 'wants_color', False)
         image = frame.color if wants_color and frame.color is not None else frame.gray
         started = time.perf_counter()
-        numbers = np.asarray(self._describe(self._masked(image)), np.float32).ravel()
+        answer = self._describe(self._masked(image))
         self.duration_ms = (time.perf_counter() - started) * 1e3
-        return replace(descriptor, vector=self._checked(numbers))
-
-    def _checked(self, numbers: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
-        if not len(numbers) or not np.isfinite(numbers).all():
-            raise ModelError('descriptor_model: its vector holds NaN, or nothing; check its input')
-        self._numbers = self._numbers or len(numbers)
-        if len(numbers) != self._numbers:
-            raise ModelError(
-                f'descriptor_model: its vector has {len(numbers)} numbers, expected '
-                f'{self._numbers}, as others; make it of one size'
-            )
-        return unit(numbers).astype(np.float16)
+        vector = checked_vector(answer, self._numbers, 'descriptor_model')
+        self._numbers = len(vector)
+        return replace(descriptor, vector=unit(vector).astype(np.float16))
 
     def _masked(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
         """Return an image whose hidden cells are flat."""
