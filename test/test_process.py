@@ -8,7 +8,6 @@ import signal
 import sys
 
 from convseq_ros import process
-from convseq_ros.cli.processes import environment
 from convseq_ros.process import fast_dds, LARGE_IMAGES, QUICK_START, VARIABLE
 from programs import run
 import pytest
@@ -83,10 +82,6 @@ def test_ours_count_unless_the_user_has_chosen(monkeypatch, profile, chosen):
     assert path.name == profile and path.is_file()
     monkeypatch.setenv(chosen, 'mine.xml')
     assert fast_dds(profile) == {}
-
-
-def test_the_processes_of_a_demo_carry_large_images(tmp_path):
-    assert Path(environment(tmp_path)[VARIABLE]).name == LARGE_IMAGES
 
 
 @pytest.mark.parametrize(

@@ -20,12 +20,6 @@ def test_the_cosine_of_a_vector_is_one_with_itself_and_zero_with_nothing():
     assert cosine_scores(rows[:1], rows).tolist() == [[1, 0, -1]]
 
 
-def test_distances_are_turned_round(tmp_path):
-    path = saved(tmp_path, np.array([[1, 2, 3]]))
-    assert read_scores(path, 1, 3).tolist() == [[1, 2, 3]]
-    assert read_scores(path, 1, 3, lower_is_better=True).tolist() == [[-1, -2, -3]]
-
-
 @pytest.mark.parametrize(
     ('array', 'problem'),
     [

@@ -21,10 +21,6 @@ def test_every_patch_has_mean_zero_and_deviation_one():
     assert np.abs(patches.std(axis=(1, 3)) - 1).max() < 1e-5
 
 
-def test_a_patch_without_contrast_is_zero():
-    assert not patch_normalized(np.full(SMALL, 200, np.uint8)).any()
-
-
 def test_differences_are_signed_numbers_and_do_not_wrap_round():
     dark = np.zeros(SMALL, np.uint8)
     dark[:, ::2] = 10
@@ -42,11 +38,6 @@ def test_enhancement_is_the_deviation_from_the_neighbours():
     assert similarity[0].argmax() == 2
     assert similarity[0, 2] == pytest.approx((row.mean() - 1) / row.std())
     assert not enhanced(np.full((2, 8), 3, np.float32)).any()
-
-
-def test_enhancement_at_the_rim_uses_the_neighbours_that_there_are():
-    row = np.arange(6, dtype=np.float32)[None]
-    assert enhanced(row, window=2)[0, 0] == pytest.approx((0.5 - 0) / 0.5)
 
 
 @pytest.mark.parametrize('velocity', [0.8, 1.0, 1.2])

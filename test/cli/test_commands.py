@@ -56,15 +56,6 @@ def refused(capsys, *arguments):
     return said.err
 
 
-def test_a_map_is_built_and_described(map_path, capsys):
-    assert main(['info', str(map_path), '--json']) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert (facts['references'], facts['thumbnails'], facts['with_pose']) == (COUNT, COUNT, 0)
-    assert facts['last_stamp_ns'] == COUNT * 10**8
-    assert main(['info', str(map_path)]) == 0
-    assert f'references   {COUNT}' in capsys.readouterr().out
-
-
 def test_a_drive_replayed_in_its_own_map_finds_every_place(drive, map_path, tmp_path, capsys):
     output = tmp_path / 'result.csv'
     arguments = ['replay', drive, '--map', map_path, '--output', output, '--fixed-length', '3']
@@ -166,25 +157,6 @@ def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
-
-
-@pytest.mark.parametrize(
-    ('options', 'told'),
-    [
-        (['--fixed-length', '101'], 'fixed_length: 101 is outside 0 .. 100'),
-        (['--fixed-length', 'many'], "fixed_length: expected int, got 'many'"),
-        (['--image-size-px', '256'], 'image_size_px 512, asked for 256'),
-        (['--map', 'missing.db'], 'missing.db: no such map'),
-        (['--config', 'missing.yaml'], 'missing.yaml: no such file'),
-        (['--output', 'no/such/folder/r.csv'], 'no/such/folder/r.csv'),
-        (['--topic', '/camera'], '/camera'),
-    ],
-)
-def test_a_bad_option_of_replay_is_one_line(
-    capsys, drive, map_path, tmp_path, monkeypatch, options, told
-):
-    monkeypatch.chdir(tmp_path)
-    assert told in refused(capsys, 'replay', drive, '--map', map_path, *options)
 
 
 @pytest.mark.parametrize(

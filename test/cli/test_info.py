@@ -19,7 +19,6 @@ from convseq_ros.core.compiled import library
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
-import cv2
 import numpy as np
 
 
@@ -98,9 +97,3 @@ def test_two_drives_are_not_joined_by_a_line(drive, capsys, tmp_path):
     # The way back from the end of the first to the start of the second is 11 m, too.
     assert (len(facts['sessions']), facts['with_pose']) == (2, 24)
     assert facts['path_m'] == pytest.approx(22.0, abs=0.2)
-
-
-def test_a_folder_of_pictures_is_told_of_too(tmp_path, capsys):
-    cv2.imwrite(str(tmp_path / '1.png'), np.zeros((8, 8), np.uint8))
-    assert main(['info', str(tmp_path)]) == 0
-    assert capsys.readouterr().out.startswith(f'{tmp_path}: 1 images\n')

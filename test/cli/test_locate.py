@@ -5,13 +5,12 @@
 import json
 
 from convseq_ros.cli import main
-from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
+from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place, thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map
-from convseq_ros.core.types import Frame, Pose
+from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
 import pytest
@@ -54,16 +53,6 @@ def test_the_last_few_images_tell_place_pose_and_quality(place_map, images, tmp_
     assert told[:2] == ['localised: place 4, quality not known', 'taken at 5 ns, from wall 4']
     assert told[2].startswith('x 4.00 y 2.00 z 0.50 m' if has_poses else 'no pose: the map has')
     assert cv2.imread(str(picture)).shape == (264, 640, 3)
-
-
-def test_a_camera_on_its_side_is_drawn_upright(walls, images, tmp_path):
-    path, picture = tmp_path / 'turned.db', tmp_path / 'match.png'
-    encoding = EncodingConfig(image_rotation_deg=90)
-    frames = [Frame(index + 1, gray) for index, gray in enumerate(walls[:8])]
-    build_map(frames, path, Config(encoding=encoding, keyframes=EVERY_FRAME))
-    asked = [*images(3, 4), '--map', str(path), '--picture', str(picture)]
-    assert main(['locate', *asked, '--image-rotation-deg', '90', *SETTINGS]) == 0
-    assert cv2.imread(str(picture)).shape == (264, 180 + 180, 3)
 
 
 @pytest.mark.parametrize('rule', ['belief', 'margin'])

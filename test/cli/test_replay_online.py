@@ -76,15 +76,6 @@ def test_the_second_round_is_recognised_in_the_first(two_rounds, tmp_path, repla
     assert [place.stamp_ns for place in open_map(path).places] == stamps
 
 
-def test_the_next_day_is_recognised_in_the_last_and_added(two_rounds, tmp_path, replay):
-    path = tmp_path / 'days.db'
-    replay(draw(tmp_path / 'yesterday', range(ROUND)), path, *ONLINE)
-    summary, rows = replay(draw(tmp_path / 'today', range(ROUND)), path, *ONLINE)
-    assert summary['added'] == ROUND
-    assert len(open_map(path)) == 2 * ROUND
-    assert [row['reference_index'] for row in rows[1:]] == [str(i) for i in range(1, ROUND)]
-
-
 def test_preloaded_never_writes(two_rounds, tmp_path, replay):
     path = tmp_path / 'map.db'
     replay(two_rounds, path, *ONLINE)

@@ -7,7 +7,6 @@ import math
 
 from convseq_ros.cli.demo_drives import side_topics
 from convseq_ros.core.types import Camera, Pose
-import cv2
 import numpy as np
 import pytest
 
@@ -59,8 +58,3 @@ def test_what_cannot_be_used_is_left_out_and_named(recorded, capsys, changes, fo
     assert side_topics(recorded(**changes)) == found
     said = capsys.readouterr().err
     assert said.startswith('warning: left out /') and said.count('\n') == 1
-
-
-def test_pictures_have_none(tmp_path):
-    cv2.imwrite(str(tmp_path / '0.png'), np.zeros((12, 16), np.uint8))
-    assert side_topics(tmp_path) == ('', '')

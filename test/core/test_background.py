@@ -113,11 +113,6 @@ def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_dou
     assert updated == [20, 40, 80]
 
 
-def test_a_map_of_blank_references_has_no_background():
-    background = Background(drawn_map(20, blank=range(20)), same, projected_regions)
-    assert background.update_map() and background.of_map is None
-
-
 def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
     background = Background(drawn_map(25), same, projected_regions)
     background.update_map()

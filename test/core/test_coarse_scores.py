@@ -5,7 +5,7 @@
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.sequence.coarse_scores import CoarseScores, EveryPlace, top, TRACK, Track
+from convseq_ros.core.sequence.coarse_scores import CoarseScores, top, TRACK, Track
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -82,13 +82,6 @@ def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     assert 52 in coarse.best(3, 0)
 
 
-def test_references_at_the_mean_tell_nothing(described):
-    lonely = ReferenceMap()
-    for index in range(3):
-        lonely.add(Place(index), pack_cells(described(4).cells))
-    assert (row_of(CoarseScores(lonely), described(4)) == 0).all()
-
-
 def test_a_session_is_seen_from_what_it_usually_shows(described):
     rng, numbers = np.random.default_rng(0), ReferenceMap().global_descriptors.shape[1]
     town, park = rng.normal(0.0, 0.1, (300, numbers)), rng.normal(0.5, 0.1, (40, numbers))
@@ -122,13 +115,6 @@ def test_the_likeliest_are_those_along_the_drive_and_those_of_the_newest_frame(
     coarse.reset()
     coarse.update(described(60, 1))
     assert coarse.best(1, 1).tolist() == [60]
-
-
-def test_the_paper_scores_every_place(described):
-    every = EveryPlace()
-    assert every.best(3, 1).tolist() == []
-    every.update(described(4), 7)
-    assert every.best(3, 1).tolist() == [*range(7)]
 
 
 @pytest.mark.parametrize('count', [0, 1, 30, 64 * 33, 64 * 34, 64 * 40 + 7, 9000])

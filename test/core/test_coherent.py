@@ -100,10 +100,6 @@ def test_unrelated_images_score_near_chance():
     assert max(score(texture(3), texture(seed))[0] for seed in range(10, 15)) < 0.15
 
 
-def test_an_image_without_salient_regions_shows_nothing():
-    assert extract(describe(np.full((512, 512), 90, np.uint8)), LEAST_BITS) is None
-
-
 def test_regions_are_of_unit_length_and_flat_ones_have_a_place_too():
     cells = np.zeros((32, 32, 8), np.float32)
     assert not joined_regions(cells).any()

@@ -153,11 +153,6 @@ def test_images_of_any_size_are_encoded_at_every_size(way, shape, side):
     assert 0 <= found.entropy <= np.log2(81) / 8
 
 
-def test_a_part_of_a_larger_image_is_encoded_like_its_copy(way):
-    part = picture('noise', 512, 2)[7:400:2, 5:300]
-    assert (describe(part).cells == describe(part.copy()).cells).all()
-
-
 def test_a_region_is_salient_when_its_mean_entropy_reaches_the_threshold():
     bits = np.zeros((3, 3))
     bits[0, 0] = 16

@@ -76,14 +76,6 @@ def test_it_stays_localised_until_its_place_holds_less_than_half():
     assert robot.sees(45, 0.9).state is LOCALISED
 
 
-def test_carried_away_it_is_lost_as_the_belief_is_and_found_with_it():
-    robot = Robot()
-    robot.sees(40)
-    told = [robot.sees(one, share) for one, share in ((41, 0.3), (41, 0.02), (200, 0.6), (201, 1))]
-    assert [one.state for one in told] == [CANDIDATE, LOST, CANDIDATE, LOCALISED]
-    assert told[-1].reference_index == 201
-
-
 @pytest.mark.parametrize('reason', SILENT)
 def test_frames_that_say_nothing_change_nothing(reason):
     robot = Robot()

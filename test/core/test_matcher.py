@@ -160,14 +160,6 @@ def test_exact_scores_are_those_of_the_definition(made, way):
         assert np.abs(matcher.scores(query, np.arange(6)) - expected).max() < 1e-6
 
 
-def test_warming_up_changes_no_answer(made):
-    reference_map = drawn_map(4, blank=(0,))
-    cold, warm = made(reference_map), made(reference_map)
-    warm.warm_up()
-    found = [one.scores(one.extract(drawn(1)), np.arange(4)) for one in (cold, warm)]
-    assert np.array_equal(*found, equal_nan=True)
-
-
 def test_only_coherent_matching_tells_the_shift(made, way):
     matcher = made(drawn_map(3))
     query = matcher.extract(drawn(1))
@@ -197,12 +189,6 @@ def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, kernel):
 def test_auto_takes_the_fastest_kernel_that_there_is(way):
     kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
     assert kernel.split()[0] == KERNELS[-1]
-
-
-def test_auto_takes_numpy_where_nothing_is_compiled(monkeypatch, way):
-    monkeypatch.setattr(choice, 'available', lambda: False)
-    kernel = Matcher(ReferenceMap(), MatchingConfig(matching=way, kernel='auto'), 0.5).kernel
-    assert kernel == 'numpy'
 
 
 @pytest.mark.parametrize(

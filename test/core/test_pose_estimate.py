@@ -47,12 +47,6 @@ def test_the_nearer_neighbour_counts_and_a_stop_is_passed_over():
     assert sigmas(estimate_pose(street(pose(7)), 0))[0] == 0
 
 
-def test_places_without_a_pose_are_passed_over_and_have_none():
-    places = street(pose(0), None, pose(4))
-    assert estimate_pose(places, 1) is None
-    assert sigmas(estimate_pose(places, 0))[0] == pytest.approx(4 / math.sqrt(12))
-
-
 def test_neighbours_that_score_nearly_as_well_spread_it():
     # Places 1, 2 and 3 cannot be told apart: offsets of -6, 0 and 6 m.
     row = np.array([0.1, 0.47, 0.5, 0.46, 0.44], np.float32)

@@ -148,14 +148,3 @@ def test_a_drive_in_reverse_gear_is_recognised_and_sooner_if_it_was_expected(
     ahead, both = accepted(False), accepted(True)
     assert both[3:] == list(range(47, 10, -1))
     assert both.count(None) <= ahead.count(None)
-
-
-def test_a_robot_that_was_just_switched_on_is_found_as_soon_as_it_moves(reference_map, drive):
-    matches = drive(PlaceRecognizer(reference_map, OWN), [*[20] * 5, 21, 22])
-    first, *standing, _, last = matches
-    assert first.best.reference_index == 20 and first.reason is Reason.WEAK
-    assert first.best.inliers > 50 and first.sequence_length == 1
-    assert {(match.status, match.reason) for match in standing} == {
-        (Status.REJECTED, Reason.STATIONARY)
-    }
-    assert last.accepted.reference_index == 22

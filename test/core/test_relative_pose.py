@@ -62,6 +62,12 @@ def test_a_map_without_poses_gives_no_metres(street, made):
     assert math.hypot(*pose.orientation) == pytest.approx(1)
 
 
+@pytest.mark.parametrize('wrong', [{'fx_px': math.nan}, {'fy_px': 0.0}, {'width_px': -1}])
+def test_a_camera_of_impossible_numbers_measures_nothing(street, made, wrong):
+    query = street[1][9]
+    assert made(replace(query, camera=replace(query.camera, **wrong)), 11) is None
+
+
 def test_the_same_image_is_at_the_same_spot(street, made):
     pose = made(street[0][11], 11)
     assert math.hypot(*pose.position_m) < 0.05

@@ -3,7 +3,6 @@
 """Sessions in one map: diagonals and neighbours stay in theirs, looks of a place are no rivals."""
 
 from itertools import pairwise
-import sys
 
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.descriptor import describe
@@ -22,7 +21,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-BOUNDS = SessionBounds((10, 25))
 AHEAD = (0.0, 0.0, 0.0, 1.0)
 CELLS = np.ones((32, 32, 8), np.float16)
 
@@ -51,17 +49,6 @@ def test_a_map_whose_sessions_are_mixed_is_refused(tmp_path):
     save_map(reference_map, tmp_path / 'map.db')
     with pytest.raises(MapError, match='places of one session lie apart'):
         open_map(tmp_path / 'map.db')
-
-
-def test_what_is_near_is_of_the_same_session():
-    every = np.arange(30)
-    assert np.flatnonzero(BOUNDS.near(every, 9, 3)).tolist() == [6, 7, 8, 9]
-    assert np.flatnonzero(BOUNDS.near(every, 10, 3)).tolist() == [10, 11, 12, 13]
-    assert np.flatnonzero(BOUNDS.near(every, 24, 30)).tolist() == [*range(10, 25)]
-    firsts, ends = BOUNDS.spans(np.array([0, 9, 10, 24, 25, 99]))
-    assert firsts.tolist() == [0, 0, 10, 10, 25, 25]
-    assert ends.tolist() == [10, 10, 25, 25, sys.maxsize, sys.maxsize]
-    assert BOUNDS.span(12) == (10, 25) and BOUNDS.span(25)[0] == 25
 
 
 @given(

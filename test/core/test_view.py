@@ -45,12 +45,6 @@ def test_what_is_hidden_changes_nothing_of_a_descriptor(image, mask):
     assert 0 < one.entropy < 1
 
 
-def test_a_mask_that_hides_nothing_is_none(tmp_path):
-    cv2.imwrite(str(tmp_path / 'white.png'), np.full((50, 70), 255, np.uint8))
-    encoding = EncodingConfig(image_mask=str(tmp_path / 'white.png'))
-    assert with_mask_read(encoding) == EncodingConfig()
-
-
 @pytest.mark.parametrize('kind', ['black', 'absent', 'text', 'pipe', 'bomb', 'folder'])
 def test_a_mask_that_shows_nothing_is_refused_in_one_line(tmp_path, kind):
     path = tmp_path / 'mask.png'

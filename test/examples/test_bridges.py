@@ -8,8 +8,6 @@ part for Swarm-SLAM is given messages by hand.
 """
 
 import math
-from pathlib import Path
-import py_compile
 from types import SimpleNamespace
 from uuid import UUID
 import zlib
@@ -262,8 +260,3 @@ def test_closures_wait_for_a_back_end_that_comes_late_or_goes_away():
     for number in range(2000):
         waiting.add(number * 10**9, number, 'never')
     assert len(waiting) == 1000
-
-
-def test_the_node_compiles(tmp_path):
-    node = Path(messages.__file__).with_name('bridge_node.py')
-    py_compile.compile(str(node), str(tmp_path / 'node.pyc'), doraise=True)

@@ -35,13 +35,6 @@ def test_a_camera_that_is_named_twice_is_refused():
         image_subscriptions(node, NodeConfig(image_topics='/front /rear front'), Mock())
 
 
-def test_the_node_gives_way_to_a_best_effort_camera(client, vpr, capfd):
-    vpr()
-    client.node.create_publisher(Image, '/image', BEST_EFFORT)
-    wait_for_reliability(client, ReliabilityPolicy.BEST_EFFORT)
-    client.wait_for(lambda: 'best effort; following it' in ''.join(capfd.readouterr()))
-
-
 def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street, image):
     node = vpr()
     camera = client.node.create_publisher(Image, '/image', BEST_EFFORT)

@@ -274,8 +274,3 @@ def test_a_lens_that_looks_ahead_is_a_camera_that_is_not_turned(node, monkeypatc
     asked = mount._buffer.asked
     assert mount.of('lens') is pose and mount._buffer.asked == asked and len(node.said) == 1
     assert mount.of('another') is None
-
-
-def test_without_tf2_the_parameter_decides(node, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'tf2_ros', None)
-    assert Mount(node, 'base_link').of('lens') is None

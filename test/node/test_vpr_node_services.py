@@ -10,7 +10,6 @@ from nav_msgs.srv import LoadMap
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, UInt32
 from std_srvs.srv import SetBool, Trigger
@@ -124,6 +123,12 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
     assert capfd.readouterr().err.count('ValueError: a surprise') == 2
 
 
+def test_no_map_cannot_be_saved(client, vpr, tmp_path):
+    vpr(save_map_path=tmp_path / 'copy.db')
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message) == (False, 'there is no map to save')
+
+
 def test_reset_starts_the_sequence_anew(client, vpr, drive, map_path):
     vpr(map_path=map_path)
     assert [drive(place) for place in (1, 2, 3)] == [-1, 2, 3]
@@ -168,17 +173,3 @@ def test_services_answer_while_a_frame_is_processed(client, vpr, street, image, 
     assert node._worker.waiting == 19
     held.set()
     client.wait_for(lambda: node._statistics.processed == 20)
-
-
-def test_every_call_of_a_quick_caller_is_answered(client, vpr, held_up):
-    node = vpr()
-    client.service(Trigger, '/vpr_node/reset')
-    service = client.node.create_client(
-        Trigger, '/vpr_node/reset', qos_profile=QoSProfile(depth=1000)
-    )
-    client.wait_for(service.service_is_ready)
-    client.wait_until_known_to('/vpr_node')
-    with held_up(node):
-        futures = [service.call_async(Trigger.Request()) for _ in range(200)]
-    client.wait_for(lambda: all(future.done() for future in futures), 'all answers')
-    assert all(future.result().success for future in futures)

@@ -62,11 +62,6 @@ def test_the_noise_is_as_large_as_it_says():
     assert along.std() == pytest.approx(0.05 * 10, rel=0.2)
 
 
-def test_the_same_seed_drifts_the_same_way_and_another_another():
-    assert straight(Drift(seed=3)) == straight(Drift(seed=3))
-    assert straight(Drift(seed=3))[-1] != straight(Drift(seed=4))[-1]
-
-
 @pytest.mark.parametrize('name', ['noise_m', 'yaw_noise_deg', 'seed'])
 def test_a_negative_noise_is_refused_by_name(name):
     with pytest.raises(ConvseqError, match=name):

@@ -83,11 +83,6 @@ def test_no_reference_is_nearer_than_the_nearest(queries, references):
         assert abs(references[index] - query) == min(abs(r - query) for r in references)
 
 
-def test_nearest_reference_of_a_shifted_drive():
-    assert nearest_reference([0.4, 0.6, 9.0], [0.0, 1.0, 2.0]).tolist() == [0, 1, 2]
-    assert nearest_reference([], [0.0, 1.0]).tolist() == []
-
-
 def test_the_camera_is_described_for_every_image(tmp_path, shots):
     write_recording(tmp_path / 'drive', shots, odom_topic='', info_topic='/camera/camera_info')
     infos = [m for topic, _, m in read(tmp_path / 'drive') if topic == '/camera/camera_info']

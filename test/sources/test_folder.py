@@ -127,11 +127,6 @@ def test_a_video_gives_its_frames_in_time(video):
     assert source.warnings == []
 
 
-def test_a_video_has_no_topics(video):
-    with pytest.raises(SourceError, match="a video has no topic '/image'"):
-        open_source(video, '/image')
-
-
 def test_what_opencv_cannot_read_is_refused(tmp_path):
     (tmp_path / 'bad.mp4').write_bytes(b'no video')
     with pytest.raises(SourceError, match=r'bad.mp4: OpenCV cannot read this video'):

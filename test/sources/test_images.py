@@ -220,12 +220,6 @@ def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
     assert decoded.flags.owndata
 
 
-def test_jpeg_turns_gray_after_decoding_its_colours():
-    data = cv2.imencode('.jpg', noise(16, 16, 3))[1]
-    bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    np.testing.assert_array_equal(decode_picture(data.tobytes()), gray_from_bgr(bgr))
-
-
 def test_16_bit_png_becomes_its_high_byte_like_mono16():
     values = noise(6, 7, dtype=np.uint16)
     data = cv2.imencode('.png', values)[1].tobytes()

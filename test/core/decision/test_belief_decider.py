@@ -190,15 +190,6 @@ def test_how_sure_is_enough_may_be_set_while_it_drives(street, drive):
     assert accepted(drive(recognizer, range(30, 35), start=30)) == [*range(30, 35)]
 
 
-def test_candidates_lie_as_far_apart_as_is_asked_at_once(street, drive):
-    recognizer = PlaceRecognizer(street, OWN)
-    drive(recognizer, range(10, 12))
-    recognizer.config = with_values(OWN, {'rival_distance': 25})
-    (match,) = drive(recognizer, [40], start=2)
-    places = sorted(one.reference_index for one in match.candidates)
-    assert len(places) > 1 and np.diff(places).min() > 25
-
-
 @pytest.mark.parametrize(
     'jumps', [{8: 1e6}, {8: -300.0, 9: 300.0}, {4: 0.0}, dict.fromkeys(range(6, 25), 5.0)]
 )
