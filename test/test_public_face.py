@@ -33,11 +33,6 @@ def test_a_map_is_built_and_its_places_are_recognised(tmp_path):
     assert last is not None and last.reference_index == 29
 
 
-def test_a_map_without_a_file_stays_in_memory():
-    built = build_map(drive(1), config=SMALL)
-    assert [place.stamp_ns for place in built.places] == [frame.stamp_ns for frame in drive(1)]
-
-
 class Correlation(DescriptorMatcher):
     """The pair score that docs/tutorials/own_network.md shows."""
 

@@ -14,7 +14,7 @@ pytest.importorskip('rosbags')
 
 from convseq_ros import __version__
 from convseq_ros.cli import main
-from convseq_ros.cli.recording_info import describe_recording, recording_lines
+from convseq_ros.cli.recording_info import recording_lines
 from convseq_ros.core.compiled import library
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
@@ -28,18 +28,6 @@ def drive(tmp_path_factory) -> Path:
     shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))[:12]
     write_recording(path, shots, odom_topic='/wheels/odom', info_topic='/camera/camera_info')
     return path
-
-
-def test_topics_are_told_with_their_types_and_rates(drive):
-    facts = describe_recording(drive)
-    assert (facts['images'], facts['seconds']) == (12, pytest.approx(1.1))
-    assert facts['topics'][1] == {
-        'topic': '/camera/image_raw',
-        'type': 'sensor_msgs/msg/Image',
-        'messages': 12,
-        'rate_hz': 10.0,
-    }
-    assert facts['use']['--odom'] == ['/wheels/odom']
 
 
 def test_the_line_to_paste_builds_a_map_with_poses(drive, capsys, tmp_path, monkeypatch):

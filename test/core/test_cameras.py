@@ -80,12 +80,6 @@ def test_the_robot_is_where_the_surest_camera_is(reference_map, way_back):
     assert cameras.localization.state is LocalizationState.LOST
 
 
-def test_the_base_is_turned_where_another_camera_recognises_a_place(reference_map, way_back):
-    cameras = Cameras(reference_map, OWN, [FRONT, REAR])
-    match = [cameras.process(frame) for frame in way_back][-1]
-    assert match.accepted and abs(match.relative_yaw_rad) == pytest.approx(math.pi, abs=0.05)
-
-
 def test_the_first_camera_alone_adds_to_a_map(shown):
     online = with_values(OWN, {'mode': 'online', 'exclusion_s': 0.5})
     grown = ReferenceMap(OWN.encoding, keyframes=EVERY_FRAME)

@@ -65,17 +65,6 @@ def test_what_is_no_depth_tells_no_metres(street, change):
     assert measured(told, street[1][8], 9).position_m is None
 
 
-def test_holes_and_another_size_of_the_same_proportions_cost_little(street):
-    def holed(depth_m):
-        small = depth_m[::2, ::2].copy()
-        small[:, :20], small[::7] = np.nan, 0
-        return small
-
-    query = street[1][8]
-    pose = measured(build_map(blind(street[0], holed), None, EVERY), query, 10)
-    assert off(pose, query, street[0][10])[0] < 0.5
-
-
 def test_depths_are_those_of_the_middles_of_regions():
     rows, columns = np.indices((320, 640), np.float32)
     depth_m = 1 + rows / 10 + columns / 100

@@ -153,13 +153,6 @@ def test_images_of_any_size_are_encoded_at_every_size(way, shape, side):
     assert 0 <= found.entropy <= np.log2(81) / 8
 
 
-def test_a_region_is_salient_when_its_mean_entropy_reaches_the_threshold():
-    bits = np.zeros((3, 3))
-    bits[0, 0] = 16
-    assert salient_regions(bits, 0.5).tolist() == [True, False, False, False]
-    assert salient_regions(bits, 0.5001).tolist() == [False] * 4
-
-
 @pytest.mark.parametrize('value', [0, 1, 128, 255])
 @pytest.mark.parametrize('shape', [(1, 1), (1, 700), (480, 640)])
 def test_a_flat_image_of_any_size_is_uninformative_and_has_no_nan(value, shape):

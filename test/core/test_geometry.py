@@ -162,10 +162,3 @@ def test_what_shows_nothing_verifies_nothing(value):
     for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
         with np.errstate(invalid='ignore'):
             assert verify(*pair, (0.0, 0.0)) == NOTHING
-
-
-def test_the_way_back_is_verified_alike():
-    query, reference = view(scene(12)), view(scene(12), 17, 14, 1.05)
-    there, back = verify(query, reference, (-2, 1)), verify(reference, query, (2, -1))
-    assert there.inliers == pytest.approx(back.inliers, rel=0.1)
-    assert there.strength == pytest.approx(back.strength, rel=0.1)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.edit import joined, slices_of, write_new
-from convseq_ros.core.map.kept_image import kept_image
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
@@ -128,13 +127,3 @@ def test_nothing_is_read_where_nothing_was_kept(street, whole, tmp_path, monkeyp
     (picture,) = whole.pictures([3])
     opened.add(replace(whole.places[3], session=0), picture.packed, image=picture.image)
     assert opened.images.image(12, 64.0) is not None and True in asked
-
-
-def test_images_are_never_enlarged_and_portraits_fit():
-    tall, small = np.zeros((640, 480), np.uint8), np.zeros((48, 64), np.uint8)
-    shapes = []
-    for gray in (tall, small):
-        jpeg = np.frombuffer(kept_image(gray, 320), np.uint8)
-        shapes.append(cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE).shape)
-    assert shapes == [(320, 240), (48, 64)]
-    assert kept_image(tall, 0) is None

@@ -11,9 +11,7 @@ from convseq_ros.core import compiled
 from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
-from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
-from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.matcher import Matcher
+from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
 from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
@@ -31,7 +29,6 @@ TOLERANCE = {
     ('coherent', 'float32'): 1e-6, ('regional', 'float32'): 1e-6,
     ('coherent', 'int8'): 1e-2, ('regional', 'int8'): 1e-3,
 }  # fmt: skip
-RESCORED = 5
 
 
 def needs_library():
@@ -201,30 +198,6 @@ def corridor(shared_data):
             [describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)) for path in paths]
         )
     return drives
-
-
-@pytest.mark.once
-@pytest.mark.parametrize('way', ['coherent', 'regional'])
-def test_rescored_corridor_has_the_best_matches_of_the_definition(corridor, way):
-    needs_library()
-    queries, references = corridor
-    reference_map = ReferenceMap()
-    for index, one in enumerate(references):
-        reference_map.add(Place(index), pack_cells(one.cells))
-    everywhere = np.arange(len(references))
-    definition, fast = (
-        Matcher(reference_map, MatchingConfig(matching=way, kernel=kernel), 0.5)
-        for kernel in ('numpy', 'int8')
-    )
-    for query in queries[::16]:
-        expected = definition.scores(definition.extract(query), everywhere)
-        features = fast.extract(query)
-        scores = fast.scores(features, everywhere)
-        assert np.abs(scores - expected).max() < TOLERANCE[way, 'int8']
-        best = np.argsort(-scores)[:RESCORED]
-        exact = fast.exact_scores_of([(features, best)])[0]
-        assert np.abs(exact - expected[best]).max() < 1e-6
-        assert best[exact.argmax()] == expected.argmax()
 
 
 SCORE_ONE = """

@@ -3,7 +3,6 @@
 """Maps made offline are those made online, of the same frames."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 import sqlite3
 
@@ -67,21 +66,6 @@ def test_online_and_offline_make_the_same_map(tmp_path, image, settings):
     session.close()
     assert dump(offline) == dump(online)
     assert 3 < len(open_map(offline)) < len(drive(image))
-
-
-def test_a_standing_robot_adds_no_places(tmp_path, image):
-    config = make_config({'image_size_px': 128, 'keyframe_overlap': 1.0})
-    built = build_map(drive(image), tmp_path / 'map.db', config)
-    positions = [place.pose.position for place in built.places if place.pose]
-    assert len(positions) > 5 and all(one != other for one, other in pairwise(positions))
-
-
-def test_more_is_added_to_a_map(tmp_path, image):
-    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
-    first = len(build_map(drive(image), path, config))
-    with MapBuilder(path, config, append=True) as builder:
-        added = sum(builder.process(frame) for frame in drive(image))
-    assert added == builder.added == first and len(open_map(path)) == 2 * first
 
 
 def test_a_new_map_without_places_leaves_no_file(tmp_path, image):

@@ -155,19 +155,6 @@ def test_a_missing_map_and_a_folder_are_refused_with_the_remedy(tmp_path, name, 
         open_map(tmp_path / name)
 
 
-def test_a_flipped_bit_in_the_cells_is_found_when_they_are_read(map_path):
-    whole = map_path.read_bytes()
-    position = whole.index(cells(2).tobytes()[:80]) + 17
-    map_path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
-    opened = open_map(map_path)
-    assert (opened.packed(1) == cells(1)).all()
-    with pytest.raises(MapError, match=r'map.db: damaged map \(reference 2 fails its checksum\)'):
-        opened.cells(2)
-    with pytest.raises(MapError, match='reference 2 fails its checksum'):
-        save_map(opened, map_path.with_name('copy.db'))
-    assert list(map_path.parent.iterdir()) == [map_path]
-
-
 @pytest.mark.parametrize('index', [0, 2, 4])
 @pytest.mark.parametrize('table', ['places', 'pictures'])
 def test_a_lost_row_is_found(map_path, table, index):
@@ -221,11 +208,3 @@ def test_any_thread_may_read(map_path):
 
     with ThreadPoolExecutor(8) as threads:
         assert all(threads.map(read, [0, 1, 2, 3, 4] * 50))
-
-
-def test_a_map_can_be_saved_over_the_file_that_it_is_read_from(map_path):
-    opened = open_map(map_path)
-    opened.add(Place(9), cells(9))
-    save_map(opened, map_path)
-    assert same(open_map(map_path), opened) and len(opened) == 6
-    assert (opened.packed(0) == cells(0)).all()

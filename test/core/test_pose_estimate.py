@@ -57,14 +57,6 @@ def test_neighbours_that_score_nearly_as_well_spread_it():
     assert variance == pytest.approx(36 / 12 + (0 + 36 + 144) / 3)
 
 
-def test_a_gap_in_the_scores_ends_the_spread():
-    row = np.array([0.5, np.nan, 0.5, 0.2, 0.5], np.float32)
-    assert estimate_pose(EAST, 2, row=row).covariance[0, 0] == pytest.approx(3)
-    short = np.array([0.5, 0.5], np.float32)
-    assert estimate_pose(EAST, 2, row=short).covariance[0, 0] == pytest.approx(3)
-    assert estimate_pose(EAST, 1, row=short).covariance[0, 0] == pytest.approx(3 + 36 / 2)
-
-
 def test_in_a_bend_doubt_between_places_is_doubt_about_the_heading():
     places = street(pose(0, degrees=170), pose(1, degrees=-170), pose(2, degrees=-150))
     row = np.array([0.5, 0.5, 0.1], np.float32)

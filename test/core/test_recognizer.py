@@ -72,15 +72,6 @@ def test_a_clock_that_jumps_back_empties_the_buffer(reference_map):
     assert again[2].accepted.reference_index == 2 and again[2].query_index == 7
 
 
-def test_a_frame_that_comes_late_is_left_out(reference_map):
-    recognizer = PlaceRecognizer(reference_map, FIXED)
-    run(recognizer, [image(place) for place in range(4)])
-    late = recognizer.process(Frame(2 * STEP_NS + 1, image(20)))
-    following = recognizer.process(Frame(4 * STEP_NS, image(4)))
-    assert late.reason is Reason.OUT_OF_ORDER and recognizer.resets == 0
-    assert following.accepted.reference_index == 4
-
-
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
     recognizer = PlaceRecognizer(reference_map, FIXED)
     run(recognizer, [image(place) for place in range(4)])

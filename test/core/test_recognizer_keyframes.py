@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Queries are as far apart as the places of the map that they are matched with."""
+"""The recogniser with keyframes, stops, dropped frames and jumps."""
 
 from dataclasses import replace
 
@@ -10,12 +10,14 @@ from convseq_ros.config import (
     KeyframeConfig,
     make_config,
     OnlineConfig,
+    with_values,
 )
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Pose, Reason, Status
+from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
+import cv2
 import numpy as np
 import pytest
 
@@ -131,3 +133,127 @@ def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, i
         (Status.SKIPPED, Reason.UNREADABLE)
     }
     assert not any(match.candidates or match.confidence for match in lost)
+
+
+MAPPED = 60
+
+
+@pytest.fixture(scope='module')
+def reference_map(image):
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(MAPPED):
+        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+    return made
+
+
+@pytest.fixture(scope='module')
+def drive(image):
+    """Return a way to show places, one a step; None is a frame that never comes."""
+
+    def show(recognizer, places, start_ns=0, seed=1):
+        return [
+            recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
+            for index, place in enumerate(places)
+            if place is not None
+        ]
+
+    return show
+
+
+def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map, drive):
+    recognizer = PlaceRecognizer(reference_map, OWN)
+    matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
+    standing = matches[20:50]
+    assert matches[19].accepted.reference_index == 29
+    assert {(match.status, match.reason) for match in standing} == {
+        (Status.REJECTED, Reason.STATIONARY)
+    }
+    assert {match.best.reference_index for match in standing} == {29}
+    assert {match.pairs_scored for match in standing} == {0}
+    for place, match in enumerate(matches[50:], 30):
+        assert match.accepted.reference_index == place
+
+
+def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
+    paper = with_values(OWN, {'matching': 'regional', 'search': 'exhaustive', 'fixed_length': 0})
+    matches = drive(PlaceRecognizer(reference_map, paper), [20] * 16)
+    assert Reason.STATIONARY not in {match.reason for match in matches}
+    assert matches[-1].sequence_length == 15
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
+    config = with_values(OWN, {'matching': 'coherent', 'search': search})
+    places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
+    shown = [place for place in places if place is not None]
+    matches = drive(PlaceRecognizer(reference_map, config), places)
+    for place, match in zip(shown[14:], matches[14:], strict=True):
+        assert match.accepted.reference_index == place
+
+
+def test_matches_come_at_the_stated_rate(reference_map, drive):
+    config = with_values(OWN, {'closure_interval_s': 1.0})
+    matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
+    accepted = [match.query_index for match in matches if match.accepted]
+    assert accepted == list(range(accepted[0], 50, 10))
+    assert {match.reason for match in matches[accepted[0] :]} == {
+        Reason.ACCEPTED,
+        Reason.COOL_DOWN,
+    }
+
+
+def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
+    config = with_values(OWN, {'fixed_length': 1})
+    camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+    moved = np.roll(image(20), -20, axis=1)
+    match = PlaceRecognizer(reference_map, config).process(Frame(0, moved, camera=camera))
+    assert match.best.reference_index == 20
+    assert match.best.shift == (0.0, 2.0) and match.shift_px == (0.0, 20.0)
+    assert match.relative_yaw_rad == pytest.approx(-0.2, abs=0.01)
+    unknown = PlaceRecognizer(reference_map, config).process(Frame(0, moved))
+    assert unknown.shift_px == (0.0, 20.0) and unknown.relative_yaw_rad is None
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+@pytest.mark.parametrize('matching', ['coherent', 'regional'])
+def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, matching, search):
+    config = with_values(OWN, {'matching': matching, 'search': search})
+    used, fresh = (PlaceRecognizer(reference_map, config) for _ in range(2))
+    drive(used, range(40, 60), seed=7)
+    used.reset()
+    again = drive(used, range(5, 35), start_ns=100 * STEP_NS)
+    first = drive(fresh, range(5, 35), start_ns=100 * STEP_NS)
+    assert [replace(match, query_index=0) for match in again] == [
+        replace(match, query_index=0) for match in first
+    ]
+    assert any(match.accepted for match in first)
+
+
+def test_a_camera_that_changes_size_and_rate_is_followed_through(reference_map, image):
+    """Smaller images from the middle on, then half as many: the places found stay right."""
+    recognizer, stamp_ns, found = PlaceRecognizer(reference_map, OWN), 0, {}
+    for place in range(5, 50):
+        stamp_ns += STEP_NS if place < 35 else 2 * STEP_NS
+        gray = image(place, 1)
+        if place >= 20:
+            gray = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        found[place] = recognizer.process(Frame(stamp_ns, gray)).best
+    right = [
+        best is not None and abs(best.reference_index - at) <= 2 for at, best in found.items()
+    ]
+    assert np.mean(right[5:]) >= 0.9
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_a_drive_in_reverse_gear_is_recognised_and_sooner_if_it_was_expected(
+    reference_map, drive, search
+):
+    def accepted(both):
+        matching = replace(OWN.matching, both_directions=both, search=search)
+        config = replace(OWN, matching=matching)
+        matches = drive(PlaceRecognizer(reference_map, config), range(50, 10, -1))
+        return [match.accepted and match.accepted.reference_index for match in matches]
+
+    ahead, both = accepted(False), accepted(True)
+    assert both[3:] == list(range(47, 10, -1))
+    assert both.count(None) <= ahead.count(None)

@@ -71,10 +71,6 @@ def test_rays_are_those_that_the_lens_bends_to_the_pixels(model, numbers):
     assert abs(pixels[:, 0] - middles).max() < 0.8
 
 
-def test_rays_without_distortion_are_those_of_a_pinhole():
-    assert rays(CAMERA, np.array([[14.5, 14.5]]), SIDE)[0] == pytest.approx((-0.5 / 380,) * 2)
-
-
 def test_distortion_that_cannot_be_inverted_leaves_no_wrong_ray():
     camera = replace(CAMERA, distortion_model='plumb_bob', distortion=(-3.0, 0, 0, 0))
     found = rays(camera, GRID, SIDE)

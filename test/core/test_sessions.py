@@ -1,10 +1,12 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions in one map: diagonals and neighbours stay in theirs, looks of a place are no rivals."""
+"""Sessions of a map, and what a program does with one."""
 
+from dataclasses import replace
 from itertools import pairwise
 
-from convseq_ros.config import Config
+from convseq_ros.config import Config, KeyframeConfig, make_config
+from convseq_ros.core import session
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.linking import link_map
 from convseq_ros.core.map.place import Place
@@ -12,8 +14,10 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, LocalizationState, Pose
 from convseq_ros.errors import MapError
 from hypothesis import given
@@ -89,3 +93,23 @@ def test_two_drives_of_one_way_answer_as_one_and_say_which(image):
     found = states.index(LocalizationState.LOCALISED)
     assert set(states[found:]) == {LocalizationState.LOCALISED}
     assert len({one.best.session for one in accepted}) == 2
+
+
+def test_a_map_of_other_keyframes_than_asked_for_is_used_and_says_so(tmp_path):
+    path = tmp_path / 'map.db'
+    made = KeyframeConfig(keyframe_interval_s=0.5)
+    frames = [Frame(index * 10**9, np.full((48, 64), index, np.uint8)) for index in range(3)]
+    build_map(frames, path, Config(keyframes=replace(made, keyframe_overlap=1.0)))
+    assert Session(path, Config()).ignored == []
+    other = Session(path, Config(keyframes=replace(made, keyframe_interval_s=2.0)))
+    assert other.ignored == [
+        f'keyframe_interval_s 2.0 is ignored: {path} was made with 0.5; build the map again to '
+        'change it'
+    ]
+
+
+@pytest.mark.parametrize(('kernel', 'said'), [('auto', 'install gcc'), ('numpy', '')])
+def test_a_slow_session_says_why_unless_it_was_asked_for(monkeypatch, kernel, said):
+    monkeypatch.setattr(session, 'slow_path', lambda: 'no compiled kernels: install gcc')
+    made = Session(None, make_config({'mode': 'online', 'kernel': kernel}))
+    assert made.slow == (f'no compiled kernels: {said}' if said else '')

@@ -84,25 +84,6 @@ def test_a_map_keeps_its_mask_and_compares_it(image, mask, tmp_path):
         open_map(tmp_path / 'map.db', EncodingConfig(image_mask=str(tmp_path / 'other.png')))
 
 
-@pytest.mark.parametrize('degrees', [90, 180, 270])
-def test_a_camera_on_its_side_sees_the_same_places(image, mask, tmp_path, degrees):
-    straight = frames(image)
-    turned = [
-        replace(one, gray=np.ascontiguousarray(np.rot90(one.gray, -degrees // 90)))
-        for one in straight
-    ]
-    picture = np.rot90(cv2.imread(mask, cv2.IMREAD_GRAYSCALE), -degrees // 90)
-    cv2.imwrite(str(tmp_path / 'turned.png'), picture)
-    encoding = EncodingConfig(image_mask=mask)
-    other = EncodingConfig(image_mask=str(tmp_path / 'turned.png'), image_rotation_deg=degrees)
-    one = build_map(straight, config=Config(encoding=encoding))
-    two = build_map(turned, tmp_path / 'map.db', Config(encoding=other))
-    assert all(np.array_equal(one.packed(index), two.packed(index)) for index in range(len(one)))
-    assert one.encoding.image_mask == two.encoding.image_mask
-    with pytest.raises(MapError, match=f'made with image_rotation_deg {degrees}, asked for 0'):
-        open_map(tmp_path / 'map.db', EncodingConfig())
-
-
 def test_a_camera_turns_with_its_image():
     camera = Camera(160, 120, 100.0, 110.0, 70.0, 55.0)
     frame = Frame(0, np.arange(120 * 160, dtype=np.uint32).astype(np.uint8).reshape(120, 160))

@@ -4,17 +4,14 @@
 
 import os
 import shutil
-import weakref
 
 from convseq_ros.core.map import writer as module
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
 import pytest
 
-from bench.torture.scenarios import APART, cells, drawn, ENCODING, grow
+from bench.torture.scenarios import APART, cells, ENCODING, grow
 
 pytestmark = pytest.mark.once
 
@@ -117,11 +114,6 @@ def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed):
     assert beside(killed) == [''] and is_right(open_map(killed), 11)
 
 
-def test_a_log_that_a_crash_left_is_not_taken_for_what_replaces_the_map(killed):
-    save_map(drawn(2), killed)
-    assert beside(killed) == [''] and is_right(open_map(killed), 2)
-
-
 def test_a_file_system_that_shares_no_memory_has_a_journal(path):
     path.with_name('map.db-shm').mkdir()
     owner = own(path, 5)
@@ -138,12 +130,3 @@ def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
     for use in (open_map, own):
         with pytest.raises(MapError, match=f'{end}: is no file'):
             use(path)
-
-
-def test_a_map_that_nobody_has_any_more_lets_go_of_its_file_at_once(tmp_path):
-    path = tmp_path / 'map.db'
-    save_map(ReferenceMap(ENCODING), path)
-    opened = open_map(path)
-    held = weakref.ref(opened)
-    del opened
-    assert held() is None

@@ -111,19 +111,6 @@ def test_a_false_closure_is_rejected_and_would_have_cost_a_lot():
     assert error_m(plain, truth) > 2 * error_m(robust, truth)
 
 
-def test_closures_between_keyframes_count_from_where_the_robot_was():
-    odometry = Odometry(10.0)
-    for second in range(25):
-        odometry.add(second * SECOND, Pose(float(second), 0.0, 0.0))
-    assert odometry.stamps_ns == [0, 10 * SECOND, 20 * SECOND]
-    index, offset = odometry.place(13 * SECOND + SECOND // 2)
-    assert index == 1 and offset.x() == pytest.approx(3.5)
-    noise = Noise(odometry_m=0.3, closure_m=1e-3)
-    solution = optimise(odometry, [Closure(23 * SECOND, 4 * SECOND)], noise, robust=False)
-    # The place at 4 s is 4 m after keyframe 0, that at 23 s 3 m after keyframe 2.
-    assert solution.after[2, 0] + 3 == pytest.approx(solution.after[0, 0] + 4, abs=0.05)
-
-
 @pytest.mark.parametrize(
     'closure',
     [Closure(900 * SECOND, 0), Closure(5 * SECOND, -SECOND), Closure(5 * SECOND, 5 * SECOND)],

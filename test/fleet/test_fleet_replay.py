@@ -149,12 +149,6 @@ def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
         FleetSession(client, [tmp_path / 'a.db'], Config())
 
 
-def test_a_fleet_waits_for_workers_that_are_not_up_yet(drives, client, monkeypatch):
-    monkeypatch.setattr(client, 'scheduler_info', lambda **_: {'workers': {}})
-    session = FleetSession(client, sorted(drives[0].glob('*.db')), Config())
-    assert len(session.recognizer.reference_map) and not session.missing
-
-
 @pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
 def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
     with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):

@@ -64,13 +64,6 @@ def test_candidates_come_back_through_the_wire():
     assert message.header.frame_id == 'map'
 
 
-def test_no_candidates_make_a_cloud_of_no_points():
-    match = Match(0, STAMP_NS, Status.SKIPPED, Reason.UNREADABLE)
-    message = candidates_message(match, {}, 'map')
-    assert (message.width, message.height, len(message.data)) == (0, 1, 0)
-    assert len(np.frombuffer(bytes(message.data), CANDIDATE)) == 0
-
-
 def test_a_loop_closure_is_two_times_in_seconds():
     data = loop_closure_message(MATCH.query_stamp_ns, CANDIDATES[0]).data
     assert len(data) == 2

@@ -2,18 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera topic's reliability follows the camera."""
 
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 from convseq_ros.errors import ConfigError
 from convseq_ros.node import cameras
 from convseq_ros.node.cameras import image_subscriptions
-from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
 import numpy as np
 import pytest
 from rclpy.duration import Duration
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -45,27 +43,6 @@ def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street
     client.camera(Image).publish(image(street[0], 1))
     client.wait_for(lambda: node._statistics.received == 1)
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)  # and it stays so
-
-
-@pytest.mark.parametrize('changes', [(1, -1), (0,)])
-def test_a_camera_that_is_gone_is_noticed_however_soon(changes):
-    node = Mock()
-    FollowingSubscription(node, Image, '/image', print, 10)
-
-    def latest():
-        arguments = node.create_subscription.call_args
-        return arguments.args[-1].reliability, arguments.kwargs['event_callbacks']
-
-    latest()[1].incompatible_qos(SimpleNamespace(last_policy_kind=QoSPolicyKind.RELIABILITY))
-    assert latest()[0] == ReliabilityPolicy.BEST_EFFORT
-    present = 0
-    for change in changes:
-        present += change
-        assert latest()[0] == ReliabilityPolicy.BEST_EFFORT
-        latest()[1].matched(
-            SimpleNamespace(total_count=1, current_count=present, current_count_change=change)
-        )
-    assert latest()[0] == ReliabilityPolicy.RELIABLE
 
 
 def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image, held_up):

@@ -10,9 +10,8 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
-from convseq_ros.node import map_topics
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.map_topics import MapTopics, path_message
+from convseq_ros.node.map_topics import path_message
 from convseq_ros.node.markers import MatchMarkers
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -93,24 +92,3 @@ def test_only_news_is_drawn():
     assert xs(viewer.extract(REJECTED, reference_map, None, None)['places']) == [0, *range(10)]
     viewer.publisher.get_subscription_count.return_value = 2
     assert len(viewer.extract(REJECTED, reference_map, None, None)) == 4
-
-
-def test_a_path_is_told_once_and_again_when_the_map_has_grown(monkeypatch):
-    now_s = 100.0
-    monkeypatch.setattr(map_topics.time, 'monotonic', lambda: now_s)
-    node = Mock()
-    topics = {'~/map_info': Mock(), '~/reference_path': Mock()}
-    node.create_publisher = lambda _kind, topic, *_, **__: topics[topic]
-    publish = topics['~/reference_path'].publish
-    path, reference_map = MapTopics(node), map_of(pose(0))
-    path.follow(reference_map, 'map')
-    path.follow(reference_map, 'map')
-    reference_map.add(Place(1, pose=pose(1)), BLANK)
-    path.follow(reference_map, 'map')
-    assert publish.call_count == 1
-    now_s += 5.0
-    path.follow(reference_map, 'map')
-    path.follow(reference_map, 'map')
-    assert publish.call_count == 2
-    path.follow(map_of(None), 'map')
-    assert publish.call_args.args[0].poses == []

@@ -11,7 +11,7 @@ pytest.importorskip('rosbags')
 
 from convseq_ros.node.conversions import stamp_from_ns, stamp_to_ns
 from convseq_ros.sources import open_source
-from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.sources.images import decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
@@ -21,7 +21,7 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Int32
 
 SECOND = 1_000_000_000
@@ -79,16 +79,6 @@ def test_every_image_arrives_unchanged(client, start, recording, pictures):
     assert stamps_of(messages) == [START_NS + index * STEP_NS for index in range(10)]
     for message, gray in zip(messages, pictures, strict=False):
         assert np.array_equal(decode_image(message), gray)
-
-
-def test_compressed_images_go_to_the_compressed_sub_topic(client, start, pictures, tmp_path):
-    message = CompressedImage(format='png', data=cv2.imencode('.png', pictures[0])[1].tobytes())
-    message.header.stamp.sec = 5
-    record(tmp_path / 'drive', [(SECOND, message)])
-    played = tmp_path / 'drive', '--image-topic', '/cam'
-    messages = hear(client, start, CompressedImage, '/cam/compressed', *played)
-    assert len(messages) == 1
-    assert np.array_equal(decode_compressed(messages[0]), pictures[0])
 
 
 def test_a_folder_of_pictures_is_played_with_stamps(client, start, pictures, tmp_path):

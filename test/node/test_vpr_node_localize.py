@@ -5,11 +5,7 @@
 from itertools import pairwise
 import threading
 
-from convseq_ros.config import EVERY_FRAME
-from convseq_ros.core.map.place import Place
-from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import save_map
-from convseq_ros.node import localization, map_services
+from convseq_ros.node import localization
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
@@ -150,37 +146,3 @@ def test_what_is_not_recognised_is_told_with_its_reasons(client, vpr, map_path, 
     show(4)
     (answer,) = answers(client, futures)
     assert not answer.success and answer.message.startswith('ambiguous between place 4 and place')
-
-
-def test_a_call_while_a_map_is_opened_is_answered_by_the_new_map(
-    client, vpr, map_path, tmp_path, street_map, show, ask, monkeypatch
-):
-    free, opening = threading.Event(), threading.Event()
-    quick = map_services.Session
-
-    def slowly(*args, **kwargs):
-        opening.set()
-        assert free.wait(60)
-        return quick(*args, **kwargs)
-
-    # The same street, but place 5 comes first, and it has no poses.
-    later = ReferenceMap(keyframes=EVERY_FRAME)
-    for index in range(5, 25):
-        later.add(Place(index * SECOND), street_map.packed(index))
-    save_map(later, tmp_path / 'later.db')
-    vpr(map_path=map_path, fixed_length=1, localize_timeout_s=60.0)
-    show(3)
-    monkeypatch.setattr(map_services, 'Session', slowly)
-    loading = client.service(LoadMap, '/vpr_node/load_map').call_async(
-        LoadMap.Request(map_url=str(tmp_path / 'later.db'))
-    )
-    client.wait_for(opening.is_set)
-    futures = ask()
-    free.set()
-    client.wait_for(loading.done)
-    show(8)
-    (answer,) = answers(client, futures)
-    assert answer.success
-    assert answer.message == (
-        'place 3, quality not known; no pose: the map has none; build it with --odom or --poses'
-    )

@@ -98,23 +98,6 @@ def test_compressed_images_are_recognised(client, vpr, map_path, street):
     assert [message.data for message in heard] == [-1, 1, 2, 3, 4]
 
 
-def test_names_can_be_remapped_and_put_in_a_namespace(
-    client, vpr, map_path, street, image, tmp_path
-):
-    settings = tmp_path / 'settings.yaml'
-    settings.write_text('/**:\n  ros__parameters:\n    map_frame: site\n    fixed_length: 1\n')
-    names = '-r image:=/cam/image -r __ns:=/robot -r __node:=places -r ~/match_index:=/lio/index'
-    vpr(*names.split(), '--params-file', str(settings), map_path=map_path)
-    clouds = client.listen(PointCloud2, '/robot/places/candidates')
-    indices = client.listen(Int32, '/lio/index')
-    camera = client.camera(Image, '/cam/image')
-    camera.publish(image(street[6], LATER_NS))
-    client.wait_for(lambda: clouds and indices)
-    assert indices[0].data == 6
-    assert clouds[0].header.frame_id == 'site'
-    assert np.frombuffer(bytes(clouds[0].data), CANDIDATE)['length'][0] == 1
-
-
 def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street, image):
     vpr(map_path=map_path, fixed_length=1)
     indices = client.listen(Int32, '/vpr_node/match_index')

@@ -48,17 +48,6 @@ def busy(gate):
     return make
 
 
-def test_items_are_handled_in_order():
-    handled = []
-    worker = Worker(handled.append, 100)
-    worker.start()
-    for item in range(100):
-        worker.put(item)
-    settled(lambda: len(handled) == 100)
-    assert handled == list(range(100))
-    assert worker.stop(LIMIT_S)
-
-
 def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(busy, gate):
     worker, handled = busy(100, queue_bytes=10, size=1000)
     for item in range(1, 6):
@@ -157,10 +146,6 @@ def test_stopping_finishes_the_item_at_hand_and_leaves_the_rest(busy, gate):
     gate.set()
     assert worker.stop(LIMIT_S)
     assert handled == [0]
-
-
-def test_a_worker_that_never_started_stops():
-    assert Worker(print, 1).stop(LIMIT_S)
 
 
 def test_an_item_that_was_handled_is_let_go_before_the_next_comes():

@@ -74,15 +74,6 @@ def test_parallel_streets_differ_and_so_do_towns():
     assert Route(BLOCK, seed=4).spot(20.0, 0.0, 0.0).street != south
 
 
-def test_the_truth_of_a_drive_lies_on_the_route():
-    drive = Drive(start_m=40.0, num_frames=12, width_px=64, height_px=48)
-    for shot in draw(ROUTE, drive):
-        spot = ROUTE.spot(shot.distance_m, -1.5, 0.0)
-        assert shot.pose.position == (spot.x, spot.y, 0.0)
-        yaw = 2 * math.atan2(shot.pose.orientation[2], shot.pose.orientation[3])
-        assert math.remainder(yaw - spot.yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ('corners', 'told'),
     [

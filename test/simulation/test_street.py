@@ -16,25 +16,11 @@ def view(street, light='day'):
     return View(street, LIGHTS[light], 160, 120, 80.0)
 
 
-@pytest.fixture(scope='module')
-def camera():
-    return view(Street(500.0, 3))
-
-
-def difference(one, other):
-    return float(np.abs(one.astype(float) - other).mean())
-
-
 @pytest.mark.parametrize('light', ['day', 'night'])
 def test_same_seed_gives_same_pixels(light):
     first, again = (view(Street(500.0, 3), light).draw(120.0, -1.5, np.pi / 2) for _ in range(2))
     assert first.shape == (120, 160, 3)
     assert np.array_equal(first, again)
-
-
-def test_other_seed_gives_another_street(camera):
-    one, other = (c.draw(120.0, -1.5, 0.0) for c in (camera, view(Street(500.0, 4))))
-    assert difference(one, other) > 10
 
 
 @pytest.mark.parametrize('light', ['day', 'night'])

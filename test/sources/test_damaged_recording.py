@@ -14,7 +14,6 @@ from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
-from convseq_ros.sources.recording import read_poses
 import numpy as np
 import pytest
 from rosbags.typesys.store import Typestore
@@ -76,35 +75,6 @@ def test_a_frame_that_is_whole_in_the_file_is_never_lost(recorder, layout, pictu
         assert len(read(path)[0]) == saved - 1
 
 
-def test_whole_blocks_of_a_cut_compressed_chunk_are_saved(recorder):
-    rng = np.random.default_rng(5)
-    pictures = [rng.integers(0, 256, (160, 200), dtype=np.uint8) for _ in range(20)]
-    path = recorder.write('mcap folder zstd', recorder.drive(pictures)) / 'drive.mcap'
-    whole = path.read_bytes()
-    counts = []
-    for share in (0.3, 0.6, 0.9):
-        path.write_bytes(whole[: int(len(whole) * share)])
-        frames, _, _ = read(path)
-        counts.append(len(frames))
-        for frame, picture in zip(frames, pictures, strict=False):
-            np.testing.assert_array_equal(frame.gray, picture)
-    assert 0 < counts[0] < counts[1] < counts[2] < 20
-
-
-@pytest.mark.parametrize('with_metadata', [True, False])
-def test_cut_mcap_in_a_folder_is_saved(recorder, pictures, with_metadata):
-    folder = recorder.write('mcap folder', recorder.drive(pictures))
-    if not with_metadata:
-        (folder / 'metadata.yaml').unlink()
-    file = folder / 'drive.mcap'
-    file.write_bytes(file.read_bytes()[:5000])
-    frames, error, warnings = read(folder)
-    assert error == ''
-    assert 3 <= len(frames) < 12
-    assert len(warnings) == 1
-    assert f'{len(frames)} frames of {TOPIC} were saved' in warnings[0]
-
-
 def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
     recorder, tmp_path, pictures
 ):
@@ -125,13 +95,6 @@ def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
     assert len(frames) == 6
     assert 'split_1.mcap' in warnings[0]
     assert 'left out' in warnings[0]
-
-
-def test_poses_are_saved_from_a_cut_mcap(recorder):
-    rows = [('/odom', i, recorder.odometry(float(i), i + 1)) for i in range(9)]
-    path = recorder.write('mcap plain', rows)
-    path.write_bytes(path.read_bytes()[:-30])
-    assert [stamp for stamp, _ in read_poses(path, '/odom')] == list(range(1, 10))
 
 
 def test_an_mcap_without_profile_is_read(recorder, pictures):
@@ -175,19 +138,6 @@ def test_flipped_bits_give_frames_or_one_error(recorder, layout, pictures):
         file.write_bytes(damaged)
         frames, _, _ = read(path)
         assert len(frames) <= 6
-
-
-def test_a_broken_chunk_ends_the_frames_with_an_error_that_counts_them(recorder, pictures):
-    path = recorder.write('mcap zstd', recorder.drive(pictures))
-    data = bytearray(path.read_bytes())
-    frame = b'\x28\xb5\x2f\xfd'
-    last = data.rindex(frame)
-    data[last : last + 4] = bytes(4)
-    path.write_bytes(data)
-    frames, error, _ = read(path)
-    assert 0 < len(frames) < 12
-    assert f'after {len(frames)} messages of {TOPIC}' in error
-    assert 'mcap recover' in error
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3', '.bag'])

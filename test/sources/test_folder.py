@@ -62,18 +62,6 @@ def test_other_files_hidden_files_and_folders_are_left_out(tmp_path):
     assert [frame.source for frame in folder] == ['a.png']
 
 
-def test_a_folder_can_be_read_twice_and_knows_its_length(tmp_path):
-    for number in range(4):
-        draw(tmp_path / f'{number}.png', number)
-    folder = open_source(tmp_path)
-    assert len(folder) == 4
-    assert folder.name == tmp_path.name
-    assert folder.topic == ''
-    assert folder.warnings == []
-    first, second = list(folder), list(folder)
-    assert [frame.stamp_ns for frame in first] == [frame.stamp_ns for frame in second]
-
-
 @pytest.mark.parametrize('content', [b'', b'not a picture', b'\xff\xd8\xff\xe0 cut'])
 def test_an_unreadable_picture_is_named_and_frames_before_it_are_kept(tmp_path, content):
     draw(tmp_path / '1.png')

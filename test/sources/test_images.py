@@ -86,15 +86,6 @@ def test_mono16_becomes_its_high_byte_in_either_byte_order(bigendian, dtype, pad
     np.testing.assert_array_equal(decoded, values >> 8)
 
 
-@pytest.mark.parametrize('padding', [0, 3])
-@pytest.mark.parametrize('name', MOSAICS)
-def test_bayer_mosaic_of_one_colour_becomes_its_gray(name, padding):
-    bgr = np.full((8, 10, 3), (BLUE, GREEN, RED), np.uint8)
-    pixels = mosaic(MOSAICS[name], bgr)
-    decoded = decode_image(message(pixels, f'bayer_{name}8', padding=padding))
-    assert np.abs(decoded.astype(int) - GRAY_OF_COLOUR).max() <= 1
-
-
 @pytest.mark.parametrize('name', MOSAICS)
 def test_bayer_mosaic_of_a_drawn_picture_resembles_only_its_own_pattern(name):
     bgr = np.zeros((40, 40, 3), np.uint8)
@@ -139,12 +130,6 @@ def test_results_own_their_memory(encoding):
     assert decoded.shape == (6, 8)
     assert decoded.flags.c_contiguous
     assert decoded.flags.owndata
-
-
-def test_padding_of_the_last_row_may_be_missing():
-    fields = message(noise(4, 5), 'mono8', padding=3)
-    fields.data = fields.data[:-3]
-    np.testing.assert_array_equal(decode_image(fields), noise(4, 5))
 
 
 @pytest.mark.parametrize(
@@ -218,13 +203,6 @@ def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
     assert np.abs(decoded.astype(int) - gray_from_bgr(bgr)).mean() < 2
     assert decoded.flags.c_contiguous
     assert decoded.flags.owndata
-
-
-def test_16_bit_png_becomes_its_high_byte_like_mono16():
-    values = noise(6, 7, dtype=np.uint16)
-    data = cv2.imencode('.png', values)[1].tobytes()
-    fields = SimpleNamespace(format='mono16; png compressed ', data=data)
-    np.testing.assert_array_equal(decode_compressed(fields), values >> 8)
 
 
 def exif(orientation):

@@ -172,21 +172,6 @@ def test_stamped_poses_are_read(recorder, kind):
     assert read_poses(path, '') == [(42, Pose((7.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)))]
 
 
-def test_a_wrong_pose_topic_lists_the_right_ones(recorder, pictures):
-    rows = [*recorder.drive(pictures), ('/odom', 1, recorder.odometry(0.0, 1))]
-    path = recorder.write('mcap folder', rows)
-    for wanted in ('/gps', TOPIC):
-        with pytest.raises(SourceError) as caught:
-            read_poses(path, wanted)
-        assert wanted in str(caught.value).splitlines()[0]
-        assert '/odom   # nav_msgs/msg/Odometry, 1 message' in str(caught.value)
-
-
-def test_poses_that_are_not_finite_are_left_out(recorder):
-    rows = [('/odom', i, recorder.odometry(x, i)) for i, x in ((1, 1.0), (2, float('nan')))]
-    assert [stamp for stamp, _ in read_poses(recorder.write('mcap folder', rows), '/odom')] == [1]
-
-
 def test_only_unusable_poses_are_an_error(recorder):
     path = recorder.write('mcap file', [('/odom', 1, recorder.odometry(float('inf'), 1))])
     with pytest.raises(SourceError, match='finite'):

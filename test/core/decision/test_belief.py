@@ -75,13 +75,6 @@ def test_the_second_step_by_hand(a_map):
     )
 
 
-def test_motion_spreads_as_a_bell(a_map):
-    belief = sure_of(Belief(a_map(9), Driven(1.0, sigma=0.7)), 3)
-    belief.predict(9)
-    bell = np.exp(-0.5 * ((np.arange(1, 8) - 4) / 0.7) ** 2)
-    assert masses(belief, 9)[0][1:8] == pytest.approx(0.9995 * bell / bell.sum(), abs=1e-5)
-
-
 def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
     belief = Belief(a_map(20), Driven(1.0, 3.0))
     sure_of(belief, 2)

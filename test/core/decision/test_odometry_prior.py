@@ -53,16 +53,6 @@ def test_the_drift_is_two_sigmas_beyond_what_a_match_may_be_off(street):
     assert prior.excess_m(200 + slack + 11, NONE) == pytest.approx(1)
 
 
-def test_turns_count_as_drift(street):
-    config = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.1)
-    shares = []
-    for orientation in (AHEAD, LEFT):
-        prior = fixed(street, config=config, way=50)
-        prior.move(2, at(50, orientation=orientation))
-        shares.append(share(prior, 170))
-    assert shares[0] < shares[1] < 1
-
-
 def test_a_place_of_this_drive_is_where_odometry_was_then(a_map):
     whole = a_map(200, 40, step_m=1.0)  # the second session is this drive, a metre a second
     prior = OdometryPrior(whole, TENTH, True)
