@@ -113,6 +113,8 @@ def test_the_recogniser_gives_the_same_lengths_scores_and_best_matches(images, d
             assert match.best.reference_index == expected.argmax()
 
 
+# Every so many of the queries, and those from a number on: their lengths differ.
+FEW, FIRST = 4, 60
 ET_04 = EncodingConfig(resize='linear', saliency_threshold=0.4)
 
 
@@ -136,7 +138,7 @@ def corridor(shared_data):
 @pytest.fixture(scope='module')
 def cohog_scores(corridor):
     references = [paper_regions(one.cells) for one in drive(corridor / 'ref', from_bgr, ET_04)]
-    queries = drive(corridor / 'query', from_bgr, ET_04)
+    queries = drive(corridor / 'query', from_bgr, ET_04)[::FEW]
     return np.stack([pair_scores(query, references) for query in queries])
 
 
@@ -145,7 +147,7 @@ def cohog_scores(corridor):
     [('reference_cohog_corridor_ET04_111x111', 1e-4), ('vprbench_cohog_scores', 3e-3)],
 )
 def test_single_frame_scores_are_those_of_cohog(corridor, cohog_scores, name, tolerance):
-    golden = np.load(corridor / 'golden' / f'{name}.npy', allow_pickle=False)
+    golden = np.load(corridor / 'golden' / f'{name}.npy', allow_pickle=False)[::FEW]
     assert np.abs(cohog_scores - golden).max() < tolerance
 
 
@@ -153,7 +155,7 @@ def test_single_frame_scores_are_those_of_cohog(corridor, cohog_scores, name, to
 def released(corridor):
     """Return the queries, and each region's best similarity to each reference, unmasked."""
     queries, references = (drive(corridor / name, straight_to_grey) for name in ('query', 'ref'))
-    other = [paper_regions(one.cells).T for one in references]
+    queries, other = queries[FIRST:], [paper_regions(one.cells).T for one in references]
     best = [
         np.stack([(own @ each).max(axis=1) for each in other])
         for own in (paper_regions(one.cells) for one in queries)
@@ -181,24 +183,25 @@ def golden_rows(path):
 
 
 def test_dynamic_lengths_entropies_and_scores_are_those_of_the_released_script(corridor, released):
-    golden = golden_rows(corridor / 'golden' / 'authors_dynamic_corridor.csv')
+    golden = golden_rows(corridor / 'golden' / 'authors_dynamic_corridor.csv')[FIRST:]
     found = list(forward_results(*released, SequenceConfig()))
-    assert len(found) == len(golden) == 97
+    assert len(found) == len(golden) == 37
     for ours, theirs in zip(found, golden, strict=True):
         assert ours[3] == theirs[3]
         assert ours[4] == pytest.approx(theirs[4], abs=1e-6)
         assert ours[2] == pytest.approx(theirs[2], abs=1e-5)
-        assert ours[:2] == (theirs[0], theirs[1])
+        assert (FIRST + ours[0], ours[1]) == (theirs[0], theirs[1])
 
 
 @pytest.mark.once
 def test_retrieved_images_are_those_of_the_cohog_authors(shared_data):
     folder = shared_data / 'gardens_point'
     with (folder / 'golden' / 'cohog_day_left_to_day_right.csv').open() as file:
-        golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)]
+        golden = [int(row['retrieved_day_right']) for row in csv.DictReader(file)][::FEW]
     # By the fastest kernel that is exact; the definition itself is asked on corridor.
     _, exact = chosen_kernels(MatchingConfig(matching='regional'))
     references = [exact.prepare(one.cells, None) for one in drive(folder / 'day_right', from_bgr)]
-    queries = [exact.extract(one, 4.0, None) for one in drive(folder / 'day_left', from_bgr)]
+    asked = drive(folder / 'day_left', from_bgr)[::FEW]
+    queries = [exact.extract(one, 4.0, None) for one in asked]
     found = [int(exact.compare(query, references)[0].argmax()) for query in queries]
-    assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 198
+    assert sum(a == b for a, b in zip(found, golden, strict=True)) >= 49
