@@ -36,7 +36,7 @@ ABOUT = (
     'compressed images, camera_info, poses, recordings, maps, masks, result tables, truth, YAML'
 )
 ORACLE = 'an answer, or an error of ours in one line; within 5 s, below 1 GB'
-COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 50, 16
+COUNT, PORTION, SHORT, SEED = 20_000, 20_000, 20, 16
 MISSING = '' if find_spec('atheris') else "Atheris is missing; run: pip install '.[torture]'"
 FOUND = Path(tempfile.gettempdir(), 'convseq_fuzz')
 _MOST_INPUT_BYTES = 1 << 20  # libFuzzer makes none longer than the longest sample

@@ -17,7 +17,7 @@ def corridor(shared_data, kept, tmp_path_factory):
     """Return the accuracy over matched queries of every method on corridor."""
     data_set = open_data_set('corridor', shared_data)
     output = tmp_path_factory.mktemp('results')
-    plan = Plan(methods=('cohog', 'seqslam', 'convseq-k10', 'convseq-k15', 'published'))
+    plan = Plan(methods=('cohog', 'seqslam', 'convseq-k10', 'published'))
     rows = evaluate([data_set], PAPER, plan, output, kept)
     return {one['method']: one['accuracy_matched'] for one in rows}
 
@@ -25,7 +25,6 @@ def corridor(shared_data, kept, tmp_path_factory):
 def test_accuracy_on_corridor_is_as_published(corridor):
     assert 0.62 <= corridor['cohog'] <= 0.68
     assert corridor['convseq-k10'] >= 0.89
-    assert corridor['convseq-k15'] == 1.0
 
 
 def test_the_published_matrices_of_ten_techniques_are_in_the_table(corridor):

@@ -147,7 +147,7 @@ def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(st
         if here and there and here.reference_index == there.reference_index:
             num_measured += match.relative_pose.position_m is not None
             assert match.relative_pose.position_m == answer.relative_pose.position_m
-    assert num_measured > 3
+    assert num_measured >= 3
     again = recognize(material, config, (0, 28))
     for one, match in zip(again.matches, said.matches, strict=True):
         a, b = one.relative_pose, match.relative_pose
