@@ -106,7 +106,7 @@ def _draw_fields(path: Path, first, second, config: Config) -> None:
     for each, index, name in zip(axes, (SHOWN, WRONG), ('the right', 'another'), strict=True):
         shift = matcher.shift(features, index)
         start = round(shift[0]), round(shift[1])
-        (reference,) = matcher._to_verify.of([index])
+        reference = matcher.arranged(index)
         found = kernels.displacements(features.arranged, reference, start)
         _, off = kernels.fit_motion(found, features.arranged.side, start)
         each.imshow(_square(second[SHOWN]), 'gray', alpha=0.55)
@@ -142,6 +142,7 @@ def _draw_sequence(path: Path, first, second, config: Config) -> None:
     matches = []
     for number, frame in enumerate(second):
         match = recognizer.process(frame)
+        recognizer.buffer.score(1, np.arange(len(first)))  # also what was not asked for
         scores[number] = recognizer.buffer.row
         if match.accepted:
             matches.append((number, match.accepted.reference_index))

@@ -78,7 +78,8 @@ def _scene(
         pen.rectangle((right, top, right + _WIDTH, top + _HEIGHT), None, _GREEN, 3 * _FINER)
         text = f'"I was here {query - reference} images ago"'
         pen.text((right, _MARGIN), text, _GREEN, font)
-        for row, column, other_row, other_column in recognizer.buffer.inliers(accepted)[::9]:
+        found = recognizer.buffer.field(accepted)
+        for row, column, other_row, other_column, _ in found[found[:, 4] == 1][::9]:
             start = left + column * _WIDTH, top + row * _HEIGHT
             end = right + other_column * _WIDTH, top + other_row * _HEIGHT
             pen.line((start, end), _GREEN, 1)
