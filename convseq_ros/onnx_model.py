@@ -3,7 +3,7 @@
 """A network in ONNX as a function from an image to a vector, run by the optional onnxruntime."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 import hashlib
 from pathlib import Path
 import re
@@ -58,15 +58,13 @@ class Input:
 
     def with_others(self, other: 'Input', where: object) -> 'Input':
         """Return both; ModelError if they contradict each other."""
-        both = {}
-        for item in fields(self):
-            own, new = getattr(self, item.name), getattr(other, item.name)
-            if own is not None and new is not None and own != new:
+        both: dict[str, Any] = {}
+        for name, value in (*asdict(self).items(), *asdict(other).items()):
+            if value is not None and both.setdefault(name, value) != value:
                 raise ModelError(
-                    f'{where}: {item.name} {new} contradicts the model, which says {own}; '
+                    f'{where}: {name} {value} contradicts the model, which says {both[name]}; '
                     'take it out of one of them'
                 )
-            both[item.name] = new if own is None else own
         return Input(**both)
 
 
@@ -111,7 +109,8 @@ class OnnxModel:
         own = self._session.get_modelmeta().custom_metadata_map
         names = {item.name for item in fields(Input)}
         told = Input.of({name: own[name] for name in own.keys() & names}, path)
-        self._prepare(told.with_others(said, beside))
+        where = beside if beside.is_file() else path
+        self._take_in(self._fixed().with_others(told, path).with_others(said, where))
         drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
         self.numbers = len(self(drawn))
 
@@ -178,8 +177,8 @@ class OnnxModel:
                 'export it with standard operators'
             ) from None
 
-    def _prepare(self, said: Input) -> None:
-        """Take in how images become the input, which must fit the model."""
+    def _fixed(self) -> Input:
+        """Return what the graph says of its input."""
         inputs = self._session.get_inputs()
         shape = inputs[0].shape if inputs else []
         fitting = len(inputs) == 1 and len(shape) == 4 and inputs[0].type in _TYPES
@@ -191,30 +190,23 @@ class OnnxModel:
                 'tensor of shape (1, 1 or 3, height, width)'
             )
         self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
-        self._channels = sides[1] or (1 if said.color == 'gray' else 3)
-        self._color = said.color or ('rgb' if self._channels == 3 else 'gray')
-        self.wants_color = self._color != 'gray'
-        if self.wants_color and self._channels == 1:
-            raise ModelError(f'{self._path}: color {self._color} contradicts its one channel')
-        self._size = self._fitting_size(sides[2:], said.size)
-        self._mean = self._per_channel(said.mean, IMAGENET_MEAN)
-        self._scale = self._per_channel(said.scale, IMAGENET_SCALE)
+        self._channels: int = sides[1] or 0
+        height, width = sides[2:]
+        size = (height, width) if height and width else None
+        return Input(size, color='gray' if self._channels == 1 else None)
 
-    def _fitting_size(
-        self, fixed: Sequence[int | None], size: tuple[int, int] | None
-    ) -> tuple[int, int]:
-        if size is None and None in fixed:
+    def _take_in(self, said: Input) -> None:
+        """Go by what the graph, its metadata and others say of its input."""
+        if said.size is None:
             raise ModelError(
                 f'{self._path}: takes images of any size; say `size: [height, width]` in '
                 f'{self._path.with_suffix(".yaml").name}'
             )
-        chosen = size or (fixed[0] or 0, fixed[1] or 0)
-        if any(side and side != own for side, own in zip(fixed, chosen, strict=True)):
-            raise ModelError(
-                f'{self._path}: takes images of {fixed[0]} x {fixed[1]}, which contradicts the '
-                f'size {chosen[0]} x {chosen[1]} that is said of it; leave the size out'
-            )
-        return chosen
+        self._size, self._color = said.size, said.color or 'rgb'
+        self.wants_color = self._color != 'gray'
+        self._channels = self._channels or (3 if self.wants_color else 1)
+        self._mean = self._per_channel(said.mean, IMAGENET_MEAN)
+        self._scale = self._per_channel(said.scale, IMAGENET_SCALE)
 
     def _per_channel(
         self, values: Sequence[float] | None, usual: Sequence[float]

@@ -89,7 +89,7 @@ def test_a_grey_model_gets_one_channel(tmp_path):
     own = OnnxModel(path, given=NOTHING)
     assert own(np.full((20, 30), 255, np.uint8)).tolist() == [1, 1, 1, 1]
     assert not own.wants_color
-    refused('rgb contradicts its one channel', path, given={'color': 'rgb'})
+    refused('rgb contradicts the model, which says gray', path, given={'color': 'rgb'})
 
 
 def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
@@ -120,7 +120,7 @@ def test_metadata_and_the_file_beside_say_how_images_become_the_input(tmp_path):
 def test_a_model_for_any_size_needs_one_and_one_for_a_size_takes_no_other(tmp_path):
     refused('takes images of any size', model(tmp_path / 'm.onnx', ('n', 3, 'height', 'width')))
     path = model(tmp_path / 'm.onnx')
-    refused('takes images of 8 x 8, which contradicts the size 9 x 9', path, given={'size': 9})
+    refused(r'size \(9, 9\) contradicts the model, which says \(8, 8\)', path, given={'size': 9})
     refused('2 values of mean or scale for 3 channels', path, given={'mean': [0.1, 0.2]})
 
 

@@ -124,10 +124,10 @@ class FirstStage:
 
         ModelError if the model's vector is empty, not finite, or of another length than before.
         """
-        is_known = descriptor.vector is not None or frame.gray is None
-        if not self._encoding.descriptor_model or is_known:
+        is_needed = self._encoding.descriptor_model and descriptor.vector is None
+        if not is_needed or frame.gray is None:
             return descriptor
-        if self._describe is None or frame.gray is None:
+        if self._describe is None:
             raise ConfigError(_UNSAID)
         wants_color = getattr(self._describe, 'wants_color', False)
         image = frame.color if wants_color and frame.color is not None else frame.gray
