@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node with a descriptor model says what it costs, and goes on when it fails."""
 
+import re
+import time
+
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map_builder import build_map
@@ -69,6 +72,24 @@ def test_a_model_that_fails_is_told_and_the_built_in_descriptor_goes_on(
     assert told[-1].status[0].level == DiagnosticStatus.WARN
     assert 'model_ms' not in client.values_of(answers[-1])
     assert len(open_map(net_map)) == 25 + (mode == 'online')
+
+
+def test_a_model_that_is_too_slow_is_told(client, vpr, net, net_map, street, image, monkeypatch):
+    describe = OnnxModel.__call__
+
+    def takes_long(*given):
+        time.sleep(0.3)
+        return describe(*given)
+
+    monkeypatch.setattr(OnnxModel, '__call__', takes_long)
+    vpr(map_path=net_map, descriptor_model=str(net), queue_size=1, **PERIOD)
+    told = client.listen(DiagnosticArray, '/diagnostics')
+    camera = client.camera(Image)
+    for index in range(20):
+        camera.publish(image(street[index], (100 + index) * SECOND))
+        time.sleep(0.05)
+    slow = re.compile(r'frames dropped: .* of which the model takes \d{3} ms')
+    client.wait_for(lambda: any(slow.search(one.status[0].message) for one in told))
 
 
 def test_another_model_or_none_of_its_kind_is_refused_at_the_start(vpr, net, net_map, tmp_path):
