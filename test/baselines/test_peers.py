@@ -107,15 +107,6 @@ def test_matches_are_mutual():
     assert mutual_matches(query, reference).tolist() == [[0, 1], [2, 0]]
 
 
-def test_islands_are_references_that_hardly_lie_apart():
-    found = islands({1: 0.5, 3: 0.7, 7: 0.2, 20: 0.9})
-    assert [one.first for one in found] == [1, 7, 20]
-    assert [one.last for one in found] == [3, 7, 20]
-    assert [one.best for one in found] == [3, 7, 20]
-    assert found[0].score == pytest.approx(1.2)
-    assert found[0].agrees(found[0]) and not found[0].agrees(found[2])
-
-
 def test_a_loop_takes_more_than_three_frames_that_agree_and_twelve_inliers():
     rows = np.full((8, 30), 0.01, np.float32)
     rows[np.arange(8), np.arange(8) + 10] = 0.5

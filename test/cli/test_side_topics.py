@@ -39,11 +39,6 @@ def recorded(tmp_path):
     return write
 
 
-def test_the_only_ones_are_found(recorded, capsys):
-    assert side_topics(recorded()) == ('/wheels', '/info')
-    assert not capsys.readouterr().err
-
-
 def test_odometry_that_could_be_meant_twice_is_left_out_and_named(recorded, capsys):
     assert side_topics(recorded(odometry=SHOTS[0].pose)) == ('', '/info')
     said = capsys.readouterr().err

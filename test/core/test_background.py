@@ -89,18 +89,6 @@ def test_the_background_of_a_map_is_the_mean_of_its_references():
     assert background.of_map == pytest.approx(expected, abs=1e-6)
 
 
-def test_of_a_large_map_256_references_are_read():
-    reference_map = drawn_map(1)
-    packed = reference_map.packed(0)
-    for index in range(1, 1000):
-        reference_map.add(Place(index), packed)
-    read = []
-    reference_map.cells_of = lambda indices: read.extend(indices) or [cells(0)]
-    Background(reference_map, same, projected_regions).update_map()
-    assert len(read) == 256 and read[0] == 0 and read[-1] == 999
-    assert 3 <= np.diff(read).min() and np.diff(read).max() <= 4
-
-
 def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_doubled():
     reference_map = drawn_map(19)
     background, updated = Background(reference_map, same, projected_regions), []

@@ -54,17 +54,6 @@ def test_scores_are_the_cosines_of_what_is_unusual_in_the_map_and_on_the_drive(
     assert rows[2].dtype == np.float32 and rows[2] == pytest.approx(expected, abs=1e-5)
 
 
-def test_only_what_is_usable_is_scored(reference_map, described):
-    part = ReferenceMap()
-    for index in range(30):
-        part.add(reference_map.places[index], reference_map.packed(index))
-    query = described(8, 1)
-    row = row_of(CoarseScores(reference_map), query, 30)
-    assert (row == row_of(CoarseScores(part), query)).all()
-    nothing = CoarseScores(reference_map)
-    assert row_of(nothing, query, 0).shape == (0,) and nothing.best(40, 10).shape == (0,)
-
-
 def test_a_map_that_grows_is_scored_as_far_as_it_goes(reference_map, described):
     growing = ReferenceMap()
     coarse = CoarseScores(growing)

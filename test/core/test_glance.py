@@ -59,17 +59,6 @@ def test_frames_are_surely_near_up_to_what_was_found_near_before_a_far_one():
     assert not near.is_sure(at(0.0))
 
 
-def test_what_nobody_tested_is_not_safe():
-    """A far frame that comes first after a sure one may not have been the first far one."""
-    near = learned(0.4, None, None)
-    assert near.is_sure(at(0.25)) and not near.is_sure(at(0.28))
-    assert not learned(None, 0.4, None).is_sure(at(0.01))
-    for _ in range(GLANCE.memory):
-        near.update(at(0.4), True)
-        near.update(at(0.0), False)
-    assert near.is_sure(at(0.35))
-
-
 def test_a_robot_that_stands_far_from_the_last_far_frame_is_asked_a_few_times_only():
     near = learned(0.4, None, 0.6)
     assert near.is_sure(at(0.55)) and not near.is_sure(at(0.61)) and not near.is_sure(at(0.45))

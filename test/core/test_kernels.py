@@ -96,14 +96,6 @@ def test_scores_agree_for_any_size_and_any_salient_share(side, share, seed, whic
     assert np.abs(found[0] - expected[0]).max() < tolerance
 
 
-def test_the_largest_image_is_scored_too(pair):
-    kernel, definition, tolerance = pair
-    reference = [drawn(1, 128).cells]
-    query = drawn(0, 128, 0.02)
-    found, expected = (compared(one, query, reference)[0] for one in (kernel, definition))
-    assert np.abs(found - expected).max() < tolerance
-
-
 def test_shifts_are_those_of_the_definition():
     needs_library()
     wide = drawn(7, 40)
@@ -296,10 +288,6 @@ def test_all_kinds_of_kernels_find_the_same_to_the_last_bit(variant):
     )
     assert len(expected) == 10
     assert found == expected
-
-
-def test_numpy_can_be_asked_for():
-    assert set(in_process(SCORE_ONE, CONVSEQ_KERNELS='numpy')) == {'numpy'}
 
 
 @pytest.mark.parametrize('numbers', [1, 12, 15, 16, 17, 31, 32, 252])

@@ -68,14 +68,6 @@ def test_who_was_lost_is_where_it_is_as_sure_as_a_match(confidence, state):
     assert told.quality == (0.0 if state is LOST else confidence)
 
 
-def test_it_stays_localised_until_its_place_holds_less_than_half():
-    robot = Robot()
-    told = [robot.sees(40 + step, one) for step, one in enumerate((0.95, 0.7, 0.5, 0.49, 0.7))]
-    assert [one.state for one in told] == [LOCALISED] * 3 + [CANDIDATE] * 2
-    assert [one.reference_index for one in told] == [40, 41, 42, 43, 44]
-    assert robot.sees(45, 0.9).state is LOCALISED
-
-
 @pytest.mark.parametrize('reason', SILENT)
 def test_frames_that_say_nothing_change_nothing(reason):
     robot = Robot()

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The map file: round trips, and files that must be refused; bench/torture has the crashes."""
 
-from concurrent.futures import ThreadPoolExecutor
 import json
 import sqlite3
 
@@ -198,13 +197,3 @@ def test_unpacked_cells_are_64_times_the_packed_ones():
     expected = packed.astype(np.float32) * 64
     assert unpack_cells(packed).tobytes() == expected.tobytes()
     assert unpack_cells(packed[: 16 * 8].reshape(4, 4, 8)).shape == (4, 4, 8)
-
-
-def test_any_thread_may_read(map_path):
-    opened, whole = open_map(map_path), make()
-
-    def read(index):
-        return (opened.packed(index) == whole.packed(index)).all()
-
-    with ThreadPoolExecutor(8) as threads:
-        assert all(threads.map(read, [0, 1, 2, 3, 4] * 50))

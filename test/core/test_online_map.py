@@ -9,7 +9,6 @@ from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import numpy as np
-import pytest
 
 SECOND = 10**9
 SMALL = EncodingConfig(image_size_px=64)
@@ -55,10 +54,6 @@ def test_by_odometry_places_must_also_be_far_behind_on_the_way():
     assert grown(online, 9, standing)[2] == [0] * 9
 
 
-def test_without_odometry_the_distance_counts_for_nothing():
-    assert grown(OnlineConfig(exclusion_s=2.0, exclusion_m=10.0), 5)[2] == [0, 0, 1, 2, 3]
-
-
 def test_a_new_session_makes_all_of_the_map_the_past():
     mapping, reference_map, _ = grown(OnlineConfig(exclusion_s=5.0), 4)
     assert mapping.update(4 * SECOND, None) == 0
@@ -67,8 +62,3 @@ def test_a_new_session_makes_all_of_the_map_the_past():
     mapping.add(Frame(0, GRAY), DESCRIPTOR)
     assert [mapping.update(second * SECOND, None) for second in (1, 5)] == [4, 5]
     assert len(reference_map) == 5
-
-
-@pytest.mark.parametrize('exclusion_s', [0.0, 0.5])
-def test_the_newest_frame_is_never_its_own_past(exclusion_s):
-    assert grown(OnlineConfig(exclusion_s=exclusion_s), 4)[2] == [0, 1, 2, 3]

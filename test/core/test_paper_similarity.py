@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The similarity of two frames of one drive: the paper's, and how much moved together."""
 
-from convseq_ros.config import Config, EncodingConfig
-from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
@@ -42,14 +42,6 @@ def test_a_pair_scores_the_mean_of_the_best_similarities_of_salient_regions(sali
 SMALL = EncodingConfig(image_size_px=128)
 
 DRAWN = np.random.default_rng(0).integers(0, 256, (3, 128, 128), np.uint8)
-
-
-def test_every_kernel_says_the_same():
-    first, second = (describe(gray, SMALL) for gray in DRAWN[:2])
-    found = [PaperSimilarity(kernel)(first, second) for kernel in ('auto', 'numpy')]
-    assert found[0] == pytest.approx(found[1], abs=1e-6)
-    assert PaperSimilarity()(first, first) == pytest.approx(1, abs=1e-6)
-    assert Config().matching.kernel == 'auto'
 
 
 def test_a_rough_score_lies_on_the_side_of_the_limit_where_the_exact_one_does():
@@ -93,11 +85,6 @@ def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
     shares = since(view(), *(view(scale) for scale in (1.0, 1.05, 1.1, 1.2, 1.4)))
     assert shares[0] > 0.95 and shares[-1] < 0.5
     assert sorted(shares, reverse=True) == shares
-
-
-def test_nothing_remembered_or_nothing_shown_is_no_overlap():
-    assert Overlap(0.5).since(None, view()) == 0.0
-    assert since(view(), blank_descriptor(EncodingConfig())) == [0.0]
 
 
 def test_above_a_share_is_what_its_exact_score_is():

@@ -70,15 +70,6 @@ def test_the_best_is_the_exactly_best(seed, frames):
     assert found.max() == pytest.approx(expected.max(), abs=1e-7)
 
 
-def test_only_what_may_be_the_best_is_rescored():
-    scores = drawn(0)
-    scores[0, [7, 20, 30]] = 0.5, 0.49, 0.46
-    matcher, buffer = filled(scores)
-    found = buffer.best_scores(1, np.arange(REFERENCES))
-    assert sorted(matcher.rescored) == [(0, 7), (0, 20)]
-    assert found[[7, 20]].tolist() == scores[0, [7, 20]].tolist()
-
-
 def test_no_more_than_eight_are_rescored_and_none_twice():
     matcher, buffer = filled(drawn(3))
     for _ in range(3):

@@ -106,22 +106,6 @@ def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(imag
     assert all(grown.cells(index).any() for index in range(5))
 
 
-def test_a_stop_and_dropped_frames_leave_the_keyframes_in_step(third_places, image):
-    """Keyframes are 300 ms apart: two fall into a stop, and one is dropped."""
-    recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
-    places = [*range(15, 51), *[50] * 6, *range(51, 84)]
-    matches = [
-        recognizer.process(Frame(index * STEP_NS, image(place, 1)))
-        for index, place in enumerate(places)
-        if not 60 <= index < 63
-    ]
-    assert Reason.STATIONARY in {match.reason for match in matches}
-    last = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES][-5:]
-    shown = [places[match.query_stamp_ns // STEP_NS] for match in last]
-    assert [3 * match.best.reference_index for match in last] == shown
-    assert Reason.WARMING_UP not in {match.reason for match in matches[20:]}
-
-
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
 def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
     recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)

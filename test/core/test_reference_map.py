@@ -52,22 +52,6 @@ def test_a_place_that_is_not_there_is_an_index_error(index):
         reference_map.cells_of([0, index])
 
 
-def test_several_places_are_read_in_one_go_wherever_they_are():
-    reference_map = ReferenceMap(ENCODING)
-    for index in range(5):
-        reference_map.add(Place(index), cells(index))
-    asked, stored = [], Stored()
-    stored.pictures = lambda indices, _: asked.append(indices) or Stored().pictures(indices)
-    for count in (0, 2, 5):
-        reference_map.evict(count, stored.pictures)
-        found = reference_map.cells_of([3, 0, 4, 0])
-        expected = [reference_map.cells(index) for index in (3, 0, 4, 0)]
-        assert (np.array(found) == expected).all()
-        assert (found[1][0, 0, 0] == unpack_cells(cells(0))[0, 0, 0]) == (count == 0)
-    assert [len(indices) for indices in asked if len(indices) > 1] == [2, 4]
-    assert reference_map.cells_of([]) == []
-
-
 def test_whoever_reads_while_it_grows_finds_places_complete():
     reference_map, problems = ReferenceMap(ENCODING), []
     known = np.zeros(reference_map.global_descriptors.shape[1])

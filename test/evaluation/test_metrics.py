@@ -26,11 +26,6 @@ def numbers(*values):
     return np.array(values, float)
 
 
-def test_missed_places_count_when_their_number_is_given():
-    curve = precision_recall(flags(1, 0), numbers(0.9, 0.1), positives=4)
-    assert recall_at_full_precision(curve) == 1 / 4
-
-
 def test_of_nothing_there_is_nothing():
     curve = precision_recall(flags(), numbers())
     assert len(curve.threshold) == 0

@@ -106,19 +106,6 @@ def test_our_descriptor_is_what_rtabmap_uncompresses(store):
     assert (np.frombuffer(zlib.decompress(data[:-12]), '<f4') == vector).all()
 
 
-def test_swarm_slam_gets_keyframes_and_no_pose(store):
-    stamp = blank(store, 'builtin_interfaces/msg/Time', sec=5, nanosec=7)
-    odom = blank(
-        store, 'nav_msgs/msg/Odometry', header=blank(store, 'std_msgs/msg/Header', stamp=stamp)
-    )
-    told = round_trip(
-        store, blank(store, 'cslam_common_interfaces/msg/KeyframeOdom', id=12, odom=odom)
-    )
-    assert (stamp_to_ns(told.odom.header.stamp), told.id) == (5_000_000_007, 12)
-    match = round_trip(store, messages.swarm_local_match(store.types, 40, 12))
-    assert (match.keyframe0_id, match.keyframe1_id) == (40, 12)
-
-
 @pytest.fixture
 def bridge(store, monkeypatch):
     """Return a bridge to Swarm-SLAM for robot 2, what it sent, and who hears which topic."""
@@ -218,15 +205,6 @@ def test_voxgraph_gets_both_stamps_and_the_query_in_the_reference(store):
     assert stamp_to_ns(edge.timestamp_b) == QUERY_NS
     assert edge.t_a_b.pose.position.x == 2.0 and edge.t_a_b.pose.orientation.w == HALF[1]
     assert (np.reshape(edge.t_a_b.covariance, (6, 6)) == CLOSURE.covariance).all()
-
-
-def test_kimera_gets_an_edge_of_its_own_keys(store):
-    edge = messages.kimera_edge(store.types, header(store), 40, 12, CLOSURE, robot=3)
-    graph = blank(store, 'pose_graph_tools_msgs/msg/PoseGraph', edges=[edge])
-    (read,) = round_trip(store, graph).edges
-    assert (read.key_from, read.key_to, read.type) == (12, 40, read.LOOPCLOSE)
-    assert (read.robot_from, read.robot_to) == (3, 3)
-    assert read.pose.position.y == -0.5 and read.covariance[7] == 0.09
 
 
 def test_closures_wait_for_a_back_end_that_comes_late_or_goes_away():

@@ -11,7 +11,6 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.estimate import PoseEstimate
 from convseq_ros.core.types import Candidate, Match, Pose, Reason, Status
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.map_topics import path_message
 from convseq_ros.node.markers import MatchMarkers
 import numpy as np
 from visualization_msgs.msg import Marker
@@ -23,15 +22,6 @@ BLANK = pack_cells(describe(np.zeros((64, 64), np.uint8)).cells)
 
 def pose(x, y=0.0):
     return Pose((float(x), float(y), 0.0), (0.0, 0.0, 0.0, 1.0))
-
-
-def test_the_path_is_that_of_the_newest_drive_that_has_poses():
-    reference_map = ReferenceMap(keyframes=EVERY_FRAME)
-    for number, (session, x) in enumerate([(0, 0), (0, 1), (1, 50), (1, 51), (1, 52), (2, None)]):
-        where = None if x is None else pose(x)
-        reference_map.add(Place(number, pose=where, session=session), BLANK)
-    found = [each.pose.position.x for each in path_message(reference_map, 'map').poses]
-    assert found == [50, 51, 52]
 
 
 def map_of(*poses):

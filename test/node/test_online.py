@@ -189,16 +189,6 @@ def test_diagnostics_say_so_for_as_long_as_the_map_cannot_be_written(
     client.wait_for(lambda: diagnostics[-1].status[0].level == DiagnosticStatus.OK, 'its end')
 
 
-def test_without_a_path_the_map_is_in_memory(client, vpr, street, image):
-    vpr(**ONLINE)
-    indices = client.listen(Int32, '/vpr_node/match_index')
-    drive(client.camera(Image), street, image, [*range(8), *range(8)])
-    client.wait_for(lambda: len(indices) == 16)
-    assert [message.data for message in indices][8:] == list(range(8))
-    answer = client.call(Trigger, '/vpr_node/save_map')
-    assert answer.message.startswith('save_map_path is empty')
-
-
 def test_it_is_ready_when_it_is_warm(client, vpr, map_path, street, image, monkeypatch, capfd):
     warm = threading.Event()
     warm_up = Session.warm_up

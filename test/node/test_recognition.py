@@ -164,12 +164,3 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
     assert (path.read_bytes() == map_path.read_bytes()) == (mode == 'preloaded')
     assert open_map(path).is_linked == (mode == 'online')
     setup.results.close()
-
-
-def test_linking_ends_with_its_map(setup):
-    whole = setup.recognition.session.recognizer.reference_map
-    setup.recognition.link()
-    setup.recognition.swap(Session(None, CONFIG))
-    assert not whole.is_linked and not setup.logger.error.called
-    setup.recognition.close()
-    setup.results.close()

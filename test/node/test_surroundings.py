@@ -217,22 +217,6 @@ def test_a_frame_gets_the_depth_of_its_moment(heard):
     assert images.at(SECOND + 50 * MS) is None and images.missing == 1
 
 
-def test_a_frame_waits_for_its_depth_but_not_for_ever(heard):
-    images, hear = heard
-    hear(depth(SECOND))
-    for _ in range(4):
-        assert images.at(2 * SECOND) is None
-    images.waiting.wait_s = 3600.0
-    assert images.at(2 * SECOND) is None  # three waited in vain: none waits
-    hear(depth(SECOND + 100 * MS))
-    found = []
-    waiting = threading.Thread(target=lambda: found.append(images.at(SECOND + 200 * MS)))
-    waiting.start()
-    hear(depth(SECOND + 200 * MS, 1700))
-    waiting.join(10)
-    assert found[0][0, 0] == pytest.approx(1.7)
-
-
 def test_what_is_no_depth_is_counted(heard):
     images, hear = heard
     hear(depth(SECOND, encoding='rgb8'))

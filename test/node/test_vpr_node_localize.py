@@ -137,12 +137,3 @@ def test_without_a_map_or_when_disabled_it_says_so_at_once(client, vpr, ask, map
     client.call(SetBool, '/vpr_node/set_enabled', data=False)
     (answer,) = answers(client, ask())
     assert answer.message.startswith('disabled; call /vpr_node/set_enabled')
-
-
-def test_what_is_not_recognised_is_told_with_its_reasons(client, vpr, map_path, show, ask):
-    vpr(map_path=map_path, fixed_length=1, min_margin=1.0, localize_timeout_s=2.0)
-    show(3)
-    futures = ask()
-    show(4)
-    (answer,) = answers(client, futures)
-    assert not answer.success and answer.message.startswith('ambiguous between place 4 and place')

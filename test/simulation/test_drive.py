@@ -40,15 +40,6 @@ def test_distances_stamps_and_poses_agree_with_the_speed():
         )
 
 
-def test_a_frame_is_the_grey_of_the_shot():
-    shot = next(draw(STREET, SMALL))
-    frame = shot.frame
-    assert frame.gray is not None and frame.gray.shape == (72, 96)
-    assert (frame.stamp_ns, frame.pose) == (shot.stamp_ns, shot.pose)
-    weights = np.array((0.114, 0.587, 0.299))
-    assert np.abs(shot.image @ weights - frame.gray).max() < 1.0
-
-
 @pytest.mark.parametrize('light', LIGHTS)
 def test_every_light_gives_a_picture(light):
     assert next(draw(STREET, replace(SMALL, light=light))).image.std() > 8

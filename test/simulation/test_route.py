@@ -68,12 +68,6 @@ def test_the_second_lap_sees_what_the_first_saw():
     assert np.abs(one - other).mean() < 1.0
 
 
-def test_parallel_streets_differ_and_so_do_towns():
-    south, north = (ROUTE.spot(at, 0.0, 0.0).street for at in (20.0, 115.0))
-    assert south != north
-    assert Route(BLOCK, seed=4).spot(20.0, 0.0, 0.0).street != south
-
-
 @pytest.mark.parametrize(
     ('corners', 'told'),
     [

@@ -51,11 +51,6 @@ def test_colours_of_messages_are_blue_green_red(pixels, encoding):
     assert gray_and_color(image_pixels(fields), ReadingConfig())[1] is None
 
 
-def test_grey_messages_have_no_colour():
-    gray, color = gray_and_color(image_pixels(message(BGR[:, :, 0].copy(), 'mono8'), KEPT), KEPT)
-    assert color is None and (gray == 20).all()
-
-
 def test_a_jpeg_keeps_its_colours():
     data = cv2.imencode('.jpg', BGR)[1].tobytes()
     pixels = compressed_pixels(SimpleNamespace(format='jpeg', data=data), KEPT)

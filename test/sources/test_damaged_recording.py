@@ -339,11 +339,3 @@ def test_a_bag_without_lines_is_refused_before_it_is_read(tmp_path):
     with (tmp_path / 'drive.bag').open('wb') as file:
         file.truncate(10**12)
     assert 'does not begin as a recording does' in in_time(lambda: read(tmp_path / 'drive.bag'))[1]
-
-
-def test_a_file_that_inflates_to_far_more_than_a_recording_does_is_refused(recorder, pictures):
-    folder = recorder.write('sqlite3 folder compressed file', recorder.drive(pictures))
-    file = next(folder.glob('*.zstd'))
-    file.write_bytes(zeros(10))
-    with pytest.raises(SourceError, match='which no recording does'):
-        open_source(folder, reading=ReadingConfig(max_file_mb=1.0))

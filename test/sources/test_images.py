@@ -235,21 +235,6 @@ def test_cut_pictures_are_image_errors(suffix, share, capfd):
     capfd.readouterr()
 
 
-def test_jpeg_with_a_thumbnail_that_is_cut_is_an_image_error():
-    whole = cv2.imencode('.jpg', noise(40, 50, 3))[1].tobytes()
-    thumbnail = cv2.imencode('.jpg', noise(4, 5, 3))[1].tobytes()
-    block = b'\xff\xe1' + struct.pack('>H', len(thumbnail) + 2) + thumbnail
-    with_thumbnail = whole[:2] + block + whole[2:]
-    np.testing.assert_array_equal(decode_picture(with_thumbnail), decode_picture(whole))
-    with pytest.raises(ImageError):
-        decode_picture(with_thumbnail[:-200])
-
-
-def test_bytes_after_a_jpeg_do_no_harm():
-    whole = cv2.imencode('.jpg', noise(16, 16))[1].tobytes()
-    np.testing.assert_array_equal(decode_picture(whole + bytes(64)), decode_picture(whole))
-
-
 @pytest.mark.parametrize('data', [b'', b'hello world', bytes(100), zlib.compress(b'x' * 99)])
 def test_what_is_no_picture_is_an_image_error(data):
     with pytest.raises(ImageError, match='cannot be decoded'):

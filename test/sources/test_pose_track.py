@@ -40,12 +40,6 @@ def test_a_moment_after_the_last_pose_the_motion_is_taken_to_go_on():
     assert track.at(SECOND // 2 + 101 * MS) is None
 
 
-def test_one_pose_alone_tells_of_its_own_time_only():
-    track = PoseTrack([(SECOND, pose(3))])
-    assert track.at(SECOND) == pose(3)
-    assert track.at(SECOND - 1) is None and track.at(SECOND + 1) is None
-
-
 def test_poses_in_the_wrong_order_are_left_out_and_a_jump_of_the_clock_begins_anew():
     track = PoseTrack([(5 * SECOND, pose(1)), (5 * SECOND, pose(9)), (5 * SECOND - 1, pose(9))])
     assert track.last_stamp_ns == 5 * SECOND and track.at(5 * SECOND) == pose(1)

@@ -157,15 +157,6 @@ def test_a_map_of_a_few_places_has_too_few_rivals(map_of, drive, places, session
         assert not any(np.isnan(one.score) for match in matches for one in match.candidates)
 
 
-def test_in_sessions_of_one_place_each_frame_is_told_by_itself(map_of, drive):
-    lonely = map_of(range(40), sessions=True)
-    ways = [*range(10, 30)] * 2
-    matches = drive(PlaceRecognizer(lonely, OWN), ways, poses=[at(one) for one in range(40)])
-    for match, place in zip(matches, ways, strict=True):
-        assert 0 <= match.confidence <= 1
-        assert match.accepted is None or match.accepted.reference_index == place
-
-
 def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of, drive):
     alike = map_of(range(16))
     for place in range(1, 16):
@@ -173,21 +164,6 @@ def test_where_all_places_are_looks_of_one_there_is_none_to_compare_with(map_of,
     matches = drive(PlaceRecognizer(alike, OWN), range(16))
     assert not any(match.accepted for match in matches)
     assert all(0 <= match.confidence <= 1 for match in matches)
-
-
-def test_how_sure_is_enough_may_be_set_while_it_drives(street, drive):
-    def asking(least):
-        return with_values(OWN, {'min_confidence': least})
-
-    recognizer = PlaceRecognizer(street, asking(0.0))
-    matches = drive(recognizer, [*range(500, 510), *range(10, 20)])
-    assert all(match.accepted for match in matches)  # whatever it is
-    recognizer.config = asking(1.0)
-    matches = drive(recognizer, range(20, 30), start=20)
-    assert all(match.accepted is None or match.confidence == 1 for match in matches)
-    assert [match.best.reference_index for match in matches] == [*range(20, 30)]
-    recognizer.config = asking(0.9)
-    assert accepted(drive(recognizer, range(30, 35), start=30)) == [*range(30, 35)]
 
 
 @pytest.mark.parametrize(

@@ -48,19 +48,6 @@ def test_odometry_that_goes_back_moves_back_and_the_other_way_round(a_map):
         assert found[:, 0] == pytest.approx(np.where(velocities < 0, 12.5, 7.5))
 
 
-def test_in_a_map_without_poses_a_way_counts_against_the_usual_way(a_map):
-    velocities, found, _ = moved(a_map(30), 0, 4, 8, 12, 14)  # the mean is 3.5 m
-    assert found[:, 0] == pytest.approx(10 + velocities * 2 / 3.5)
-
-
-def test_beyond_a_session_places_are_as_far_apart_as_its_last(a_map):
-    street = a_map(12, 12, step_m=2.0)
-    assert moved(street, 0, 10, places=(8,))[1] == pytest.approx(np.full((9, 1), 13.0))
-    # At its very end they may be any way apart.
-    velocities, found, _ = moved(street, 0, 10, places=(11,))
-    assert found[:, 0] == pytest.approx(11 + velocities)
-
-
 @settings(max_examples=60)
 @given(
     st.lists(st.one_of(st.none(), st.floats(-1e9, 1e9)), min_size=1, max_size=6),

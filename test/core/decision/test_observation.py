@@ -94,13 +94,6 @@ def test_without_enough_other_places_nothing_speaks_for_one(a_map, count):
     assert not seen.has_rivals and max(ratios.values()) <= 0
 
 
-def test_what_was_believed_is_scored_and_the_likeliest_of_it_verified(a_map):
-    predicted, frame = [20, 42, 15], Frame(scored(), {})
-    seen, _ = looked(a_map(100), frame, predicted, listed=[*range(50, 100), 30])
-    assert {*predicted} <= {*seen.places.tolist()}
-    assert {20, 42} <= {*seen.verified} and 15 not in seen.verified
-
-
 def test_a_frame_without_scores_says_nothing(a_map):
     seen, ratios = looked(a_map(30), Frame(np.full(30, np.nan), {}), [3])
     assert ratios == {3: 0.0} and not seen.has_rivals
