@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small files of every kind that is read, all whole; what is hostile is made of them."""
 
+from collections.abc import Callable, Iterable
 import functools
 from pathlib import Path
 import tempfile
@@ -18,6 +19,7 @@ from rosbags.typesys import get_typestore, Stores
 
 ROS2, ROS1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
 IMAGE = 'sensor_msgs/msg/Image'
+Rows = Iterable[tuple[str, int, Any]]  # topic, when it was recorded, message
 _FRAMES = 4
 _START_NS, _STEP_NS = 1_700_000_000_000_000_000, 100_000_000
 _PICTURES: dict[str, tuple[str, list[int]]] = {
@@ -62,16 +64,21 @@ def recordings() -> dict[str, tuple[str, dict[str, bytes]]]:
 
 
 def _written(folder: Path) -> dict[str, Path]:
+    rows = [
+        ('/camera', _START_NS + number * _STEP_NS, message(number=number))
+        for number in range(_FRAMES)
+    ]
+    sqlite, mcap = StoragePlugin.SQLITE3, StoragePlugin.MCAP
     return {
-        'mcap zstd': _mcap(folder / 'zstd.mcap', CompressionType.ZSTD),
-        'mcap lz4': _mcap(folder / 'lz4.mcap', CompressionType.LZ4),
-        'mcap plain': _mcap(folder / 'plain.mcap', CompressionType.NONE),
-        'mcap without chunks': _mcap(folder / 'loose.mcap', CompressionType.NONE, False),
-        'db3': _ros2(folder / 'db3', StoragePlugin.SQLITE3) / 'db3.db3',
-        'bag': _ros1(folder / 'drive.bag'),
-        'folder mcap': _ros2(folder / 'storage', StoragePlugin.MCAP, CompressionMode.STORAGE),
-        'folder messages': _ros2(folder / 'each', StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-        'folder files': _ros2(folder / 'whole', StoragePlugin.SQLITE3, CompressionMode.FILE),
+        'mcap zstd': write_mcap(folder / 'zstd.mcap', rows, CompressionType.ZSTD),
+        'mcap lz4': write_mcap(folder / 'lz4.mcap', rows, CompressionType.LZ4),
+        'mcap plain': write_mcap(folder / 'plain.mcap', rows),
+        'mcap without chunks': write_mcap(folder / 'loose.mcap', rows, use_chunking=False),
+        'db3': write_ros2(folder / 'db3', rows, sqlite) / 'db3.db3',
+        'bag': write_ros1(folder / 'drive.bag', rows),
+        'folder mcap': write_ros2(folder / 'storage', rows, mcap, CompressionMode.STORAGE),
+        'folder messages': write_ros2(folder / 'each', rows, sqlite, CompressionMode.MESSAGE),
+        'folder files': write_ros2(folder / 'whole', rows, sqlite, CompressionMode.FILE),
     }
 
 
@@ -102,39 +109,61 @@ def message(kind: str = IMAGE, number: int = 0) -> Any:
     return types['geometry_msgs/msg/PoseStamped'](header, pose)
 
 
-def _mcap(path: Path, compression: CompressionType, use_chunking: bool = True) -> Path:
+def write_mcap(
+    path: Path,
+    rows: Rows,
+    compression: CompressionType = CompressionType.NONE,
+    use_chunking: bool = True,
+    profile: str = 'ros2',
+) -> Path:
+    """Write an mcap file by itself, and return it."""
     with path.open('wb') as file:
         writer = McapWriter(
             file, chunk_size=4096, compression=compression, use_chunking=use_chunking
         )
-        writer.start(profile='ros2')
-        definition, _ = ROS2.generate_msgdef(IMAGE, ros_version=2)
-        schema = writer.register_schema(IMAGE, 'ros2msg', definition.encode())
-        channel = writer.register_channel('/camera', 'cdr', schema)
-        for number in range(_FRAMES):
-            stamp_ns = _START_NS + number * _STEP_NS
-            writer.add_message(channel, stamp_ns, cdr(number=number), stamp_ns)
+        writer.start(profile=profile)
+        channels: dict[str, int] = {}
+        for topic, log_ns, message in rows:
+            kind = message.__msgtype__
+            if topic not in channels:
+                definition, _ = ROS2.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, 'ros2msg', definition.encode())
+                channels[topic] = writer.register_channel(topic, 'cdr', schema)
+            data = bytes(ROS2.serialize_cdr(message, kind))
+            writer.add_message(channels[topic], log_ns, data, log_ns)
         writer.finish()
     return path
 
 
-def _ros2(
-    folder: Path, plugin: StoragePlugin, compression: CompressionMode = CompressionMode.NONE
+def write_ros2(
+    folder: Path,
+    rows: Rows,
+    plugin: StoragePlugin,
+    compression: CompressionMode = CompressionMode.NONE,
 ) -> Path:
+    """Write a recording as ROS 2 does, and return its folder."""
     writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
-        connection = writer.add_connection('/camera', IMAGE, typestore=ROS2)
-        for number in range(_FRAMES):
-            content = ROS2.serialize_cdr(message(number=number), IMAGE)
-            writer.write(connection, _START_NS + number * _STEP_NS, content)
+        _write(writer, rows, ROS2, ROS2.serialize_cdr)
     return folder
 
 
-def _ros1(path: Path) -> Path:
+def write_ros1(path: Path, rows: Rows) -> Path:
+    """Write a recording as ROS 1 does, and return it."""
+
+    def serialized(message: Any, kind: str) -> Any:
+        return ROS2.cdr_to_ros1(ROS2.serialize_cdr(message, kind), kind)
+
     with Ros1Writer(path) as writer:
-        connection = writer.add_connection('/camera', IMAGE, typestore=ROS1)
-        for number in range(_FRAMES):
-            content = ROS2.cdr_to_ros1(ROS2.serialize_cdr(message(number=number), IMAGE), IMAGE)
-            writer.write(connection, _START_NS + number * _STEP_NS, content)
+        _write(writer, rows, ROS1, serialized)
     return path
+
+
+def _write(writer: Any, rows: Rows, types: Any, serialize: Callable[[Any, str], Any]) -> None:
+    connections: dict[str, Any] = {}
+    for topic, log_ns, message in rows:
+        kind = message.__msgtype__
+        if topic not in connections:
+            connections[topic] = writer.add_connection(topic, kind, typestore=types)
+        writer.write(connections[topic], log_ns, serialize(message, kind))

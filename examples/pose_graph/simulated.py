@@ -51,13 +51,9 @@ def shots(route: Route, drift: Drift = DRIFT, seed: int = 0) -> Iterator[Shot]:
         lanes=tuple(zip(at.tolist(), offsets.tolist(), strict=True)),
         seed=seed,
     )
-    second = Drive(
-        speed_mps=SPEED_MPS,
-        frame_rate_hz=RATE_HZ,
+    second = replace(
+        first,
         num_frames=rest,
-        width_px=320,
-        height_px=240,
-        lanes=first.lanes,
         seed=seed + 1,
         light='overcast',
         start_m=first.distance_m(half),

@@ -8,16 +8,12 @@ from types import SimpleNamespace
 
 import cv2
 from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import get_typestore, Stores
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-ROS2 = get_typestore(Stores.ROS2_JAZZY)
-ROS1 = get_typestore(Stores.ROS1_NOETIC)
+from bench.torture.corpus import ROS2, write_mcap, write_ros1, write_ros2
+
 LAYOUTS = (
     'mcap folder',
     'mcap file',
@@ -85,72 +81,28 @@ def image_drive(pictures, topic='/camera/image_raw'):
     ]
 
 
-def _write_ros2(folder, rows, plugin, compression=CompressionMode.NONE):
-    writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
-    writer.set_compression(compression, CompressionFormat.ZSTD)
-    with writer:
-        connections = {}
-        for topic, log_ns, message in rows:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ROS2)
-            writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message, kind))
-    return folder
-
-
-def _write_ros1(path, rows):
-    with Ros1Writer(path) as writer:
-        connections = {}
-        for topic, log_ns, message in rows:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ROS1)
-            data = ROS2.cdr_to_ros1(ROS2.serialize_cdr(message, kind), kind)
-            writer.write(connections[topic], log_ns, data)
-    return path
-
-
-def _write_mcap(path, rows, compression=CompressionType.NONE, use_chunking=True, profile='ros2'):
-    with path.open('wb') as file:
-        writer = McapWriter(
-            file, chunk_size=4096, compression=compression, use_chunking=use_chunking
-        )
-        writer.start(profile=profile)
-        channels = {}
-        for topic, log_ns, message in rows:
-            kind = message.__msgtype__
-            if topic not in channels:
-                definition, _ = ROS2.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, 'ros2msg', definition.encode())
-                channels[topic] = writer.register_channel(topic, 'cdr', schema)
-            data = bytes(ROS2.serialize_cdr(message, kind))
-            writer.add_message(channels[topic], log_ns, data, log_ns)
-        writer.finish()
-    return path
-
-
 def write_recording(base: Path, layout: str, rows: list) -> Path:
     """Write (topic, log time, message) rows below a folder; return the path to open."""
     folder, file = base / 'drive', base / 'drive.mcap'
     mcap, sqlite = StoragePlugin.MCAP, StoragePlugin.SQLITE3
     return {
-        'mcap folder': lambda: _write_ros2(folder, rows, mcap),
-        'mcap file': lambda: _write_ros2(folder, rows, mcap) / 'drive.mcap',
-        'mcap folder zstd': lambda: _write_ros2(folder, rows, mcap, CompressionMode.STORAGE),
-        'sqlite3 folder': lambda: _write_ros2(folder, rows, sqlite),
-        'db3 file': lambda: _write_ros2(folder, rows, sqlite) / 'drive.db3',
-        'sqlite3 folder compressed messages': lambda: _write_ros2(
+        'mcap folder': lambda: write_ros2(folder, rows, mcap),
+        'mcap file': lambda: write_ros2(folder, rows, mcap) / 'drive.mcap',
+        'mcap folder zstd': lambda: write_ros2(folder, rows, mcap, CompressionMode.STORAGE),
+        'sqlite3 folder': lambda: write_ros2(folder, rows, sqlite),
+        'db3 file': lambda: write_ros2(folder, rows, sqlite) / 'drive.db3',
+        'sqlite3 folder compressed messages': lambda: write_ros2(
             folder, rows, sqlite, CompressionMode.MESSAGE
         ),
-        'sqlite3 folder compressed file': lambda: _write_ros2(
+        'sqlite3 folder compressed file': lambda: write_ros2(
             folder, rows, sqlite, CompressionMode.FILE
         ),
-        'ros1 bag': lambda: _write_ros1(base / 'drive.bag', rows),
-        'mcap zstd': lambda: _write_mcap(file, rows, CompressionType.ZSTD),
-        'mcap lz4': lambda: _write_mcap(file, rows, CompressionType.LZ4),
-        'mcap plain': lambda: _write_mcap(file, rows),
-        'mcap without chunks': lambda: _write_mcap(file, rows, use_chunking=False),
-        'mcap without profile': lambda: _write_mcap(file, rows, profile=''),
+        'ros1 bag': lambda: write_ros1(base / 'drive.bag', rows),
+        'mcap zstd': lambda: write_mcap(file, rows, CompressionType.ZSTD),
+        'mcap lz4': lambda: write_mcap(file, rows, CompressionType.LZ4),
+        'mcap plain': lambda: write_mcap(file, rows),
+        'mcap without chunks': lambda: write_mcap(file, rows, use_chunking=False),
+        'mcap without profile': lambda: write_mcap(file, rows, profile=''),
     }[layout]()
 
 
