@@ -82,16 +82,10 @@ def read_array(
         ) from None
 
 
-def read_array_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return the shape, whether columns come first, and the type that a .npy file declares."""
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    return np.lib.format.read_array_header_2_0(file)
-
-
 def _array(file: Any, path: Path, reading: ReadingConfig) -> npt.NDArray[Any]:
-    shape, is_fortran, dtype = read_array_header(file)
+    is_first = np.lib.format.read_magic(file) == (1, 0)
+    header = 'read_array_header_1_0' if is_first else 'read_array_header_2_0'
+    shape, is_fortran, dtype = getattr(np.lib.format, header)(file)
     size = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
         raise ValueError('it holds objects')

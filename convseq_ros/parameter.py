@@ -12,40 +12,14 @@ from convseq_ros.errors import ConfigError
 
 Value = bool | int | float | str
 
-# Parameters that are gone, or have another name now: what to do instead.
+# Parameters, and choices of one, that went for the belief and the graph: what to set instead.
 RETIRED = {
-    'remove_layout': 'the background is always subtracted; leave it out',
-    'subtract_background': 'the background is always subtracted; leave it out',
-    'speed_search': 'other velocities are always found; leave it out',
-    'velocity_search': 'other velocities are always found; leave it out',
     'min_evidence': 'set min_confidence instead, a probability; leave it out for the default',
     'verification': 'the belief always verifies; leave it out, or set acceptance_rule: margin',
-    'index_above': 'large maps need no index; leave it out',
+    'velocity_search': 'other velocities are always found; leave it out',
     'localize_keyframes': 'min_confidence decides when the robot is localised; leave it out',
     'lost_keyframes': 'min_confidence decides when the robot is lost; leave it out',
-    'max_places_per_m': 'set max_looks instead, how many looks of a place a map keeps',
-    'max_map_mb': 'set max_looks instead, how many looks of a place a map keeps',
-    'saliency_threshold': 'it is always 0.5; leave it out',
-    'resize': 'images are always resized exactly; leave it out',
-    'shortlist_length': 'it is always 40; leave it out, or set search: exhaustive',
-    'overlap_threshold': 'set fixed_length instead, or leave it out for 0.9',
-    'entropy_threshold': 'set fixed_length instead, or leave it out for 0.5',
-    'min_length': 'set fixed_length instead, or leave it out for 2',
-    'max_overlap_length': 'set fixed_length instead, or leave it out for 15',
-    'max_length': 'set fixed_length instead, or leave it out for 25',
-    'num_candidates': 'every result has up to 5 candidates; leave it out',
-    'stationary_overlap': 'it is always 0.985; leave it out, or set stationary_m with odometry',
-    'odometry_turn_error': 'set odometry_way_error instead; 0.05 of a turn is always added',
-    'thumbnail_width_px': 'it is always 128; leave it out',
-    'max_chunk_mb': 'set max_file_mb instead, which also limits chunks',
-    'image_transport': 'name the topic instead: compressed images end in /compressed',
-    'image_reliability': 'the node always follows what the camera offers; leave it out',
-    'queue_mb': 'waiting frames take at most 256 MB; set queue_size to keep fewer',
-    'fleet_tls': 'set fleet to tls://HOST:PORT, and the certificates in the configuration of Dask',
-    'fleet_timeout_s': 'it is always 1 s; leave it out',
-    'heading_sigma_rad': 'it is always 0.1; leave it out',
 }
-# Choices that are gone, by parameter and choice.
 RETIRED_CHOICES = {
     ('acceptance_rule', 'track'): 'set belief instead, or leave it out',
     ('mode', 'lifelong'): 'set online instead, and max_looks, how many looks of a place it keeps',

@@ -12,7 +12,7 @@ from convseq_ros.picture_header import Declared, USUAL_SCANS
 
 # What a byte of a file counts, where a byte of an array counts 1: Python keeps many for it, or,
 # of YAML, takes long: .1 MB a second, rosbags' reader .06 MB.
-AS_ARRAY, AS_TEXT, AS_PICKLE, AS_YAML = 1, 8, 64, 1024
+AS_ARRAY, AS_TEXT, AS_YAML = 1, 8, 1024
 _MEGA = 1_000_000
 
 
@@ -27,8 +27,8 @@ class ReadingConfig(Checked):
     )
     max_file_mb: float = parameter(
         256.0, 'Files, and compressed chunks of recordings, that declare more data than this are '
-        'refused before they are read; text counts 8 times, a pickle 64 times and YAML 1024 '
-        'times, because reading them takes more memory.',
+        'refused before they are read; text counts 8 times and YAML 1024 times, because reading '
+        'them takes more memory.',
         unit='MB', low=0.001, high=1_000_000.0,
     )
     keeps_color: bool = False  # in frames, beside grey; for a model that wants it

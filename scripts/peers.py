@@ -31,7 +31,6 @@ import tempfile
 import time
 
 from convseq_ros.config import Config, make_config
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, open_data_set, Part, TruthSource
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import parse_method
@@ -100,7 +99,7 @@ class Run:
 
 
 @contextmanager
-def laps_material(data: Path, cache: Cache, config: Config) -> Iterator[Material]:
+def laps_material(data: Path, config: Config) -> Iterator[Material]:
     """Yield the first lap as a map, and what follows as a query; unknown places are neutral."""
     truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
     with tempfile.TemporaryDirectory() as made:
@@ -124,7 +123,7 @@ def laps_material(data: Path, cache: Cache, config: Config) -> Iterator[Material
                 )
             )
         data_set = DataSet('laps', parts[0], TruthSource('none'), parts[1])
-        material = open_material(data_set, cache, config.encoding)
+        material = open_material(data_set, config.encoding)
         query, reference = places
         off = np.abs((query[:, None] - reference + laps.LAP / 2) % laps.LAP - laps.LAP / 2)
         yield replace(material, truth=_Laps(off <= laps.RIGHT, 0, ~(off > laps.WRONG)))
@@ -195,13 +194,12 @@ def main() -> int:
     time.perf_counter = time.process_time  # what else the machine does takes no part
     config = make_config({'threads': 1})
     found: dict[str, dict[str, list[Run]]] = {text: {} for text in chosen.methods}
-    cache = Cache(None)
     print('| set | method | own | best | first | ms | kB |')
     print('|---|---|---|---|---|---|---|')
     for name in chosen.sets:
         files = {text: chosen.kept / f'{name}.{_slug(text)}.json' for text in chosen.methods}
         if missing := [text for text, file in files.items() if not file.exists()]:
-            with _opened(name, chosen.data, cache, config) as material:
+            with _opened(name, chosen.data, config) as material:
                 for text in missing:
                     asked = text.replace('DATA', str(chosen.data))
                     keep(files[text], runs(material, asked, config))
@@ -225,12 +223,12 @@ def _slug(text: str) -> str:
 
 
 @contextmanager
-def _opened(name: str, data: Path, cache: Cache, config: Config) -> Iterator[Material]:
+def _opened(name: str, data: Path, config: Config) -> Iterator[Material]:
     if name == 'laps':
-        with laps_material(data, cache, config) as material:
+        with laps_material(data, config) as material:
             yield material
     else:
-        yield open_material(open_data_set(name, data), cache, config.encoding)
+        yield open_material(open_data_set(name, data), config.encoding)
 
 
 def _options(some: Sequence[Run]) -> Iterator[tuple[float, str]]:

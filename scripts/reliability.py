@@ -12,7 +12,6 @@ taken.
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-import tempfile
 
 from convseq_ros.config import EVERY_FRAME, make_config
 from convseq_ros.core.encoding.descriptor import describe
@@ -21,7 +20,6 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Descriptor, Frame, Reason
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.metrics import EDGES, reliability
@@ -89,10 +87,10 @@ def darker(gray: np.ndarray, share: float, generator: np.random.Generator) -> np
     return np.clip(np.rint(dark), 0, 255).astype(np.uint8)
 
 
-def of_real(name: str, data: Path, darkened: float, folder: Path) -> Answers:
+def of_real(name: str, data: Path, darkened: float) -> Answers:
     """Yield the answers to a real drive, so much of its light taken."""
     config = make_config(EVERY_FRAME.spacing)
-    material = open_material(open_data_set(name, data), Cache(folder), config.encoding)
+    material = open_material(open_data_set(name, data), config.encoding)
     _, references = material.drives(config.encoding)
     asked: Asked = []
     for index, frame in enumerate(material.query):
@@ -122,10 +120,9 @@ def main() -> None:
     """Measure and print."""
     data = options(__doc__, data=None).data
     tables = {pair.name: np.array(list(of_drawn(pair)), float) for pair in CHECKS}
-    with tempfile.TemporaryDirectory() as folder:
-        for darkened in (0.0, 0.8) if data else ():
-            answered = list(of_real(REAL, data, darkened, Path(folder)))
-            tables[f'{REAL} {darkened}'] = np.array(answered, float)
+    for darkened in (0.0, 0.8) if data else ():
+        answered = list(of_real(REAL, data, darkened))
+        tables[f'{REAL} {darkened}'] = np.array(answered, float)
     for name, rows in (*tables.items(), ('all', np.concatenate([*tables.values()]))):
         show(name, rows)
 

@@ -5,6 +5,7 @@
 from collections.abc import Callable
 import functools
 from functools import partial
+import io
 from pathlib import Path
 import sqlite3
 import tempfile
@@ -17,7 +18,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.evaluation.data_set import read_data_set
 from convseq_ros.evaluation.report.shown import read_runs
-from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.evaluation.truth_file import read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
@@ -88,9 +89,6 @@ def decoders() -> dict[str, Decoder]:
             [b'drive,x,y,z\nquery,1,2,3\nquery,2,3,4\n'],
             _in_file('t.csv', lambda path: read_positions(path, 'query', 2)),
         ),
-        'truth of NumPy': Decoder(
-            _arrays(), _in_file('t.npy', lambda path: read_npy(path, (3, 3)))
-        ),
         'result table': Decoder([_table()], _in_file('result.csv', read_results)),
         'run folder': Decoder(
             [bytes([number]) + content for number, content in enumerate(_run().values())],
@@ -156,7 +154,7 @@ def _run() -> dict[str, bytes]:
         'set/method/summary.json': b'{"set": "set", "method": "method", "accuracy_matched": 0.5}',
         'set/method/frames.csv': _table(),
         'set/method/curve.csv': b'threshold,precision,recall\n0.5,1,0.25\n',
-        'set/method/scores.npy': _arrays()[0],
+        'set/method/scores.npy': _scores(),
         'set/set.json': b'{"name": "set", "queries": 3, "references": 3}',
     }
 
@@ -173,17 +171,11 @@ def _run_folder(data: bytes, folder: Path) -> None:
         one.run.thumbnail('query', 0)
 
 
-def _arrays() -> list[bytes]:
-    """Return .npy files of truth: pairs, a matrix, and VPR-Bench's array of objects."""
-    objects = np.empty((3, 2), object)
-    for number in range(3):
-        objects[number] = number, [number, number + 1]
-    made = []
-    with tempfile.TemporaryDirectory() as folder:
-        for array in (np.zeros((3, 2), np.int64), np.eye(3, dtype=np.bool_), objects):
-            np.save(Path(folder, 'a.npy'), array, allow_pickle=True)
-            made.append(Path(folder, 'a.npy').read_bytes())
-    return made
+def _scores() -> bytes:
+    """Return a .npy file of scores."""
+    made = io.BytesIO()
+    np.save(made, np.eye(3, dtype=np.float32))
+    return made.getvalue()
 
 
 def _table() -> bytes:

@@ -35,15 +35,8 @@ COMMANDS = {
 # Those that are ROS nodes, and read their arguments themselves.
 NODES = {'play': 'convseq_ros.node.player', 'watch': 'convseq_ros.node.watch'}
 
-# Commands of earlier versions, and what does their work now.
-RETIRED = {
-    **{
-        verb: f'is now: convseq map {verb}'
-        for verb in ('link', 'merge', 'split', 'remove', 'rename')
-    },
-    'thin': 'is gone: use convseq map remove --session NAME or --max-looks N',
-    'convert': 'is gone: build the map again from its recording',
-}
+# Commands of earlier versions that are verbs of `map` now.
+MOVED = ('link', 'merge', 'split', 'remove', 'rename')
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -55,14 +48,14 @@ def main(args: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=__version__)
-    parser.add_argument('command', choices=[*COMMANDS, *RETIRED], metavar='command')
+    parser.add_argument('command', choices=[*COMMANDS, *MOVED], metavar='command')
     parser.add_argument('arguments', nargs=argparse.REMAINDER)
     if not (sys.argv[1:] if args is None else args):
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(args)
-    if chosen.command in RETIRED:
-        print(f'convseq {chosen.command}: {RETIRED[chosen.command]}', file=sys.stderr)
+    if chosen.command in MOVED:
+        print(f'convseq {chosen.command}: is now: convseq map {chosen.command}', file=sys.stderr)
         return 1
     name = 'processes' if chosen.command in NODES else chosen.command.replace('-', '_')
     command = importlib.import_module(f'convseq_ros.cli.{name}')

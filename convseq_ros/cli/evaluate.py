@@ -11,7 +11,6 @@ from convseq_ros.cli.options import add_config, chosen_config
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import DEFAULT_METHODS, evaluate, PAST, Plan, PUBLISHED
-from convseq_ros.evaluation.cache import Cache, default_folder
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
 from convseq_ros.evaluation.methods import KINDS
 from convseq_ros.evaluation.protocols import CLOSED, OPEN
@@ -46,10 +45,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'method and set, for `convseq report A.json B.json`')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
-    parser.add_argument('--cache', type=Path, metavar='DIR',
-        help=f'where encodings and results are kept ({default_folder()})')
     # fmt: on
-    parser.add_argument('--no-cache', action='store_true', help='compute everything anew')
     parser.add_argument('--json', action='store_true', help='print the summaries as JSON')
     add_config(parser)
 
@@ -58,7 +54,6 @@ def run(chosen: argparse.Namespace) -> int:
     """Evaluate, write the run folder, and print the table."""
     # Truth counts frames.
     config = chosen_config(chosen, EVERY_FRAME.spacing)
-    cache = Cache(None if chosen.no_cache else chosen.cache or default_folder())
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
     if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
@@ -78,7 +73,7 @@ def run(chosen: argparse.Namespace) -> int:
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]
-    summaries = evaluate(data_sets, config, plan, chosen.output, cache, _say)
+    summaries = evaluate(data_sets, config, plan, chosen.output, _say)
     print(json.dumps(summaries) if chosen.json else format_table(summary_rows(summaries)))
     return 0
 

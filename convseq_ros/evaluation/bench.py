@@ -9,7 +9,6 @@ from pathlib import Path
 from convseq_ros.config import Config, flatten
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import run_folder
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.method_name import MethodName, parse_method
@@ -45,7 +44,6 @@ def evaluate(
     config: Config,
     plan: Plan,
     output: Path,
-    cache: Cache,
     report: Report = lambda _: None,
 ) -> list[Summary]:
     """
@@ -68,9 +66,9 @@ def evaluate(
             protocols = (ONLINE,)
         elif PAST in protocols:
             for past in data_set.own_pasts:
-                cards += _on_set(past, (ONLINE,), config, plan, output, cache, report)
+                cards += _on_set(past, (ONLINE,), config, plan, output, report)
         protocols = tuple(one for one in protocols if one != PAST)
-        cards += _on_set(data_set, protocols, config, plan, output, cache, report)
+        cards += _on_set(data_set, protocols, config, plan, output, report)
     add_thresholds(cards)
     summaries = [card.summary for card in cards]
     for summary in summaries:
@@ -105,7 +103,6 @@ def _on_set(
     config: Config,
     plan: Plan,
     output: Path,
-    cache: Cache,
     report: Report,
 ) -> list[Scorecard]:
     cards: list[Scorecard] = []
@@ -113,7 +110,7 @@ def _on_set(
         return cards
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
-    material = open_material(data_set, cache, config.encoding, config.reading)
+    material = open_material(data_set, config.encoding, config.reading)
     base = output / data_set.name
     run_folder.write_set(base, material, *material.drives(config.encoding))
     if protocols == (OPEN,):

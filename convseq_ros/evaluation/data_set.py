@@ -16,7 +16,7 @@ from convseq_ros.reading_config import ReadingConfig
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
 _MOST = 2**31 - 1  # of any number: frames or metres
-TRUTH_KINDS = ('identity', 'table', 'npy', 'poses', 'none')
+TRUTH_KINDS = ('identity', 'table', 'poses', 'none')
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +168,8 @@ def _truth(content: Any, path: Path, base: Path) -> TruthSource:
     kind = str(said.get('kind', ''))
     if kind not in TRUTH_KINDS:
         raise ConfigError(f'{path}: truth kind {kind!r} is not one of {", ".join(TRUTH_KINDS)}')
-    if kind in ('table', 'npy') and 'path' not in said:
-        raise ConfigError(f'{path}: truth {kind} has no path; add its file')
+    if kind == 'table' and 'path' not in said:
+        raise ConfigError(f'{path}: truth table has no path; add its file')
     radius_m = _number(said.get('radius_m', 0), float, path, 'radius_m')
     if kind == 'poses' and not radius_m:
         raise ConfigError(f'{path}: truth poses has no radius_m; add how many metres are right')

@@ -3,12 +3,12 @@
 """One drive, ready to be matched: its images on demand, and what was computed of each."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+import hashlib
 import json
 from pathlib import Path
 import time
-from typing import Any
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
@@ -17,11 +17,11 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.cache import Cache, content_digest, digest
 from convseq_ros.evaluation.simulated import SimulatedDrive
-from convseq_ros.onnx_model import OnnxModel, open_model
+from convseq_ros.onnx_model import open_model
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
+from convseq_ros.sources.folder import pictures_in
 import numpy as np
 import numpy.typing as npt
 
@@ -40,16 +40,12 @@ class Images:
     def sha256(self) -> str:
         """Of the list of images (see `content_digest`), or of what they are drawn by."""
         if self.simulated:
-            return digest(self.simulated.content)
+            facts = json.dumps(self.simulated.content, sort_keys=True)
+            return hashlib.sha256(facts.encode()).hexdigest()
         try:
             return content_digest(self.path)
         except OSError as error:
             raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
-
-    @property
-    def content(self) -> list[Any]:
-        """What determines these images, for a cache."""
-        return [self.sha256, self.topic, self.backwards, asdict(self.reading)]
 
     @property
     def in_color(self) -> 'Images':
@@ -130,32 +126,38 @@ class Drive:
         return made
 
 
-def describe_drive(images: Images, encoding: EncodingConfig, kept_in: Cache) -> Drive:
+def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
     """
-    Describe every image of a drive, or recall it, by the model of the encoding if it names one.
+    Describe every image of a drive, by the model of the encoding if it names one.
 
     SourceError if images cannot be read, ModelError if the model cannot be used.
     """
-    if model := open_model(Config(encoding=encoding, reading=images.reading)):
+    model = open_model(Config(encoding=encoding, reading=images.reading))
+    blank = blank_descriptor(encoding)
+    if model:
         encoding = replace(encoding, descriptor_model=identity_of(model))
         images = images.in_color if model.wants_color else images
-    facts = [images.content, asdict(encoding)]
-    kept = kept_in.get('drives', facts)
-    if kept is None:
-        kept = _described(images, encoding, model)
-        kept_in.put('drives', facts, kept)
-    columns = [kept[item.name] for item in fields(Descriptor)]
-    rows = zip(*columns, strict=True)
-    return Drive(
-        encoding=encoding,
-        stamps_ns=kept['stamps_ns'].tolist(),
-        names=kept['names'].tolist(),
-        readable=kept['readable'].tolist(),
-        descriptors=[_descriptor(row) for row in rows],
-        encode_ms=float(kept['encode_ms']),
-        poses=[None if np.isnan(one).any() else _pose(one.tolist()) for one in kept['poses']],
-        camera=_camera(str(kept['camera'])),
-    )
+        if model.numbers:
+            blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
+    first_stage = FirstStage(model, encoding)
+    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
+    poses, camera = [], None
+    for raw in images:
+        frame, camera = upright(raw, encoding), camera or raw.camera
+        started = time.perf_counter()
+        if frame.gray is None:
+            descriptors.append(blank)
+        else:
+            descriptors.append(first_stage.add(frame, describe(frame.gray, encoding)))
+            durations.append((time.perf_counter() - started) * 1e3)
+        stamps_ns.append(frame.stamp_ns)
+        names.append(frame.source)
+        readable.append(frame.gray is not None)
+        poses.append(frame.pose)
+    if not durations:
+        raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
+    encode_ms = float(np.median(durations))
+    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, poses, camera)
 
 
 def pose_rows(poses: Sequence[Pose | None]) -> npt.NDArray[np.float64]:
@@ -164,58 +166,18 @@ def pose_rows(poses: Sequence[Pose | None]) -> npt.NDArray[np.float64]:
     return np.array([(*one.position, *one.orientation) if one else unknown for one in poses])
 
 
-def _descriptor(columns: Sequence[Any]) -> Descriptor:
-    cells, salient, cell_entropy, entropy, vector = columns
-    known = vector if vector.size else None
-    return Descriptor(cells, salient, cell_entropy, entropy.item(), known)
+def content_digest(path: Path) -> str:
+    """
+    Return the SHA-256 of the list of images of a folder, or of the only file that there is.
 
-
-def _described(
-    images: Images, encoding: EncodingConfig, model: OnnxModel | None
-) -> dict[str, npt.NDArray[Any]]:
-    first_stage = FirstStage(model, encoding)
-    numbers = model.numbers if model else 0
-    stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
-    poses, camera = [], None
-    for raw in images:
-        frame, camera = upright(raw, encoding), camera or raw.camera
-        started = time.perf_counter()
-        if frame.gray is None:
-            nothing = np.zeros(numbers, np.float16)
-            descriptors.append(replace(blank_descriptor(encoding), vector=nothing))
-        else:
-            own = first_stage.add(frame, describe(frame.gray, encoding))
-            none = np.zeros(0, np.float16)
-            descriptors.append(own if model else replace(own, vector=none))
-            durations.append((time.perf_counter() - started) * 1e3)
-        stamps_ns.append(frame.stamp_ns)
-        names.append(frame.source)
-        readable.append(frame.gray is not None)
-        poses.append(frame.pose)
-    if not durations:
-        raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
-    return {
-        'stamps_ns': np.array(stamps_ns, np.int64),
-        'names': np.array(names),
-        'readable': np.array(readable),
-        'encode_ms': np.array(np.median(durations)),
-        'poses': pose_rows(poses),
-        'camera': np.array(json.dumps(camera and asdict(camera))),
-        **{
-            item.name: np.array([getattr(one, item.name) for one in descriptors])
-            for item in fields(Descriptor)
-        },
-    }
-
-
-def _pose(numbers: Sequence[float]) -> Pose:
-    x, y, z, qx, qy, qz, qw = numbers
-    return Pose((x, y, z), (qx, qy, qz, qw))
-
-
-def _camera(stored: str) -> Camera | None:
-    known = json.loads(stored)
-    if known is None:
-        return None
-    mount = known['mount'] and _pose([*known['mount']['position'], *known['mount']['orientation']])
-    return Camera(**{**known, 'distortion': tuple(known['distortion']), 'mount': mount})
+    The list has a line for each, in the order of the frames, as `sha256sum` prints it: the SHA-256
+    of its content, two spaces, its name. In a folder without images all files count.
+    """
+    found = [path] if path.is_file() else pictures_in(path)
+    files = found or sorted(item for item in path.iterdir() if item.is_file())
+    lines = hashlib.sha256()
+    for item in files:
+        with item.open('rb') as file:
+            content = hashlib.file_digest(file, 'sha256').hexdigest()
+        lines.update(f'{content}  {item.name}\n'.encode())
+    return lines.hexdigest()

@@ -3,15 +3,13 @@
 """What a data set gives to every method: images, encodings and the truth."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import DataSet, Part
 from convseq_ros.evaluation.drive import describe_drive, Drive, Images
 from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
-from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.evaluation.truth_file import read_pairs, read_positions
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses
@@ -27,7 +25,6 @@ class Material:
     query: Images
     reference: Images  # the same for a drive against its own past
     truth: Truth  # for a drive against its own past, those right answers that are past
-    cache: Cache
     way_m: npt.NDArray[np.float64] | None = None  # (Q,), way up to each query, if known
     _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
         default_factory=dict, compare=False, repr=False
@@ -36,29 +33,21 @@ class Material:
     def drives(self, encoding: EncodingConfig) -> tuple[Drive, Drive]:
         """Return query and reference, described."""
         if encoding not in self._drives:
-            query = describe_drive(self.query, encoding, self.cache)
+            query = describe_drive(self.query, encoding)
             own_past = self.reference == self.query
-            reference = query if own_past else describe_drive(self.reference, encoding, self.cache)
+            reference = query if own_past else describe_drive(self.reference, encoding)
             self._drives[encoding] = query, reference
         return self._drives[encoding]
 
-    @cached_property
-    def content(self) -> list[object]:
-        """What determines the images, for a cache."""
-        return [self.query.content, self.reference.content]
-
 
 def open_material(
-    data_set: DataSet,
-    cache: Cache,
-    encoding: EncodingConfig,
-    reading: ReadingConfig = ReadingConfig(),
+    data_set: DataSet, encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
 ) -> Material:
     """Read the images and the truth of a set; SourceError if they do not fit together."""
     parts = data_set.query, data_set.reference or data_set.query
     images = [_images(part, data_set, reading) for part in parts]
     nothing = Truth(np.zeros((0, 0), np.bool_))
-    material = Material(data_set, images[0], images[1], nothing, cache)
+    material = Material(data_set, images[0], images[1], nothing)
     drives = material.drives(encoding)
     for part, drive in zip(parts, drives, strict=True):
         if part.count and part.count != len(drive):
@@ -107,11 +96,8 @@ def _truth(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingCo
             references = _positions(data_set, data_set.reference, reference, 'reference', reading)
         return within_radius(queries, references, source.radius_m)
     assert source.path is not None
-    if source.kind == 'table':
-        names = query.names, reference.names
-        pairs = read_pairs(source.path, *names, source.first_index, reading)
-    else:
-        pairs = read_npy(source.path, shape, reading)
+    names = query.names, reference.names
+    pairs = read_pairs(source.path, *names, source.first_index, reading)
     return listed(pairs, shape, source.tolerance, str(source.path))
 
 

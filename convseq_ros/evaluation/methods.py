@@ -5,7 +5,7 @@ The methods: one row of the registry for each.
 
 A method plugs in as a function of a data set that returns `PairScores`, and a row of `KINDS` that
 gives it a name. Its images are `material.query` and `material.reference`; `_descriptors` describes
-them one by one and keeps the result. Protocols, thresholds and tables then treat it as the others.
+them one by one. Protocols, thresholds and tables then treat it as the others.
 """
 
 from collections.abc import Callable, Mapping
@@ -122,7 +122,7 @@ def _core(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
-    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized, 'seqslam')
+    query, reference, encode_ms = _descriptors(material, seqslam.patch_normalized)
     started = time.perf_counter()
     scores = seqslam.enhanced(seqslam.differences(query, reference))
     row_ms = (time.perf_counter() - started) * 1e3 / len(query)
@@ -131,13 +131,12 @@ def _seqslam(material: Material, name: MethodName, _: Config) -> PairScores:
 
 
 def _hog(material: Material, _name: MethodName, _config: Config) -> PairScores:
-    return _by_cosine(*_descriptors(material, whole_image_hog, 'hog'))
+    return _by_cosine(*_descriptors(material, whole_image_hog))
 
 
 def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
     model = OnnxModel(Path(name.argument), config.reading, name.options)
-    facts = [model.identity, dict(name.options)]
-    return _by_cosine(*_descriptors(material, model, facts, model.wants_color))
+    return _by_cosine(*_descriptors(material, model, model.wants_color))
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
@@ -176,26 +175,18 @@ def _given_descriptors(material: Material, name: MethodName, config: Config) -> 
 
 
 def _descriptors(
-    material: Material,
-    describe: Callable[[Gray], Vectors],
-    facts: object,
-    wants_color: bool = False,
+    material: Material, describe: Callable[[Gray], Vectors], wants_color: bool = False
 ) -> tuple[Vectors, Vectors, float]:
-    """Return query and reference descriptors and the median time of one; kept by content."""
-    found = []
-    for images in (material.query, material.reference):
-        if wants_color:
-            images = images.in_color
-        kept = material.cache.get('descriptors', [images.content, facts])
-        if kept is None:
-            kept = _described(images, describe)
-            material.cache.put('descriptors', [images.content, facts], kept)
-        found.append(kept)
-    query, reference = found
-    return query['rows'], reference['rows'], float(query['encode_ms'])
+    """Return query and reference descriptors and the median time of one."""
+    images = material.query.in_color if wants_color else material.query
+    query, encode_ms = _described(images, describe)
+    if material.reference == material.query:
+        return query, query, encode_ms
+    images = material.reference.in_color if wants_color else material.reference
+    return query, _described(images, describe)[0], encode_ms
 
 
-def _described(images: Images, describe: Callable[[Gray], Vectors]) -> dict[str, Vectors]:
+def _described(images: Images, describe: Callable[[Gray], Vectors]) -> tuple[Vectors, float]:
     rows: list[Vectors | None] = []
     durations = []
     for frame in images:
@@ -204,10 +195,8 @@ def _described(images: Images, describe: Callable[[Gray], Vectors]) -> dict[str,
         rows.append(None if image is None else describe(image))
         durations.append((time.perf_counter() - started) * 1e3)
     nothing = np.zeros_like(next(row for row in rows if row is not None))
-    return {
-        'rows': np.stack([nothing if row is None else row for row in rows]),
-        'encode_ms': np.array(np.median(durations), np.float32),
-    }
+    stacked = np.stack([nothing if row is None else row for row in rows])
+    return stacked, float(np.median(durations))
 
 
 def _by_cosine(query: Vectors, reference: Vectors, encode_ms: float | None = None) -> PairScores:

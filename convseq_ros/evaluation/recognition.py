@@ -1,12 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recogniser itself over a data set, as `convseq replay` runs it; answers are kept."""
+"""The recogniser itself over a data set, as `convseq replay` runs it."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-import json
+from dataclasses import dataclass, replace
 import time
-from typing import Any
 
 from convseq_ros.config import Config, flatten, with_values
 from convseq_ros.core import types
@@ -16,7 +14,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.material import Material
-from convseq_ros.onnx_model import OnnxModel, open_model
+from convseq_ros.onnx_model import open_model
 from convseq_ros.parameter import Value
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +24,6 @@ Scores = npt.NDArray[np.float32]  # (Q, R), pair scores; NaN where a pair was no
 Dots = npt.NDArray[np.uint8]
 Span = tuple[int, int]  # references, the second excluded
 NO_DOTS: Dots = np.zeros((0, 4), np.uint8)
-_VECTORS = 'orientation', 'position_m', 'direction'
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +54,7 @@ def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> Refere
 
 def recognize(material: Material, config: Config, span: Span | None = None) -> Recognition:
     """
-    Feed every query frame to a recogniser, or recall what it answered in an earlier run.
+    Feed every query frame to a recogniser.
 
     Without a span, images are read and described as on a robot. With one, the map is only these
     references, and descriptors are used that were computed before, which gives the same answers.
@@ -67,34 +64,6 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
     if material.data_set.online:
         config = _online(material, config)
     model = open_model(config)
-    made_by = [model.identity] if model else []
-    facts = [material.content, flatten(config), span, *made_by]
-    kept = material.cache.get('recognitions', facts)
-    if kept is None:
-        kept = _recognized(material, config, span, model)
-        material.cache.put('recognitions', facts, kept)
-    matches = [_match(one) for one in json.loads(bytes(kept['matches']))]
-    fields = np.split(kept['dots'], kept['ends'][:-1])
-    return Recognition(matches, kept['durations_ms'].tolist(), kept['rows'], fields)
-
-
-def inliers(field: npt.NDArray[np.float64]) -> Dots:
-    """Return the inliers of a field (n, 5), as `QueryBuffer.field` gives it."""
-    shares = field[field[:, 4] > 0, :4]
-    return (shares * 255).round().clip(0, 255).astype(np.uint8)
-
-
-def _online(material: Material, config: Config) -> Config:
-    """Return a configuration for online mode that excludes as many frames as the set says."""
-    stamps_ns = material.drives(config.encoding)[0].stamps_ns
-    step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
-    recent = max(1, material.data_set.exclude_recent)
-    return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
-
-
-def _recognized(
-    material: Material, config: Config, span: Span | None, model: OnnxModel | None
-) -> dict[str, npt.NDArray[Any]]:
     query, reference = material.drives(config.encoding)
     reference_map, posed_map = reference.reference_map, reference.posed_map
     config = replace(config, encoding=reference.encoding)
@@ -129,15 +98,22 @@ def _recognized(
         if match.best is not None:
             match = _with_pose(match, frame, recognizer, poses, query.camera)
             fields[-1] = inliers(recognizer.buffer.field(match.best))
-        matches.append(asdict(_numbered(match, number)))
-    answers = json.dumps(matches, default=np.ndarray.tolist)
-    return {
-        'matches': np.frombuffer(answers.encode(), np.uint8),
-        'dots': np.concatenate(fields),
-        'ends': np.cumsum([len(one) for one in fields]),
-        'durations_ms': np.array(durations),
-        'rows': rows,
-    }
+        matches.append(_numbered(match, number))
+    return Recognition(matches, durations, rows, fields)
+
+
+def inliers(field: npt.NDArray[np.float64]) -> Dots:
+    """Return the inliers of a field (n, 5), as `QueryBuffer.field` gives it."""
+    shares = field[field[:, 4] > 0, :4]
+    return (shares * 255).round().clip(0, 255).astype(np.uint8)
+
+
+def _online(material: Material, config: Config) -> Config:
+    """Return a configuration for online mode that excludes as many frames as the set says."""
+    stamps_ns = material.drives(config.encoding)[0].stamps_ns
+    step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
+    recent = max(1, material.data_set.exclude_recent)
+    return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
 
 
 def _with_pose(
@@ -161,28 +137,3 @@ def _numbered(match: types.Match, number: Mapping[int, int]) -> types.Match:
         replace(one, reference_index=number[one.reference_stamp_ns]) for one in match.candidates
     )
     return replace(match, candidates=candidates)
-
-
-def _match(stored: dict[str, Any]) -> types.Match:
-    pose, place = stored['relative_pose'], stored['localization']
-    if pose:
-        vectors = {name: pose[name] and tuple(pose[name]) for name in _VECTORS}
-        pose = types.RelativePose(
-            **{**pose, **vectors, 'covariance': np.array(pose['covariance'])}
-        )
-    if place:
-        place = types.Localization(**{**place, 'state': types.LocalizationState(place['state'])})
-    candidates = tuple(
-        types.Candidate(**{**one, 'shift': one['shift'] and tuple(one['shift'])})
-        for one in stored['candidates']
-    )
-    changed = {
-        'status': types.Status(stored['status']),
-        'reason': types.Reason(stored['reason']),
-        'candidates': candidates,
-        'shift_px': stored['shift_px'] and tuple(stored['shift_px']),
-        'localization': place,
-        'relative_pose': pose,
-        'anchor': stored['anchor'] and types.Anchor(**stored['anchor']),
-    }
-    return types.Match(**{**stored, **changed})

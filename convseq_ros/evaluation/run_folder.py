@@ -177,19 +177,13 @@ def _write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
 
 
 def _write_thumbnails(folder: Path, images: Images) -> None:
-    """Write one JPEG for every readable frame; a finished folder of this content is kept."""
-    mark = folder / '.content'
-    content = str(images.content)
-    if mark.exists() and mark.read_text(encoding='utf-8') == content:
-        return
+    """Write one JPEG for every readable frame."""
     folder.mkdir(parents=True, exist_ok=True)
-    mark.unlink(missing_ok=True)
     for old in folder.glob('*.jpg'):
         old.unlink()
     for index, frame in enumerate(images):
         if frame.gray is not None:
             (folder / f'{index:06d}.jpg').write_bytes(thumbnail(frame.gray, THUMBNAIL_PX))
-    mark.write_text(content, encoding='utf-8')
 
 
 def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:

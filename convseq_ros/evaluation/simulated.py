@@ -30,7 +30,7 @@ class SimulatedDrive:
 
     @property
     def content(self) -> dict[str, Any]:
-        """What determines these images, for a cache."""
+        """What determines these images."""
         return {'street': self.street, **asdict(self.drive)}
 
 

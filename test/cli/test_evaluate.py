@@ -28,7 +28,7 @@ def street(tmp_path):
 
 def evaluate(street, *arguments):
     folder = street.parent
-    places = '--output', str(folder / 'out'), '--cache', str(folder / 'cache')
+    places = '--output', str(folder / 'out')
     return main(['evaluate', *map(str, arguments), *places, *OPTIONS])
 
 

@@ -13,7 +13,6 @@ from convseq_ros.config import (
     MatchingConfig,
     SequenceConfig,
 )
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
 import cv2
@@ -62,15 +61,14 @@ class Street:
 
     folder: Path
     file: Path
-    cache: Cache
 
     def write(self, text, name='street.yaml'):
         (self.folder / name).write_text(text)
         return self.folder / name
 
-    def open(self, cache=None, name='street.yaml', config=QUICK):
+    def open(self, name='street.yaml', config=QUICK):
         data_set = open_data_set(str(self.folder / name))
-        return open_material(data_set, cache or self.cache, config.encoding)
+        return open_material(data_set, config.encoding)
 
 
 CLOSED_SET = """
@@ -81,12 +79,6 @@ truth: {kind: identity, tolerance: 1}
 """
 
 
-@pytest.fixture(scope='session')
-def kept(tmp_path_factory):
-    """Return a cache that the tests of a run share, because they look at the same images."""
-    return Cache(tmp_path_factory.mktemp('cache'))
-
-
 @pytest.fixture
 def quick():
     """Return parameters for images of 128 px and short sequences."""
@@ -94,23 +86,23 @@ def quick():
 
 
 @pytest.fixture
-def street(tmp_path, kept):
+def street(tmp_path):
     write_images(tmp_path / 'reference', views())
     write_images(tmp_path / 'query', views(start=3, noise=4.0))
-    made = Street(tmp_path, tmp_path / 'street.yaml', kept)
+    made = Street(tmp_path, tmp_path / 'street.yaml')
     made.write(CLOSED_SET)
     return made
 
 
 @pytest.fixture
-def loop(tmp_path, kept):
+def loop(tmp_path):
     """Return a drive twice round the same way, to be matched against its own past."""
     images = [*views(12), *views(12, noise=3.0, start=2)]
     write_images(tmp_path / 'drive', images)
     (tmp_path / 'loops.csv').write_text(
         'query,reference\n' + ''.join(f'{index},{index - 12}\n' for index in range(12, 24))
     )
-    made = Street(tmp_path, tmp_path / 'street.yaml', kept)
+    made = Street(tmp_path, tmp_path / 'street.yaml')
     made.write("""
 name: loop
 query: {path: drive}

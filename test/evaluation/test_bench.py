@@ -8,7 +8,6 @@ import json
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
-from convseq_ros.evaluation.cache import Cache
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
 from convseq_ros.results import COLUMNS, ResultWriter
@@ -24,10 +23,10 @@ KEYS = {
 }  # fmt: skip
 
 
-def run(street, quick, output, *methods, files=None, cache=None, **plan):
+def run(street, quick, output, *methods, files=None, **plan):
     sets = [open_data_set(str(one)) for one in files or [street.file]]
     plan = Plan(methods=methods, argv=('convseq', 'evaluate'), **plan)
-    return evaluate(sets, quick, plan, output, cache or street.cache)
+    return evaluate(sets, quick, plan, output)
 
 
 def rows(path):
@@ -97,36 +96,6 @@ def test_the_recogniser_answers_as_one_that_reads_the_images(street, quick, tmp_
     same = {*COLUMNS} - {'duration_ms', 'anchor_session'}
     for one, other in zip(replayed, evaluated, strict=True):
         assert {name: one[name] for name in same} == {name: other[name] for name in same}
-
-
-def test_a_second_run_recalls_the_first(street, quick, tmp_path, monkeypatch):
-    cache = Cache(tmp_path / 'cache')
-    methods = ('convseq', 'seqslam', 'hog')
-    first = run(street, quick, tmp_path / 'one', *methods, cache=cache)
-
-    def refuse(*_):
-        raise AssertionError('computed again')
-
-    for name in ('recognition.PlaceRecognizer', 'drive.describe', 'methods.whole_image_hog'):
-        monkeypatch.setattr(f'convseq_ros.evaluation.{name}', refuse)
-    second = run(street, quick, tmp_path / 'two', *methods, cache=cache)
-    changing = {'date', 'frame_ms'}
-    for one, other in zip(first, second, strict=True):
-        assert {name: one[name] for name in one.keys() - changing} == {
-            name: other[name] for name in other.keys() - changing
-        }
-
-
-def test_other_images_or_settings_are_computed_anew(street, quick, tmp_path):
-    cache = Cache(tmp_path / 'cache')
-    run(street, quick, tmp_path / 'out', 'cohog', cache=cache)
-    kept = len(list((tmp_path / 'cache' / 'drives').iterdir()))
-    picture = street.folder / 'query' / '005.png'
-    picture.write_bytes((street.folder / 'query' / '006.png').read_bytes())
-    run(street, quick, tmp_path / 'out', 'cohog', cache=cache)
-    assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 1
-    run(street, quick, tmp_path / 'out', 'cohog+image_size_px=192', cache=cache)
-    assert len(list((tmp_path / 'cache' / 'drives').iterdir())) == kept + 3
 
 
 def test_with_half_of_the_map_removed_unknown_places_are_counted_as_such(street, quick, tmp_path):

@@ -29,11 +29,10 @@ def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(
 
 def test_missing_images_of_a_ready_made_set_are_asked_for(tmp_path, street):
     from convseq_ros.config import EncodingConfig
-    from convseq_ros.evaluation.cache import Cache
     from convseq_ros.evaluation.material import open_material
 
     with pytest.raises(SourceError, match=r'corridor/query is missing; put VPR-Bench') as caught:
-        open_material(open_data_set('corridor', tmp_path), Cache(None), EncodingConfig())
+        open_material(open_data_set('corridor', tmp_path), EncodingConfig())
     assert '\n' not in str(caught.value)
 
 

@@ -17,7 +17,7 @@ def accuracy(street, quick, tmp_path):
     def measured(method):
         data_set = open_data_set(str(street.file))
         plan = Plan(methods=(method,))
-        (summary,) = evaluate([data_set], quick, plan, tmp_path / 'out', street.cache)
+        (summary,) = evaluate([data_set], quick, plan, tmp_path / 'out')
         return summary['accuracy_all']
 
     return measured

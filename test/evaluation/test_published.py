@@ -19,12 +19,12 @@ SINGLE = {
 }  # fmt: skip
 
 
-def test_accuracy_on_corridor_is_as_published(shared_data, kept, tmp_path):
+def test_accuracy_on_corridor_is_as_published(shared_data, tmp_path):
     data_set = open_data_set('corridor', shared_data)
     matrices = [f'{name}=scores:{path}' for name, path in data_set.published.items()]
     longer = f'longer=scores:{data_set.published["vprbench-netvlad"]}@k10'
     plan = Plan(methods=('cohog', 'seqslam', 'convseq-k10', longer, *matrices))
-    rows = evaluate([data_set], PAPER, plan, tmp_path, kept)
+    rows = evaluate([data_set], PAPER, plan, tmp_path)
     found = {one['method']: one['accuracy_matched'] for one in rows}
     assert 0.62 <= found['cohog'] <= 0.68
     assert found['convseq-k10'] >= 0.89

@@ -25,10 +25,8 @@ truth: {kind: identity, tolerance: 1}
 """
 
 
-def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, kept, quick):
-    material = open_material(
-        open_data_set(str(street.write(DRAWN, 'drawn.yaml'))), kept, quick.encoding
-    )
+def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, quick):
+    material = open_material(open_data_set(str(street.write(DRAWN, 'drawn.yaml'))), quick.encoding)
     query, reference = material.drives(quick.encoding)
     assert (len(query), len(reference)) == (6, 6)
     first, second = (np.stack([one.gray for one in material.query]) for _ in range(2))
@@ -37,9 +35,9 @@ def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, kept, qui
     assert query.stamps_ns[1] - query.stamps_ns[0] == 100_000_000
 
 
-def test_what_is_drawn_is_part_of_what_the_cache_goes_by(tmp_path):
+def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
     one, same, other = (
-        Images(tmp_path, simulated=read_simulated({'street': 1, 'seed': seed}, tmp_path)).content
+        Images(tmp_path, simulated=read_simulated({'street': 1, 'seed': seed}, tmp_path)).sha256
         for seed in (1, 1, 2)
     )
     assert one == same != other
@@ -69,7 +67,7 @@ def test_a_drive_is_read_or_drawn(street, query):
         street.open()
 
 
-def test_backwards_the_last_image_comes_first_at_the_same_pace(street, kept):
+def test_backwards_the_last_image_comes_first_at_the_same_pace(street):
     encoding = EncodingConfig(image_size_px=128, saliency_threshold=0.2)
     forwards, _ = street.open().drives(encoding)
     text = street.file.read_text()
@@ -87,7 +85,6 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
         quick,
         Plan(('convseq-k3',), protocols=('past',)),
         tmp_path / 'out',
-        street.cache,
     )
     assert [one['set'] for one in summaries] == [
         'street-query-forwards',
@@ -101,24 +98,6 @@ def test_each_drive_of_a_set_against_its_own_past_revisits_nothing(street, quick
         assert one['matched'] == 2  # with k = 3, of 24 frames, the latest 20 left out
 
 
-def test_what_is_remembered_of_an_answer_comes_back(street, kept):
-    config = Config(keyframes=EVERY_FRAME)
-    street.write(POSED, 'posed.yaml')
-    for span in (None, (0, 28)):
-        cold, warm = (
-            recognize(street.open(kept, 'posed.yaml', config), config, span) for _ in range(2)
-        )
-        assert any(one.relative_pose for one in cold.matches)
-        for one, other in zip(cold.matches, warm.matches, strict=True):
-            assert replace(one, relative_pose=None) == replace(other, relative_pose=None)
-            pose, again = one.relative_pose, other.relative_pose
-            assert (pose is None) == (again is None)
-            if pose:
-                assert np.array_equal(pose.covariance, again.covariance)
-                for name in ('orientation', 'position_m', 'direction', 'inliers'):
-                    assert getattr(pose, name) == getattr(again, name)
-
-
 POSED = """
 name: posed
 query: {simulated: {street: 5, num_frames: 28, start_m: 1.5, lane_offset_m: -0.7, seed: 1,
@@ -128,11 +107,11 @@ truth: {kind: identity, tolerance: 3}
 """
 
 
-def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(street, kept):
+def test_poses_and_inliers_are_those_of_a_map_with_poses_and_change_no_answer(street):
     """The report's numbers are what `replay` tells, and what ~/debug_image draws."""
     config = Config(keyframes=EVERY_FRAME)
     street.write(POSED, 'posed.yaml')
-    material = street.open(kept, 'posed.yaml', config)
+    material = street.open('posed.yaml', config)
     said = recognize(material, config)
     posed = build_map(list(material.reference), None, config)
     online = PlaceRecognizer(posed, config)

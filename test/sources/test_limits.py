@@ -15,7 +15,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import read_run
-from convseq_ros.evaluation.truth_file import read_npy, read_pairs, read_positions
+from convseq_ros.evaluation.truth_file import read_pairs, read_positions
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
@@ -63,13 +63,6 @@ def results(path):
     (own / 'frames.csv').write_text('a,b\n' + '1,2\n' * 50)
 
 
-def pickled():
-    rows = np.empty((60, 2), object)
-    for index in range(60):
-        rows[index] = [index, [index]]
-    return rows
-
-
 WHOLE_FILES = {
     'parameters': (text_of(PADDING + '/**:\n  ros__parameters: {}\n'), read_parameter_file),
     'data set': (text_of(PADDING + DATA_SET), lambda p, r: open_data_set(f'{p}', reading=r)),
@@ -89,8 +82,6 @@ WHOLE_FILES = {
         text_of('x,y\n' + '0,0\n' * 60),
         lambda path, reading: read_positions(path, 'query', 60, reading),
     ),
-    'truth': (array_of(np.eye(60, dtype=bool)), lambda p, r: read_npy(p, (60, 60), r)),
-    'pickled truth': (array_of(pickled()), lambda p, r: read_npy(p, (60, 60), r)),
     'scores': (array_of(np.ones((60, 60))), lambda p, r: read_scores(p, 60, 60, reading=r)),
     'descriptors': (array_of(np.ones((60, 60))), lambda p, r: read_descriptors(p, 60, r)),
     'results': (results, read_run),
