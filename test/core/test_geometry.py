@@ -10,6 +10,7 @@ from convseq_ros.core.geometry.following import followed
 from convseq_ros.core.geometry.motion import MOTION
 from convseq_ros.core.geometry.verification import NOTHING, Verification
 from convseq_ros.core.geometry.verification import verify as verify_all
+from convseq_ros.core.rigid import turned_by
 import cv2
 import numpy as np
 import pytest
@@ -162,3 +163,27 @@ def test_what_shows_nothing_verifies_nothing(value):
     for pair in ((nothing, nothing), (view(scene(1)), nothing), (nothing, view(scene(1)))):
         with np.errstate(invalid='ignore'):
             assert verify(*pair, (0.0, 0.0)) == NOTHING
+
+
+@each
+@pytest.mark.parametrize('start_m', [(0.0, 0.0, 0.0), (1.0, 0.0, -0.5)])
+def test_a_lens_is_aligned_where_it_was(kernel, start_m):
+    rng = np.random.default_rng(4)
+    rays = np.c_[rng.uniform(-0.6, 0.6, (400, 2)), np.ones(400)]
+    inverse_m, scale = 1 / rng.uniform(3, 60, 400), np.array([25.0, 30.0])
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = turned_by((0.01, 0.05, -0.02)), (1.2, 0.1, 0.5)
+    points = rays @ moved[:3, :3].T + inverse_m[:, None] * moved[:3, 3]
+    seen = points[:, :2] / points[:, 2:]
+    seen[::9] += 0.1  # what is found elsewhere by chance
+    start = np.eye(4)
+    start[:3, 3] = start_m
+    known = rays, seen, inverse_m, np.full(400, 1e4), scale
+    given = (1.0,) * 4 + (0.3,) * 7, 1e-6, 0.05, start
+    found, _, off, _, information = kernel.align(*known, *given)
+    assert np.abs(found - moved).max() < 0.01
+    assert np.median(np.abs(off)) < 0.01
+    assert np.array_equal(start[:3, 3], start_m)
+    theirs = numpy_kernels.align(*known, *given)
+    assert np.allclose(found, theirs[0], atol=1e-9)
+    assert np.allclose(information, theirs[4], rtol=1e-9)

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
 from convseq_ros.core.geometry.structure import DEPTH, Floats, Sight, Structure
@@ -82,40 +83,20 @@ def align(
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
     if known.sum() < precision.fewest:
         return None
-    # Numbers of a region lie in a column: sums over what is side by side in memory are faster.
-    rays, seen, across_down = structure.rays[known].T, seen[known].T, scale[:, None]
-    inverse = given = structure.inverse_m[known]
-    held, moved = structure.information[known], start.copy()
-    for sigma in precision.sigmas:
-        turned = moved[:3, :3] @ rays
-        points = turned + inverse * moved[:3, 3:]
-        ahead = np.maximum(points[2], DEPTH.least_ahead)
-        flat = points[:2] / ahead
-        off = (flat - seen) * across_down
-        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
-        weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
-        # Depths are eliminated: the Schur complement, a number each.
-        own = held + weight * (by_depth**2).sum(axis=0)
-        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
-        both = weight * (by_pose * by_depth).sum(axis=1)
-        rows = (by_pose * weight).reshape(6, -1)
-        information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
-        information[np.diag_indices(6)] += ALIGNMENT.stiffness
-        slope = rows @ off.ravel() - both @ (pull / own)
-        step = -np.linalg.solve(information, slope)
-        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
-        moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
-        moved[:3, 3] += step[3:]
-    agreeing = int((np.hypot(*off) <= precision.agreeing).sum())
+    given, held = structure.inverse_m[known], structure.information[known]
+    moved, inverse, off, pulls, information = kernels_of(__package__).align(
+        structure.rays[known], seen[known], given, held, scale, precision.sigmas,
+        ALIGNMENT.stiffness, DEPTH.least_ahead, start,
+    )  # fmt: skip
+    agreeing = int((np.hypot(*off.T) <= precision.agreeing).sum())
     if agreeing < precision.fewest or not np.isfinite(moved).all():
         return None
     cells_per_m = float(np.median(inverse) * scale.mean())
     if (share := agreeing / len(inverse)) < precision.least_share:
         return None
     # What pulls at the pose, summed over neighbours, tells how far they pull together.
-    pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
     squares = _squares(np.flatnonzero(known), len(known), precision.alike)
-    sums = np.stack([np.bincount(squares, one) for one in pulls])
+    sums = np.stack([np.bincount(squares, one) for one in pulls.T])
     least = np.linalg.inv(information)
     covariance = least @ (information + sums @ sums.T) @ least
     return Alignment(moved, covariance, information, agreeing, share, cells_per_m)
@@ -178,19 +159,3 @@ def _squares(regions: npt.NDArray[np.intp], count: int, side: int) -> npt.NDArra
         return np.arange(len(regions))
     rows, columns = np.divmod(regions, math.isqrt(count))
     return rows // side * count + columns // side
-
-
-def _slopes(
-    turned: Floats, inverse: Floats, way: Floats, flat: Floats, scale: Floats
-) -> tuple[Floats, Floats]:
-    """
-    Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n).
-
-    Of regions `turned`, (3, n), with inverse depths (n,), a way (3, 1) and pictures (2, n).
-    """
-    (x, y, z), (u, v) = turned, flat
-    zero = np.zeros_like(x)
-    across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
-    down = -z - v * y, v * x, x, zero, inverse, -v * inverse
-    by_pose = np.stack((across, down), axis=1) * scale
-    return by_pose, (way[:2] - flat * way[2]) * scale

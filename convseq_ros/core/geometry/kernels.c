@@ -345,3 +345,128 @@ KERNEL(verify)(const float *query, const float *const *references, intptr_t seve
     free(off);
     return failed ? -1 : 0;
 }
+
+// What one region says of a pose, and of its own inverse depth.
+typedef struct {
+    double both[6], own, pull;
+} Share;
+
+// Turn by a vector of radians, as the identity if it is none, and write what comes of rows[3][4].
+static void turn_by(const double *turn, double (*rows)[4])
+{
+    double angle = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]), before[3][3];
+    if (!(angle > DBL_EPSILON))
+        return;
+    double sine = sin(angle), rest = 1 - cos(angle), axis[3], turned[3][3];
+    for (int row = 0; row < 3; row++) {
+        axis[row] = turn[row] / angle;
+        memcpy(before[row], rows[row], sizeof before[row]);
+    }
+    double cross[3][3] = {
+        {0, -axis[2], axis[1]}, {axis[2], 0, -axis[0]}, {-axis[1], axis[0], 0}};
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++)
+            turned[row][column] = (row == column ? 1 - rest : 0) +
+                                  rest * axis[row] * axis[column] + sine * cross[row][column];
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++)
+            rows[row][column] = turned[row][0] * before[0][column] +
+                                turned[row][1] * before[1][column] +
+                                turned[row][2] * before[2][column];
+}
+
+// Solve symmetric, positive equations [6][6 + 1], of which the upper half is read.
+static void solve(double (*all)[7], double *found)
+{
+    for (int pivot = 0; pivot < 6; pivot++)
+        for (int row = pivot + 1; row < 6; row++) {
+            double share = all[pivot][row] / all[pivot][pivot];
+            for (int column = row; column < 7; column++)
+                all[row][column] -= share * all[pivot][column];
+        }
+    for (int row = 5; row >= 0; row--) {
+        found[row] = all[row][6];
+        for (int column = row + 1; column < 6; column++)
+            found[row] -= all[row][column] * found[column];
+        found[row] /= all[row][row];
+    }
+}
+
+// Write how far off its picture a region is, and return what it says, at a motion rows[3][4].
+// `add`: to sums[6][7], information about the pose and its slope; to pull[6], the slope alone.
+static Share shared(const double *ray, const double *seen, double inverse, double given,
+                    double held, const double *scale, double variance, double least_ahead,
+                    const double (*rows)[4], double (*sums)[7], double *pull, double *off)
+{
+    double turned[3], point[3], at[2], by[2][6], by_depth[2];
+    for (int row = 0; row < 3; row++) {
+        turned[row] = rows[row][0] * ray[0] + rows[row][1] * ray[1] + rows[row][2] * ray[2];
+        point[row] = turned[row] + inverse * rows[row][3];
+    }
+    double ahead = point[2] > least_ahead ? point[2] : least_ahead;
+    for (int axis = 0; axis < 2; axis++) {
+        at[axis] = point[axis] / ahead;
+        off[axis] = (at[axis] - seen[axis]) * scale[axis];
+        by_depth[axis] = (rows[axis][3] - at[axis] * rows[2][3]) * scale[axis] / ahead;
+    }
+    double x = turned[0], y = turned[1], z = turned[2], u = at[0], v = at[1];
+    double across[6] = {-u * y, z + u * x, -y, inverse, 0, -u * inverse};
+    double down[6] = {-z - v * y, v * x, x, 0, inverse, -v * inverse};
+    double weight = 1 / (variance + off[0] * off[0] + off[1] * off[1]);
+    weight = point[2] > least_ahead ? weight : 0;
+    Share found;
+    found.own = held + weight * (by_depth[0] * by_depth[0] + by_depth[1] * by_depth[1]);
+    found.pull = held * (inverse - given) +
+                 weight * (by_depth[0] * off[0] + by_depth[1] * off[1]);
+    for (int one = 0; one < 6; one++) {
+        by[0][one] = across[one] * scale[0] / ahead, by[1][one] = down[one] * scale[1] / ahead;
+        found.both[one] = weight * (by[0][one] * by_depth[0] + by[1][one] * by_depth[1]);
+        pull[one] = weight * (by[0][one] * off[0] + by[1][one] * off[1]) -
+                    found.both[one] * found.pull / found.own;
+        sums[one][6] += pull[one];
+    }
+    // The depth is eliminated: the Schur complement, a number.
+    for (int one = 0; one < 6; one++)
+        for (int other = one; other < 6; other++)
+            sums[one][other] += weight * (by[0][one] * by[0][other] + by[1][one] * by[1][other]) -
+                                found.both[one] * found.both[other] / found.own;
+    return found;
+}
+
+// Fit a motion rows[3][4] and inverse depths [count] to where regions were seen, [count][2], by one
+// round of least squares for each sigma. Fill in how far off each is, [count][2], what pulls at the
+// pose, [count][6], and the information about it, [6][6]; see `alignment.align`.
+KERNEL(align)(const double *rays, const double *seen, const double *given, const double *held,
+              intptr_t count, const double *scale, const double *sigmas, intptr_t rounds,
+              double stiffness, double least_ahead, double (*rows)[4], double *inverse,
+              double *off, double *pulls, double *information)
+{
+    Share *shares = malloc((size_t)(count + 1) * sizeof *shares);
+    if (!shares)
+        return -1;
+    for (intptr_t round = 0; round < rounds; round++) {
+        double sums[6][7] = {{0}}, step[6], variance = sigmas[round] * sigmas[round];
+        for (intptr_t one = 0; one < count; one++)
+            shares[one] = shared(rays + 3 * one, seen + 2 * one, inverse[one], given[one],
+                                 held[one], scale, variance, least_ahead,
+                                 (const double (*)[4])rows, sums, pulls + 6 * one, off + 2 * one);
+        for (int row = 0; row < 6; row++) {
+            sums[row][row] += stiffness;
+            for (int column = row; column < 6; column++)
+                information[6 * row + column] = information[6 * column + row] = sums[row][column];
+        }
+        solve(sums, step);
+        for (intptr_t one = 0; one < count; one++) {
+            double moved = shares[one].pull;
+            for (int each = 0; each < 6; each++)
+                moved -= step[each] * shares[one].both[each];
+            double next = inverse[one] - moved / shares[one].own;
+            inverse[one] = next < 0 ? 0 : next > 1 / least_ahead ? 1 / least_ahead : next;
+        }
+        for (int axis = 0; axis < 3; axis++)
+            step[axis] = -step[axis], rows[axis][3] -= step[3 + axis];
+        turn_by(step, rows);
+    }
+    free(shares);
+    return 0;
+}

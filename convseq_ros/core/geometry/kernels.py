@@ -19,6 +19,10 @@ _verify = kernel(
     'verify', _FLOATS, array('u8'), SIZE, SIZE, _WHOLES, _FLOATS, FLOAT, DOUBLE, SIZE, DOUBLE,
     _DOUBLES,
 )  # fmt: skip
+_align = kernel(
+    'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
+)
+Numbers = npt.NDArray[np.float64]
 _WEIGHTS = weights()
 _OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
 
@@ -52,3 +56,25 @@ def verified(
         *_OF_MOTION, judged,
     )  # fmt: skip
     return judged
+
+
+def align(
+    rays: Numbers,
+    seen: Numbers,
+    given: Numbers,
+    held: Numbers,
+    scale: Numbers,
+    sigmas: Sequence[float],
+    stiffness: float,
+    least_ahead: float,
+    start: Numbers,
+) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers]:
+    """Return what `numpy_kernels.align` does, to 1e-9."""
+    count, rows, inverse = len(rays), start[:3].copy(), given.copy()
+    off, pulls, information = np.empty((count, 2)), np.empty((count, 6)), np.empty((6, 6))
+    regions = (np.ascontiguousarray(one, np.float64) for one in (rays, seen, given, held))
+    _align(
+        *regions, count, np.ascontiguousarray(scale, np.float64), np.array(sigmas), len(sigmas),
+        stiffness, least_ahead, rows, inverse, off, pulls, information,
+    )  # fmt: skip
+    return np.vstack((rows, start[3:])), inverse, off, pulls, information

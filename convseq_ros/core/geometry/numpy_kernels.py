@@ -8,11 +8,13 @@ from functools import lru_cache
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
+from convseq_ros.core.rigid import turned_by
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Volume = npt.NDArray[np.float32]  # (side * side, span * span), by place and displacement; or -inf
+Numbers = npt.NDArray[np.float64]
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
 _NORMS_KEPT = 16  # of the last common shifts, 370 kB each
@@ -180,3 +182,81 @@ def _beside(
         bend = before - 2 * middle + after
         off = (before - after) / 2 / bend
     return np.where(known & (bend < 0), off, np.float32(0)).clip(-0.5, 0.5)
+
+
+def align(
+    rays: Numbers,
+    seen: Numbers,
+    given: Numbers,
+    held: Numbers,
+    scale: Numbers,
+    sigmas: Sequence[float],
+    stiffness: float,
+    least_ahead: float,
+    start: Numbers,
+) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers]:
+    """
+    Fit a motion, and depths, to where a lens saw regions: a round of least squares each sigma.
+
+    Parameters
+    ----------
+    rays, seen : ndarray of float64, shape (n, 3) and (n, 2)
+        Regions of the reference, z is 1, and where the lens saw them, for a length of 1.
+    given, held : ndarray of float64, shape (n,)
+        Their inverse depths, in 1 / m, and how surely these are known: inverse variances.
+    scale : ndarray of float64, shape (2,)
+        Cells across and down for a length of 1.
+    sigmas : sequence of float
+        In cells; what is further off counts less.
+    stiffness, least_ahead : float
+        Information of no motion, and the least depth before a lens, in a ray's length.
+    start : ndarray of float64, shape (4, 4)
+        The motion to begin with, from the reference's lens to the other.
+
+    Returns
+    -------
+    tuple
+        The motion (4, 4), inverse depths (n,), how far off each is in cells (n, 2), what pulls at
+        the pose (n, 6), and the information about it (6, 6), of a turn and a way.
+
+    """
+    # Numbers of a region lie in a column: sums over what is side by side in memory are faster.
+    rays, seen, across_down = rays.T, seen.T, scale[:, None]
+    inverse, moved = given, start.copy()
+    for sigma in sigmas:
+        turned = moved[:3, :3] @ rays
+        points = turned + inverse * moved[:3, 3:]
+        ahead = np.maximum(points[2], least_ahead)
+        flat = points[:2] / ahead
+        off = (flat - seen) * across_down
+        by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
+        weight = (points[2] > least_ahead) / (sigma**2 + (off**2).sum(axis=0))
+        # Depths are eliminated: the Schur complement, a number each.
+        own = held + weight * (by_depth**2).sum(axis=0)
+        pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
+        both = weight * (by_pose * by_depth).sum(axis=1)
+        pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
+        rows = (by_pose * weight).reshape(6, -1)
+        information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
+        information[np.diag_indices(6)] += stiffness
+        step = -np.linalg.solve(information, pulls.sum(axis=1))
+        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / least_ahead)
+        moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
+        moved[:3, 3] += step[3:]
+    return moved, inverse, off.T, pulls.T, information
+
+
+def _slopes(
+    turned: Numbers, inverse: Numbers, way: Numbers, flat: Numbers, scale: Numbers
+) -> tuple[Numbers, Numbers]:
+    """
+    Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n).
+
+    Of regions `turned`, (3, n), with inverse depths (n,), a way (3, 1) and pictures (2, n).
+    """
+    (x, y, z), (u, v) = turned, flat
+    zero = np.zeros_like(x)
+    across = -u * y, z + u * x, -y, inverse, zero, -u * inverse
+    down = -z - v * y, v * x, x, zero, inverse, -v * inverse
+    by_pose = np.stack((across, down), axis=1) * scale
+    return by_pose, (way[:2] - flat * way[2]) * scale

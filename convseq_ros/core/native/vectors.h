@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Vectors of LANES numbers of 32 bits, which GCC turns into instructions, and how bytes lie in
 // memory for the dot products of bytes, which it does not.
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
