@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip('rosbags')
 
 from convseq_ros.node.conversions import stamp_from_ns, stamp_to_ns
-from convseq_ros.sources import open_source
 from convseq_ros.sources.images import decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
@@ -79,16 +78,6 @@ def test_every_image_arrives_unchanged(client, start, recording, pictures):
     assert stamps_of(messages) == [START_NS + index * STEP_NS for index in range(10)]
     for message, gray in zip(messages, pictures, strict=False):
         assert np.array_equal(decode_image(message), gray)
-
-
-def test_a_folder_of_pictures_is_played_with_stamps(client, start, pictures, tmp_path):
-    folder = tmp_path / 'pictures'
-    folder.mkdir()
-    for index in range(3):
-        cv2.imwrite(str(folder / f'{index}.png'), pictures[index])
-    messages = hear(client, start, Image, '/image', folder, '--rate', 10)
-    assert stamps_of(messages) == [frame.stamp_ns for frame in open_source(folder)]
-    assert np.array_equal(decode_image(messages[2]), pictures[2])
 
 
 def test_odometry_and_camera_info_are_played_between_the_images(
