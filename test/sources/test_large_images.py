@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an image declares is checked before it is decoded, whatever its format."""
 
-from types import SimpleNamespace
-
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
-from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
+from convseq_ros.sources.images import decode_picture
 import cv2
 import numpy as np
 import pytest
@@ -61,13 +59,6 @@ def test_a_header_tells_the_size_and_a_larger_one_is_not_decoded(way, decoded):
     assert not decoded
 
 
-def test_a_jpeg_that_declares_900_megapixels_is_not_decoded(decoded):
-    message = SimpleNamespace(format='jpeg', data=jpeg_of(30_000, 30_000))
-    with pytest.raises(ImageError, match='900 Mpx is more than max_image_mpx, 64;'):
-        decode_compressed(message)
-    assert not decoded
-
-
 def test_a_jpeg_with_scans_without_end_is_not_decoded(decoded):
     with pytest.raises(ImageError, match='500 scans of 16 Mpx'):
         decode_picture(jpeg_of(4_000, 4_000, scans=500))
@@ -111,15 +102,6 @@ def test_what_has_no_size_is_not_decoded(data, decoded):
     with pytest.raises(ImageError, match='cannot be decoded'):
         decode_picture(data)
     assert not decoded
-
-
-def test_a_raw_image_that_is_too_large_is_unreadable():
-    message = SimpleNamespace(
-        encoding='mono8', height=100, width=120, step=120, data=bytes(12_000), is_bigendian=0
-    )
-    assert decode_image(message).shape == (100, 120)
-    with pytest.raises(ImageError, match='100 x 120 px is more than max_image_mpx'):
-        decode_image(message, SMALL)
 
 
 def test_a_picture_file_larger_than_any_picture_is_not_read(tmp_path):

@@ -113,14 +113,6 @@ def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     read(path, ReadingConfig())
 
 
-@pytest.mark.parametrize('cut', [0, 100])
-def test_a_chunk(recorder, cut):
-    path = recorder.write('mcap zstd', recorder.drive([np.zeros((1100, 1000), np.uint8)] * 2))
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) - cut])
-    refused_then_read('max_file_mb', lambda reading: [*open_source(path, '', reading)], least=1.0)
-
-
 @pytest.mark.parametrize(
     'read',
     [
