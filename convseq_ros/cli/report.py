@@ -7,9 +7,8 @@ from pathlib import Path
 import sys
 
 from convseq_ros.cli.options import add_reading, chosen_reading
-from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.charts import write_figures
-from convseq_ros.evaluation.report.page import MOST_MEGABYTES, write_report
+from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs
 from convseq_ros.evaluation.run_folder import read_exports
 from convseq_ros.evaluation.table import format_table, summary_rows
@@ -25,8 +24,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
         help='the page (default: %(default)s)')
     parser.add_argument('--figures', type=Path, metavar='FOLDER', help='also write every chart as '
         'PNG, SVG and PDF')
-    parser.add_argument('--max-megabytes', type=float, default=MOST_MEGABYTES, metavar='SIZE',
-        help='show fewer pairs rather than write a larger page (default: %(default)s)')
     # fmt: on
     add_reading(parser)
 
@@ -37,10 +34,8 @@ def run(chosen: argparse.Namespace) -> int:
         exports = read_exports(chosen.result, chosen_reading(chosen))
         print(format_table(summary_rows(exports)))
         return 0
-    if not chosen.max_megabytes > 0:
-        raise ConvseqError(f'--max-megabytes: {chosen.max_megabytes:g} is not above 0')
     runs = read_runs(chosen.result, chosen_reading(chosen))
-    write_report(runs, chosen.output, chosen.max_megabytes)
+    write_report(runs, chosen.output)
     size = chosen.output.stat().st_size / 1e6
     print(f'{chosen.output}: {len(runs)} runs, {size:.1f} MB', file=sys.stderr)
     if chosen.figures:

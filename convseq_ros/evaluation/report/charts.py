@@ -23,13 +23,7 @@ import numpy.typing as npt
 
 KINDS = ('png', 'svg', 'pdf')
 INK = '#1b2733'  # of files; the page replaces it by the colour of its text
-COLORS = (
-    '#2f81d6', '#e0762a', '#2aa36b', '#c45ab3', '#b39118', '#1f9fb8', '#dc4b6c', '#8a6ee0',
-    '#a07850', '#7d8b99',
-)  # fmt: skip
-MOST_POINTS = 1000  # of a line
 _WIDTH_IN, _HEIGHT_IN, _LEGEND_IN = 5.2, 3.6, 0.17
-_IDS = r' id="[^"]*_\d+"|<!--.*?-->|<metadata>.*?</metadata>'
 
 
 def set_charts(runs: Sequence[Shown]) -> Iterator[tuple[str, str, Any]]:
@@ -38,7 +32,7 @@ def set_charts(runs: Sequence[Shown]) -> Iterator[tuple[str, str, Any]]:
     for one in runs:
         if len(one.curve):
             recall, precision = np.vstack(((0.0, one.curve[0, 1]), one.curve)).T
-            lines.append((one.name, thinned(recall), thinned(precision)))
+            lines.append((one.name, recall, precision))
     if lines:
         caption = (
             'Precision and recall: one point for every distinct score. Recall is over matched '
@@ -88,16 +82,11 @@ def svg(figure: Any, label: str) -> str:
 
     take_texts_literally(figure)
     drawn = StringIO()
-    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'convseq_ros'}):
-        figure.savefig(drawn, format='svg', metadata={'Date': None}, transparent=True)
-    width, height = (72 * inches for inches in figure.get_size_inches())
-    body = drawn.getvalue()
-    body = re.sub(_IDS, '', body[body.index('<defs>') : body.rindex('</svg>')], flags=re.S)
-    body = re.sub(r'(\.\d\d)\d+', r'\1', re.sub(r'\s+', ' ', body)).replace(INK, 'currentColor')
-    return (
-        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(label)}">'
-        f'{body.replace("xlink:href", "href")}</svg>'
-    )
+    nothing = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
+    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': label}):
+        figure.savefig(drawn, format='svg', metadata=nothing, transparent=True)
+    text = drawn.getvalue().replace(INK, 'currentColor')
+    return f'<svg role="img" aria-label="{escape(label)}"' + text[text.index('<svg') + 4 :]
 
 
 def write_figures(runs: Sequence[Shown], folder: Path) -> None:
@@ -119,13 +108,6 @@ def write_figures(runs: Sequence[Shown], folder: Path) -> None:
             save(figure, *paths, dpi=150, bbox_inches='tight')
 
 
-def thinned(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return at most `MOST_POINTS` of the values (N,), with the first and the last."""
-    if len(values) <= MOST_POINTS:
-        return values
-    return values[np.linspace(0, len(values) - 1, MOST_POINTS).round().astype(int)]
-
-
 def _figure(x_label: str, *y_labels: str, height_in: float = _HEIGHT_IN) -> Any:
     """Return a figure with axes one below the other, for each label of y."""
     figure = new_figure(_WIDTH_IN, height_in)
@@ -144,12 +126,10 @@ def _figure(x_label: str, *y_labels: str, height_in: float = _HEIGHT_IN) -> Any:
 def _legend(figure: Any) -> Any:
     """Write what the labels mean below the axes, where there is room for any number."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    columns = 2 if len(labels) < 16 else 3
     width, height = figure.get_size_inches()
-    figure.set_size_inches(width, height + _LEGEND_IN * -(-len(labels) // columns))
-    labels = [label if len(label) < 36 else f'{label[:35]}…' for label in labels]
-    look = {'ncols': columns, 'fontsize': 8 if columns == 2 else 6, 'labelcolor': INK}
-    figure.legend(handles, labels, loc='outside lower center', frameon=False, **look)
+    figure.set_size_inches(width, height + _LEGEND_IN * -(-len(labels) // 2))
+    look = {'ncols': 2, 'fontsize': 7, 'labelcolor': INK, 'frameon': False}
+    figure.legend(handles, labels, loc='outside lower center', **look)
     return figure
 
 
@@ -162,9 +142,8 @@ def _lines(
     names = sorted(one.name for one in runs)
     for name, x, y in lines:
         place = names.index(name)
-        color, again = COLORS[place % len(COLORS)], place // len(COLORS)
-        style = ('-', '--', ':', '-.')[again % 4]
-        axes.plot(x, y, label=name, color=color, linestyle=style, linewidth=1.6, **look)
+        style = ('-', '--', ':', '-.')[place // 10 % 4]
+        axes.plot(x, y, label=name, color=f'C{place}', linestyle=style, linewidth=1.6, **look)
     return _legend(figure)
 
 
@@ -187,11 +166,10 @@ def _matrix(one: Shown, scores: npt.NDArray[np.float32]) -> Any:
 def _lengths(one: Shown) -> Any:
     figure = _figure('query', 'k', 'entropy')
     upper, lower = figure.axes
-    queries = np.array([row.query for row in one.rows], np.float64)
-    lengths = np.array([row.length for row in one.rows], np.float64)
-    upper.step(thinned(queries), thinned(lengths), where='post', color=COLORS[0])
+    queries = [row.query for row in one.rows]
+    upper.step(queries, [row.length for row in one.rows], where='post', color='C0')
     entropy = [np.nan if row.entropy is None else row.entropy for row in one.rows]
-    lower.plot(thinned(queries), thinned(np.array(entropy)), color=COLORS[1], linewidth=1)
+    lower.plot(queries, entropy, color='C1', linewidth=1)
     threshold = (one.run.summary.get('configuration') or {}).get('entropy_threshold')
     if threshold is not None:
         lower.axhline(threshold, color=INK, linestyle='--', linewidth=1)
@@ -202,9 +180,9 @@ def _poses(one: Shown) -> Any:
     figure, places = _figure('x, m', 'y, m'), one.places
     (axes,) = figure.axes
     assert places is not None
-    axes.plot(*places[:, :2].T, '.-', color=COLORS[-1], markersize=3, linewidth=0.8)
+    axes.plot(*places[:, :2].T, '.-', color='C7', markersize=3, linewidth=0.8)
     gap = np.full(len(one.measured), np.nan)
     x, y = (np.stack((*one.measured[:, [axis, axis + 3]].T, gap), 1).ravel() for axis in (0, 1))
     axes.plot(x, y, color=INK, linewidth=0.8, alpha=0.6)
-    axes.plot(*one.measured[:, :2].T, 'o', color=COLORS[2], markersize=3)
+    axes.plot(*one.measured[:, :2].T, 'o', color='C2', markersize=3)
     return figure

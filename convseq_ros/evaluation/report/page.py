@@ -12,15 +12,13 @@ from string import Template
 from typing import Any
 from urllib.parse import quote
 
-from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.charts import run_charts, set_charts, svg
 from convseq_ros.evaluation.report.shown import Shown
 from convseq_ros.evaluation.run_folder import write_text
 from convseq_ros.evaluation.table import best_of, HEADINGS, summary_rows, text_of
 from convseq_ros.regular_file import read_bytes
 
-MOST_MEGABYTES = 20.0
-_MOST_ROWS = 4000
+_MOST_FRAMES = 2000  # of all sets together whose pairs are shown: some 20 MB
 _SOURCE = 'argv', 'date', 'machine', 'versions', 'criterion', 'configuration', 'k_distribution'
 _PROTOCOLS = {
     'closed': 'every query has an answer in the map',
@@ -29,43 +27,32 @@ _PROTOCOLS = {
 }
 
 
-def write_report(
-    runs: Sequence[Shown], output: Path, most_megabytes: float = MOST_MEGABYTES
-) -> None:
+def write_report(runs: Sequence[Shown], output: Path) -> None:
     """
-    Write the page of some runs; frames among the pairs are thinned until it is small enough.
+    Write the page of some runs; frames among the pairs are thinned out if there are very many.
 
-    ConvseqError if matplotlib is not installed, or the page is too large without a picture.
+    ConvseqError if matplotlib is not installed.
     """
-    sets = list(dict.fromkeys(one.run.set for one in runs))
-    sections = [_section([one for one in runs if one.run.set == name]) for name in sets]
+    by_set: dict[str, list[Shown]] = {}
+    for one in runs:
+        by_set.setdefault(one.run.set, []).append(one)
+    frames = sum(max(len(one.rows) for one in own) for own in by_set.values())
+    step = -(-frames // _MOST_FRAMES)
     machine = runs[0].run.summary.get('machine') or {}
     facts = str(runs[0].run.summary.get('date', ''))[:10], str(machine.get('cpu', ''))
+    data = json.dumps(_pairs(runs, step), separators=(',', ':'))
     parts = {
-        'title': escape('Place recognition: ' + ', '.join(sets)),
+        'title': escape('Place recognition: ' + ', '.join(by_set)),
         'facts': escape(' · '.join(filter(None, facts))),
-        'links': ''.join(f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in sets),
+        'links': ''.join(f'<a href="#set-{escape(name)}">{escape(name)}</a>' for name in by_set),
         'table': _table(runs),
-        'sections': ''.join(sections),
+        'sections': ''.join(map(_section, by_set.values())),
         'sources': ''.join(map(_source, runs)),
+        'note': f'To keep this page small, one frame in {step} is shown.' if step > 1 else '',
+        'data': data.replace('<', '\\u003c'),
     }
     template = Template((files(__package__) / 'template.html').read_text(encoding='utf-8'))
-    most_rows = max(len(one.rows) for one in runs)
-    step = -(-most_rows // _MOST_ROWS)
-    while True:
-        data = json.dumps(_pairs(runs, step), separators=(',', ':')).replace('<', '\\u003c')
-        note = f'To keep this page small, one frame in {step} is shown here.' if step > 1 else ''
-        page = template.substitute(parts, data=data, note=note)
-        size = len(page.encode()) / 1e6
-        if size <= most_megabytes:
-            write_text(output, page)
-            return
-        if step >= most_rows:
-            raise ConvseqError(
-                f'the page would have {size:.1f} MB, {most_megabytes:g} MB are allowed; give '
-                'fewer results or raise --max-megabytes'
-            )
-        step *= 2
+    write_text(output, template.substitute(parts))
 
 
 def _table(runs: Sequence[Shown]) -> str:
@@ -79,25 +66,19 @@ def _table(runs: Sequence[Shown]) -> str:
     for one, row in zip(runs, rows, strict=True):
         own = [other for other in rows if other['set'] == row['set']]
         cells = ''.join(
-            f'<td data-label="{escape(HEADINGS[name])}"'
-            f'{" class=best" * (row[name] is not None and row[name] == best_of(own, name))}>'
+            f'<td{" class=best" * (row[name] is not None and row[name] == best_of(own, name))}>'
             f'{escape(text_of(row[name]))}</td>'
             for name in names
         )
         link = escape(f'#{quote(one.run.set)}/{quote(one.name)}')
         body += (
-            f'<tr><th scope="row">{_breakable(one.run.set)}</th><th scope="row"><a href="{link}">'
-            f'{_breakable(one.name)}</a></th>{cells}</tr>'
+            f'<tr><th scope="row">{escape(one.run.set)}</th><th scope="row"><a href="{link}">'
+            f'{escape(one.name)}</a></th>{cells}</tr>'
         )
     return (
         '<table><thead><tr><th scope="col">set</th><th scope="col">method</th>'
         f'{heads}</tr></thead><tbody>{body}</tbody></table>'
     )
-
-
-def _breakable(name: str) -> str:
-    """Return a name as HTML that may break after an underscore."""
-    return escape(name).replace('_', '_<wbr>')
 
 
 def _section(runs: Sequence[Shown]) -> str:
