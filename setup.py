@@ -99,7 +99,6 @@ setup(
         'onnx': ['onnxruntime'],
         'watch': ['rich>=13'],  # convseq watch
         'fleet': ['distributed>=2026.1'],  # convseq fleet
-        'view': ['rerun-sdk>=0.24'],  # convseq replay --view
         'slam': ['gtsam>=4.3'],  # examples/pose_graph
         'test': [
             'distributed>=2026.1',

@@ -5,6 +5,7 @@
 from pathlib import Path
 import sys
 import sysconfig
+import traceback
 
 
 class ConvseqError(Exception):
@@ -39,6 +40,13 @@ def one_line(error: BaseException, most: int = 200) -> str:
     """Return what an error says in one line, of another library at most that many characters."""
     line = ' '.join(str(error).split())
     return (line if isinstance(error, ConvseqError) else line[:most]) or type(error).__name__
+
+
+def in_full(error: Exception) -> str:
+    """Return what went wrong; of what nobody foresaw, where."""
+    if isinstance(error, ConvseqError | OSError):
+        return str(error)
+    return ''.join(traceback.format_exception(error))
 
 
 def pip_install(*packages: str) -> str:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a parameter is: a field of a dataclass with bounds, a unit and one sentence."""
 
+import argparse
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 import difflib
@@ -101,6 +102,33 @@ def parameters(group: type | Any, constants: bool = False) -> Iterator[Parameter
         about = item.metadata or (_CONSTANT if constants else {})
         if about:
             yield Parameter(item.name, item.type, item.default, **about)  # type: ignore[arg-type]
+
+
+def add_parameters(
+    parser: argparse.ArgumentParser, title: str, known: Iterable[Parameter]
+) -> None:
+    """Add an option for each parameter, such as `--max-length`; unset ones stay absent."""
+    group = parser.add_argument_group(title)
+    for item in known:
+        unit = f' [{item.unit}]' if item.unit else ''
+        default = f'default {item.default}' if item.default != '' else 'empty by default'
+        about = f'{item.bounds}{unit}; {default}' if item.bounds else default
+        group.add_argument(
+            '--' + item.name.replace('_', '-'),
+            dest=item.name,
+            metavar='VALUE',
+            default=argparse.SUPPRESS,
+            help=f'{item.doc} ({about})'.replace('%', '%%'),
+        )
+
+
+def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, Value]:
+    """Return the parameters that were given as options, parsed and checked."""
+    return {
+        item.name: item.parse(getattr(chosen, item.name))
+        for item in known
+        if hasattr(chosen, item.name)
+    }
 
 
 class Checked:

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of what is read; written once, as in `config`."""
 
+import argparse
 from dataclasses import dataclass
 import math
 from pathlib import Path
 
 from convseq_ros.errors import ImageError, SourceError
-from convseq_ros.parameter import Checked, parameter, parameters
+from convseq_ros.parameter import add_parameters, Checked, given, parameter, parameters
 from convseq_ros.picture_header import Declared, USUAL_SCANS
 
 # What a byte of a file counts, where a byte of an array counts 1: Python keeps many for it, or,
@@ -68,3 +69,13 @@ class ReadingConfig(Checked):
 
 
 # fmt: on
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add an option for every limit of what is read."""
+    add_parameters(parser, 'what is too large', parameters(ReadingConfig))
+
+
+def chosen_reading(chosen: argparse.Namespace) -> ReadingConfig:
+    """Return the limits that were given as options."""
+    return ReadingConfig(**given(chosen, parameters(ReadingConfig)))  # type: ignore[arg-type]

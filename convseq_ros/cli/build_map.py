@@ -12,14 +12,7 @@ import sys
 import time
 from typing import Any
 
-from convseq_ros.cli.options import (
-    add_images,
-    add_max_looks,
-    add_parameters,
-    chosen_images,
-    chosen_reading,
-    given,
-)
+from convseq_ros.cli.options import add_images, add_max_looks, chosen_images
 from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import (
@@ -38,8 +31,8 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.onnx_model import open_model
-from convseq_ros.parameter import Parameter, parameters
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.parameter import add_parameters, given, Parameter, parameters
+from convseq_ros.reading_config import chosen_reading, ReadingConfig
 from convseq_ros.sources import open_each_camera
 
 

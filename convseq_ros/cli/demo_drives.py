@@ -4,7 +4,6 @@
 
 import argparse
 from collections.abc import Callable
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
@@ -12,6 +11,8 @@ from typing import NamedTuple
 
 from convseq_ros.cli.terminal import warn
 from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.evaluation.truth import listed
+from convseq_ros.evaluation.truth_file import read_pairs
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import nearest_reference, write_recording
@@ -138,11 +139,5 @@ def _given_truth(data: Path, queries: int, references: int) -> npt.NDArray[np.in
     if not file.is_file():
         known = np.arange(queries) if queries == references else np.full(queries, -1)
         return known.astype(np.int64)
-    truth = np.full(queries, -1, np.int64)
-    try:
-        with file.open(newline='', encoding='utf-8') as lines:
-            for line in csv.DictReader(lines):
-                truth[int(line['query'])] = int(line['reference'])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise SourceError(f'{file}: expected columns query,reference ({error})') from None
-    return truth
+    right = listed(read_pairs(file, (), ()), (queries, references), 0, str(file)).right
+    return np.where(right.any(axis=1), right.argmax(axis=1), -1)

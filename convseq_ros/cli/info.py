@@ -16,7 +16,6 @@ from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
-from convseq_ros.cli.options import add_reading, chosen_reading
 from convseq_ros.cli.recording_info import describe_recording, is_recording, recording_lines
 from convseq_ros.cli.terminal import printable, warn
 from convseq_ros.core.compiled import library
@@ -25,6 +24,7 @@ from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.evaluation.provenance import processor, version_of
+from convseq_ros.reading_config import add_reading, chosen_reading
 import cv2
 import numpy as np
 

@@ -13,7 +13,6 @@ import sys
 
 from convseq_ros.cli.build_map import of_links
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.options import add_parameters, given
 from convseq_ros.cli.terminal import of_map, printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
@@ -25,6 +24,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.errors import MapError
+from convseq_ros.parameter import add_parameters, given
 from convseq_ros.results import complete_or_absent
 
 

@@ -3,38 +3,20 @@
 """Command-line options and parameter files, derived from `convseq_ros.config`."""
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.config import Config, core_parameters, make_config, make_group, OnlineConfig
+from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConfigError
 from convseq_ros.files import read_yaml
 from convseq_ros.node_config import NodeConfig
-from convseq_ros.parameter import Parameter, parameters, refuse_unknown, Value
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.parameter import add_parameters, given, parameters, refuse_unknown, Value
+from convseq_ros.reading_config import chosen_reading, ReadingConfig
 
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
-
-
-def add_parameters(
-    parser: argparse.ArgumentParser, title: str, known: Iterable[Parameter]
-) -> None:
-    """Add an option for each parameter, such as `--max-length`; unset ones stay absent."""
-    group = parser.add_argument_group(title)
-    for item in known:
-        unit = f' [{item.unit}]' if item.unit else ''
-        default = f'default {item.default}' if item.default != '' else 'empty by default'
-        about = f'{item.bounds}{unit}; {default}' if item.bounds else default
-        group.add_argument(
-            '--' + item.name.replace('_', '-'),
-            dest=item.name,
-            metavar='VALUE',
-            default=argparse.SUPPRESS,
-            help=f'{item.doc} ({about})'.replace('%', '%%'),
-        )
 
 
 def add_max_looks(parser: Any) -> None:
@@ -47,25 +29,6 @@ def add_max_looks(parser: Any) -> None:
         metavar='N',
         help='looks of a place that stay; of more, the one most like another goes; 0 keeps all',
     )
-
-
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add an option for every limit of what is read."""
-    add_parameters(parser, 'what is too large', parameters(ReadingConfig))
-
-
-def chosen_reading(chosen: argparse.Namespace) -> ReadingConfig:
-    """Return the limits that were given as options."""
-    return make_group(ReadingConfig, given(chosen, parameters(ReadingConfig)))
-
-
-def given(chosen: argparse.Namespace, known: Iterable[Parameter]) -> dict[str, Value]:
-    """Return the parameters that were given as options, parsed and checked."""
-    return {
-        item.name: item.parse(getattr(chosen, item.name))
-        for item in known
-        if hasattr(chosen, item.name)
-    }
 
 
 def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:

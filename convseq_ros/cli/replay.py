@@ -4,8 +4,8 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 import json
@@ -17,7 +17,6 @@ from typing import Any
 from convseq_ros.cli.options import add_config, add_images, chosen_config, chosen_images
 from convseq_ros.cli.processes import need_ros
 from convseq_ros.cli.terminal import progress, warn
-from convseq_ros.cli.viewing import Viewer
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
@@ -47,8 +46,6 @@ def add_replay(parser: argparse.ArgumentParser) -> None:
     # fmt: off
     parser.add_argument('--output', type=Path, default=Path('result.csv'), help='table to write '
         '(result.csv); FILE.mcap gets what the node would publish (needs ROS)')
-    parser.add_argument('--view', type=Path, nargs='?', const=Path(), metavar='FILE.rrd',
-        help='open the viewer of rerun, or write a file for it')
     # fmt: on
     add_images(parser)
     parser.add_argument('--json', action='store_true', help='print the summary as JSON')
@@ -93,8 +90,8 @@ def replay_chosen(
             'matched with it'
         )
     matches, durations = [], []
-    with _opened(chosen.output) as written, _viewed(chosen.view) as shown:
-        for match, duration_ms in replay(source, cameras, [written, *shown]):
+    with _opened(chosen.output) as write:
+        for match, duration_ms in replay(source, cameras, write):
             matches.append(match)
             durations.append(duration_ms)
             then()
@@ -145,16 +142,6 @@ def _opened(path: Path) -> Iterator[Listener]:
         yield lambda _frame, match, _recognizer, duration_ms: table.write(match, duration_ms)
 
 
-@contextmanager
-def _viewed(file: Path | None) -> Iterator[list[Listener]]:
-    """Open a viewer, or a file for one if it has a name; yield what shows a frame, if any."""
-    if file is None:
-        yield []
-        return
-    with closing(Viewer(file if file.name else None)) as viewer:
-        yield [viewer.write]
-
-
 def _keep(session: Session) -> None:
     """Write what the map gained; a full disk ends that, not the replay."""
     try:
@@ -164,7 +151,7 @@ def _keep(session: Session) -> None:
 
 
 def replay(
-    source: Source, recognizer: PlaceRecognizer | Cameras, listeners: Sequence[Listener] = ()
+    source: Source, recognizer: PlaceRecognizer | Cameras, write: Listener | None = None
 ) -> Iterator[tuple[Match, float]]:
     """Yield the match of every frame with the time that it took, in milliseconds."""
     for frame in progress(source, len(source), source.name):
@@ -173,9 +160,9 @@ def replay(
         if match.reason is Reason.UNREADABLE:
             warn(f'frame {match.query_index}: {frame.problem}')
         duration_ms = (time.perf_counter() - started) * 1e3
-        for tell in listeners:
+        if write:
             own = recognizer.of(frame.source) if isinstance(recognizer, Cameras) else recognizer
-            tell(frame, match, own, duration_ms)
+            write(frame, match, own, duration_ms)
         yield match, duration_ms
 
 

@@ -21,7 +21,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 import numpy as np
 import numpy.typing as npt
 from sensor_msgs.msg import Image, PointCloud2, PointField
-from std_msgs.msg import Float64MultiArray, Header, Int64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 
 _NS = 1_000_000_000
 _FIRST_NS, _LAST_NS = -(2**31) * _NS, 2**31 * _NS - 1  # builtin_interfaces/Time: int32 seconds
@@ -103,11 +103,6 @@ def loop_closure_message(query_stamp_ns: int, accepted: Candidate) -> Float64Mul
     """Return both stamps in seconds, exactly two numbers: query, reference."""
     stamps = query_stamp_ns / _NS, accepted.reference_stamp_ns / _NS
     return Float64MultiArray(data=list(stamps))
-
-
-def loop_closure_index_message(query_index: int, accepted: Candidate) -> Int64MultiArray:
-    """Return the sequence number of the query and the index of the reference."""
-    return Int64MultiArray(data=[query_index, accepted.reference_index])
 
 
 def point_message(position: tuple[float, float, float]) -> Point:

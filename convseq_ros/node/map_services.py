@@ -9,14 +9,13 @@ import os
 from os.path import exists, isdir, isfile
 from pathlib import Path
 import time
-import traceback
 from typing import TypeVar
 
 from convseq_ros.config import Config
 from convseq_ros.core.map.format import is_map_or_empty
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.session import Session
-from convseq_ros.errors import ConvseqError, MapError
+from convseq_ros.errors import in_full, MapError
 from convseq_ros.node.recognition import Arrival, Recognition
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Background, settle, Worker
@@ -87,7 +86,7 @@ class MapServices:
             swap = partial(self._recognition.swap, session)
             await self._background.result_of(partial(self._between_frames, swap))
         except Exception as error:
-            self._logger.error(f'load_map: {_told(error)}')
+            self._logger.error(f'load_map: {in_full(error)}')
             # Unlike that of Path, it never raises.
             response.result = (
                 LoadMap.Response.RESULT_INVALID_MAP_DATA
@@ -123,7 +122,7 @@ class MapServices:
             response.message = await self._background.result_of(self._save)
         except Exception as error:
             response.success, response.message = False, str(error)
-            self._logger.error(f'save_map: {_told(error)}')
+            self._logger.error(f'save_map: {in_full(error)}')
             return response
         response.success = True
         return response
@@ -174,10 +173,3 @@ def _refuse_target(target: Path) -> None:
     # Whoever is on the network may set the path.
     if exists(target) and not is_map_or_empty(target):
         raise MapError(f'{target}: is no map, and is not replaced; move it, or set save_map_path')
-
-
-def _told(error: Exception) -> str:
-    """Return what went wrong; of what nobody foresaw, where."""
-    if isinstance(error, ConvseqError | OSError):
-        return str(error)
-    return ''.join(traceback.format_exception(error))

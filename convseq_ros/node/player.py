@@ -15,12 +15,10 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.player')
 
-from convseq_ros.config import make_group
 from convseq_ros.errors import ConvseqError
 from convseq_ros.node.conversions import stamp_from_ns
 from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist
-from convseq_ros.parameter import parameters
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources import open_source, Source
 from nav_msgs.msg import Odometry
 import rclpy
@@ -61,7 +59,7 @@ class Player(Node):
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         sides = {what: getattr(options, what) for what in _SIDES if getattr(options, what)}
         self._playlist = Playlist(
-            source, options.recording, sides, options.start, _reading(options)
+            source, options.recording, sides, options.start, chosen_reading(options)
         )
         self._large = self._playlist.first_size > _FRAGMENTED_BYTES
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
@@ -201,19 +199,8 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--wait-subscribers', type=_seconds, default=10.0, metavar='S',
         help='wait up to S seconds for a subscriber; 0: do not wait (default: 10)')
     # fmt: on
-    for item in parameters(ReadingConfig):
-        result.add_argument(
-            '--' + item.name.replace('_', '-'),
-            type=float,
-            default=item.default,
-            metavar='VALUE',
-            help=f'{item.doc} (default: {item.default} {item.unit})',
-        )
+    add_reading(result)
     return result
-
-
-def _reading(options: argparse.Namespace) -> ReadingConfig:
-    return make_group(ReadingConfig, vars(options))
 
 
 def _seconds(text: str) -> float:
@@ -236,7 +223,7 @@ def main(args: list[str] | None = None) -> int:
     options = parser().parse_args(remove_ros_args(argv)[1:])
     stand(0)
     try:
-        source = open_source(options.recording, options.topic, _reading(options))
+        source = open_source(options.recording, options.topic, chosen_reading(options))
         settle_logs()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         hand_over(try_shutdown)

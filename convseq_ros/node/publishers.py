@@ -19,7 +19,6 @@ from convseq_ros.node.conversions import (
     candidates_message,
     closure_message,
     image_message,
-    loop_closure_index_message,
     loop_closure_message,
     match_header,
     pose_message,
@@ -123,8 +122,8 @@ class MatchPublishers:
         if not recognizer.config.online.grows or accepted.reference_index >= own:
             stamp_ns = match.query_stamp_ns
             self._give('~/loop_closure', partial(loop_closure_message, stamp_ns, accepted))
-        index = match.query_index
-        self._give('~/loop_closure_index', partial(loop_closure_index_message, index, accepted))
+        pair = [match.query_index, accepted.reference_index]
+        self._give('~/loop_closure_index', lambda: Int64MultiArray(data=pair))
         self._give('~/closure', partial(closure_message, match, whole, config.base_frame, own))
         estimate = estimate_pose(
             whole.places,

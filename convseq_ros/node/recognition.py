@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock, Thread
 import time
-import traceback
 from typing import Any
 
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
-from convseq_ros.errors import ConfigError, ConvseqError, ImageError, ModelError
+from convseq_ros.errors import ConfigError, ConvseqError, ImageError, in_full, ModelError
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.results import ResultWriter
@@ -94,11 +93,9 @@ class MapLinking:
     def _run(self) -> None:
         try:
             self._link()
-        except ConvseqError as error:
-            self._logger.error(f'linking: {error}')
-        except Exception:
+        except Exception as error:
             # The map answers without links, too.
-            self._logger.error(traceback.format_exc())
+            self._logger.error(f'linking: {in_full(error)}')
 
     def _link(self) -> None:
         recognizer, path = self._session.recognizer, self._session.path
@@ -149,14 +146,11 @@ class Recognition:
         """Answer one frame; errors are logged and counted."""
         try:
             self._answer(arrival)
-        except ConvseqError as error:
-            self.statistics.failed += 1
-            self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
-        except Exception:
+        except Exception as error:
             # Publishing fails while a signal shuts ROS down; the row is written by then.
-            if self.ros_is_up():
+            if isinstance(error, ConvseqError) or self.ros_is_up():
                 self.statistics.failed += 1
-                self.logger.error(traceback.format_exc(), throttle_duration_sec=_LOG_PERIOD_S)
+                self.logger.error(in_full(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def swap(self, session: Session) -> None:
         """Go on with another session, and so another map; what the old one added is safe."""

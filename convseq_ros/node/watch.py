@@ -15,7 +15,6 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.watch')
 
-from convseq_ros.config import make_group
 from convseq_ros.core.map.place import shown
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -23,8 +22,7 @@ from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.running import turns
 from convseq_ros.node.topic_finder import COMPRESSED
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.parameter import parameters
-from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources.images import decode_compressed, decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
@@ -54,7 +52,7 @@ class Watcher(Node):
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('convseq_watch')
         self._map_path = options.map
-        self._reading = make_group(ReadingConfig, {'max_image_mpx': options.max_image_mpx})
+        self._reading = chosen_reading(options)
         self._map = open_map(options.map) if options.map else None
         self._reasons: Counter[str] = Counter()
         self._times: deque[float] = deque(maxlen=_RATE_FRAMES)
@@ -135,13 +133,10 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('map', type=Path, nargs='?', help='the map, to show its places')
     result.add_argument('--topic', default='', help='camera topic, to show what it sees')
-    limit = next(one for one in parameters(ReadingConfig) if one.name == 'max_image_mpx')
-    result.add_argument(
-        '--max-image-mpx', type=float, default=limit.default, metavar=limit.unit, help=limit.doc
-    )
     result.add_argument(
         '--node', default='/vpr_node', metavar='NAME', help='the node (default: %(default)s)'
     )
+    add_reading(result)
     return result
 
 

@@ -59,8 +59,8 @@ def test_what_it_cannot_use_is_one_line(data, tmp_path, capsys, break_it):
     elif break_it == 'missing':
         data, told = tmp_path / 'none', 'no such folder'
     elif break_it == 'bad truth':
-        (data / 'ground_truth.csv').write_text('query,place\n0,0\n')
-        told = 'expected columns query,reference'
+        (data / 'ground_truth.csv').write_text('query\n0\n')
+        told = 'expected a header and the columns query, reference'
     else:
         output.mkdir()
         (output / 'precious').write_text('keep me')
