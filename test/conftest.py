@@ -41,10 +41,11 @@ prefer_installed()
 isolate_ros()
 # What several tests share, and the bench; the package, before it, where it is installed.
 sys.path += [str(Path(__file__).parent), str(REPOSITORY)]
-# How long an example takes says more of the machine than of us.
-hypothesis.settings.register_profile('patient', deadline=None)
+# How long an example takes, to be drawn or to run, says more of the machine than of us.
+PATIENT = {'deadline': None, 'suppress_health_check': [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile('patient', **PATIENT)
 # What is asked a hundred times with one set of versions is asked again with another.
-hypothesis.settings.register_profile('few', deadline=None, max_examples=30)
+hypothesis.settings.register_profile('few', **PATIENT, max_examples=30)
 hypothesis.settings.load_profile('patient')
 
 

@@ -18,6 +18,8 @@ from convseq_ros.core.map.edit import (
     bound,
     chosen_slice,
     joined,
+    limited,
+    refuse_existing,
     rename_session,
     SessionSlice,
     slices_of,
@@ -110,8 +112,7 @@ def _unlink(chosen: argparse.Namespace) -> None:
 
 
 def _merge(chosen: argparse.Namespace) -> None:
-    if chosen.output.exists():
-        raise MapError(f'{chosen.output}: exists already; name another file')
+    refuse_existing(chosen.output)
     slices = [one for path in chosen.maps for one in slices_of(path)]
     if not slices:
         raise MapError(f'{chosen.maps[0]}: has no place')
@@ -120,8 +121,8 @@ def _merge(chosen: argparse.Namespace) -> None:
         count = sum(map(len, not_linked(whole)))
         for _ in progress(link_map(whole), count, 'links', 'places'):
             pass
+    whole = limited(chosen.output, whole, chosen.max_looks)
     write_new(whole, chosen.output, of_map(chosen.output))
-    bound(chosen.output, chosen.max_looks)
     _report(chosen, {chosen.output: slices})
 
 

@@ -19,7 +19,7 @@ from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import joined, SessionSlice, slices_in, write_new
+from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_in, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, pose_of
@@ -49,7 +49,8 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> None:
     """Look up what was not looked up before, keep its links, and make what is asked for."""
-    _refuse_existing(chosen)
+    if chosen.output:
+        refuse_existing(chosen.output)
     config = make_config(given(chosen, of_links()))
     whole = open_map(chosen.map)
     if count := sum(map(len, not_linked(whole))):
@@ -62,7 +63,8 @@ def run(chosen: argparse.Namespace) -> None:
 
 def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
     """Report the links of a map, and make of them what is asked for."""
-    _refuse_existing(chosen)
+    if chosen.output:
+        refuse_existing(chosen.output)
     slices, links = slices_in(chosen.map, whole), [*whole.links.each()]
     if not slices:
         raise MapError(f'{chosen.map}: has no place')
@@ -90,11 +92,6 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
         frame = first.frame or f'linked {whole.map_id}'
         moved = [_moved(one, after, frame) for one in slices]
         write_new(joined(moved), chosen.output, of_map(chosen.output))
-
-
-def _refuse_existing(chosen: argparse.Namespace) -> None:
-    if chosen.output and chosen.output.exists():
-        raise MapError(f'{chosen.output}: exists already; name another file')
 
 
 def _moved(one: SessionSlice, after: Poses, frame: str) -> SessionSlice:

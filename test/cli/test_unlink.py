@@ -7,6 +7,7 @@ import json
 from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.core.linking import not_linked
+from convseq_ros.core.map import edit
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
@@ -72,6 +73,16 @@ def test_looks_beyond_a_number_go(path, capsys):
     assert len(open_map(path)) == 2 * ROUND
     assert main(['map', 'remove', str(path), '--max-looks', '1000']) == 1
     assert 'outside 0 .. 100' in capsys.readouterr().err
+
+
+def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monkeypatch, capsys):
+    merged, written = path.with_name('merged.db'), []
+    monkeypatch.setattr(edit, 'save_map', lambda *of: written.append(of) or save_map(*of))
+    assert main(['map', 'merge', str(path), '-o', str(merged), '--max-looks', '2']) == 0
+    assert '64 references' in capsys.readouterr().out and len(written) == 1
+    assert main(['map', 'remove', str(path), '--max-looks', '2']) == 0
+    left, expected = open_map(merged), open_map(path)
+    assert [*left.places] == [*expected.places] and [*left.links] == [*expected.links]
 
 
 def test_info_counts_places_and_draws_them_by_their_links(path, tmp_path, capsys):

@@ -176,12 +176,18 @@ def write_new(
     """
 
     def refuse() -> None:
-        if instead is None and path.exists():
-            raise MapError(f'{path}: exists already; name another file')
-        if instead and _state(open_map(path)) != _state(instead):
+        if instead is None:
+            refuse_existing(path)
+        elif _state(open_map(path)) != _state(instead):
             raise MapError(f'{path}: was changed meanwhile; run it again')
 
     save_map(whole, path, progress, refuse)
+
+
+def refuse_existing(path: Path) -> None:
+    """Raise MapError if there is a file already, where a new one should be."""
+    if path.exists():
+        raise MapError(f'{path}: exists already; name another file')
 
 
 def _state(whole: ReferenceMap) -> object:
@@ -195,6 +201,12 @@ def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[Se
     return [one for one in left if one.places]
 
 
+def limited(path: Path, whole: ReferenceMap, max_looks: int) -> ReferenceMap:
+    """Return a map that keeps so many looks of each place: itself, if it has no more."""
+    out = surplus(whole, max_looks)
+    return joined(without(slices_in(path, whole), out)) if out else whole
+
+
 def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
     """
     Keep so many looks of each place in a map file; return how many places went.
@@ -202,9 +214,10 @@ def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
     That is done in one step, or not at all; MapError as for `write_new`.
     """
     whole = open_map(path)
-    if out := surplus(whole, max_looks):
-        write_new(joined(without(slices_in(path, whole), out)), path, progress, whole)
-    return len(out)
+    left = limited(path, whole, max_looks)
+    if left is not whole:
+        write_new(left, path, progress, whole)
+    return len(whole) - len(left)
 
 
 def rename_session(named: SessionSlice) -> None:
