@@ -11,10 +11,8 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Match
 from convseq_ros.fleet.link import FleetLink
 from convseq_ros.node.conversions import status_message
-from convseq_ros.node.topics import advertise
+from convseq_ros.node.topics import advertise, steady_timer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 _SILENCE_S = 3.0
@@ -84,8 +82,7 @@ class Diagnostics:
         self._last = (time.monotonic_ns(), 0, 0, 0)
         self._unkept = 0
         self._publisher = advertise(self.node, DiagnosticArray, '/diagnostics')
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.node.create_timer(self.period_s, self._publish, clock=clock)
+        self._timer = steady_timer(self.node, self.period_s, self._publish)
 
     def _publish(self) -> None:
         situation = self.situation()

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 import time
 
 from convseq_ros.node.diagnostics import Statistics
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from convseq_ros.node.topics import steady_timer
 from rclpy.node import Node
 
 _LOOK_S = 1.0
@@ -37,9 +36,7 @@ class ProgressLog:
         self._told = self._warned = time.monotonic()
         self._before = self._counts()
         self._dropped_before: Counter[str] = Counter()
-        self._timer = node.create_timer(
-            _LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._timer = steady_timer(node, _LOOK_S, self._look)
 
     def finish(self) -> None:
         """Say what was done since the start, if anything was."""

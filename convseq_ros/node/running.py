@@ -37,7 +37,12 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
     except RuntimeError as error:
         return _refuse(error)
     try:
-        _run(make_node)
+        node = make_node()
+        try:
+            for _ in turns(node):
+                pass
+        finally:
+            node.destroy_node()
     except (ConvseqError, OSError) as error:
         return _refuse(error)
     finally:
@@ -45,15 +50,6 @@ def run_until_signal(make_node: Callable[[], Node], args: list[str] | None = Non
         ignore()
     _leave_what_is_at_work()
     return 0
-
-
-def _run(make_node: Callable[[], Node]) -> None:
-    node = make_node()
-    try:
-        for _ in turns(node):
-            pass
-    finally:
-        node.destroy_node()
 
 
 def turns(node: Node) -> Iterator[None]:

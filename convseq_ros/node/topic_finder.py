@@ -6,9 +6,8 @@ from collections.abc import Callable
 from shlex import quote
 
 from convseq_ros.node.conversions import type_name
+from convseq_ros.node.topics import steady_timer
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
@@ -37,9 +36,7 @@ class TopicFinder:
         self._told: list[str] = []
         self._default = f'{node.get_namespace().rstrip("/")}/image'
         if is_wanted and node.resolve_topic_name('image') == self._default:
-            self._timer = node.create_timer(
-                _LOOK_S, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
-            )
+            self._timer = steady_timer(node, _LOOK_S, self._look)
 
     def _look(self) -> None:
         if self._node.count_publishers(self._default):

@@ -5,6 +5,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.event_handler import (
     PublisherEventCallbacks,
     QoSMessageLostInfo,
@@ -14,6 +16,7 @@ from rclpy.event_handler import (
 )
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Who comes late hears the last message, too."""
@@ -31,6 +34,11 @@ _DEPTH = 10
 def advertise(node: Node, kind: type, topic: str, qos: QoSProfile | int = _DEPTH) -> Any:
     """Return a publisher, which costs nothing while the node waits."""
     return node.create_publisher(kind, topic, qos, event_callbacks=_NO_EVENTS)
+
+
+def steady_timer(node: Node, period_s: float, call: Callable[[], None]) -> Timer:
+    """Return a timer of steady pace, whatever the node's clock does."""
+    return node.create_timer(period_s, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 class FollowingSubscription:
