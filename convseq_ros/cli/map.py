@@ -52,7 +52,7 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add.add_argument(
         '--no-links', action='store_true', help='do not recognise the maps in each other: quicker'
     )
-    add_max_looks(add)
+    add_max_looks(add, keeps_all=False)
     _add_json(add)
 
     add = _add(verbs, 'split', _split, 'make a map of each session of a map')

@@ -19,15 +19,17 @@ from convseq_ros.reading_config import chosen_reading, ReadingConfig
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
-def add_max_looks(parser: Any) -> None:
-    """Add an option for how many looks of a place a map keeps; by default it keeps all."""
+def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
+    """Add an option for how many looks of a place a map keeps; by default all, or as online."""
     (known,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
+    usual = 0 if keeps_all else known.default
     parser.add_argument(
         '--max-looks',
         type=known.parse,
-        default=0,
+        default=usual,
         metavar='N',
-        help='looks of a place that stay; of more, the one most like another goes; 0 keeps all',
+        help='looks of a place that stay; of more, the one most like another goes; 0 keeps all; '
+        f'default: {usual}',
     )
 
 

@@ -21,10 +21,15 @@ ROUND = 32
 
 @pytest.fixture
 def path(tmp_path):
-    """Return a map of three rounds, a session each, of which all but the first are linked."""
+    """Return a map of three rounds."""
+    return driven(tmp_path / 'map.db', 3)
+
+
+def driven(path, rounds):
+    """Make a map of some rounds, a session each, of which all but the first are linked."""
     rng, whole = np.random.default_rng(0), ReferenceMap()
     cells = rng.random((ROUND, 32, 32, 8)).astype(np.float16)
-    for number in range(3):
+    for number in range(rounds):
         whole.begin_session(number * 10**12, name=f'round {number}')
         for at in range(ROUND):
             index = len(whole)
@@ -33,9 +38,8 @@ def path(tmp_path):
                 whole.links.add(index, index - ROUND, 0.95, 40)
             else:
                 whole.links.add_first(index)
-    made = tmp_path / 'map.db'
-    save_map(whole, made)
-    return made
+    save_map(whole, path)
+    return path
 
 
 def test_one_link_goes_for_good_and_what_hung_on_it_keeps_its_own(path, capsys):
@@ -83,6 +87,14 @@ def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monk
     assert main(['map', 'remove', str(path), '--max-looks', '2']) == 0
     left, expected = open_map(merged), open_map(path)
     assert [*left.places] == [*expected.places] and [*left.links] == [*expected.links]
+
+
+def test_a_merged_map_keeps_eight_looks_of_a_place_unless_all_are_asked_for(tmp_path):
+    path = driven(tmp_path / 'map.db', 10)
+    for asked, kept in ((), 8), (('--max-looks', '0'), 10):
+        merged = tmp_path / f'{kept}.db'
+        assert main(['map', 'merge', str(path), '-o', str(merged), *asked]) == 0
+        assert len(open_map(merged)) == kept * ROUND
 
 
 def test_info_counts_places_and_draws_them_by_their_links(path, tmp_path, capsys):
