@@ -4,19 +4,23 @@
 
 from collections.abc import Callable, Iterable
 import contextlib
+from dataclasses import asdict
 import functools
 import hashlib
+import json
 import os
 from pathlib import Path
-import pickle
+from typing import Any
 
 from convseq_ros import simulation
 from convseq_ros.core import types
+from convseq_ros.core.types import Camera, Pose
 from convseq_ros.simulation.drive import draw, Drive, Shot, Way
 import cv2
 import numpy as np
 
 KEPT = Path(__file__).resolve().parents[1] / '.pytest_cache' / 'drives'
+ARRAYS = 'image', 'depth_m'  # of a shot
 WEEK_S = 7 * 86_400  # after which a drive that nobody asks for goes
 
 
@@ -31,19 +35,56 @@ def _drawing() -> bytes:
 
 def kept(make: Callable[[], Iterable[Shot]], *what: object) -> list[Shot]:
     """Return what is made, which has this description and no other."""
-    path = KEPT / hashlib.sha256(_drawing() + repr(what).encode()).hexdigest()
+    path = KEPT / f'{hashlib.sha256(_drawing() + repr(what).encode()).hexdigest()}.npz'
     if path.exists():
         path.touch()
-        return pickle.loads(path.read_bytes())
-    shots, part = [*make()], path.with_suffix(f'.{os.getpid()}')
+        return _read(path)
+    shots, part = [*make()], path.with_suffix(f'.{os.getpid()}.npz')
     KEPT.mkdir(parents=True, exist_ok=True)
-    part.write_bytes(pickle.dumps(shots))
+    _write(shots, part)
     part.replace(path)
     for one in KEPT.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another process forgets, too
             if path.stat().st_mtime - one.stat().st_mtime > WEEK_S:
                 one.unlink()
     return shots
+
+
+def _write(shots: list[Shot], path: Path) -> None:
+    """Write images and depths as arrays, and the rest as JSON, whose numbers come back exactly."""
+    arrays = {
+        f'{name}_{index}': array
+        for index, shot in enumerate(shots)
+        for name in ARRAYS
+        if (array := getattr(shot, name)) is not None
+    }
+    rest = [
+        {name: value for name, value in asdict(shot).items() if name not in ARRAYS}
+        for shot in shots
+    ]
+    np.savez(path, rest=np.array(json.dumps(rest)), **arrays)
+
+
+def _read(path: Path) -> list[Shot]:
+    """Return what `_write` wrote."""
+    convert = {'pose': _pose, 'odometry': _pose, 'camera': _camera}
+    with np.load(path, allow_pickle=False) as stored:
+        return [
+            Shot(
+                **one | {name: made(one[name]) for name, made in convert.items()},
+                **{name: stored.get(f'{name}_{index}') for name in ARRAYS},
+            )
+            for index, one in enumerate(json.loads(str(stored['rest'])))
+        ]
+
+
+def _pose(stored: dict[str, Any] | None) -> Pose | None:
+    return stored and Pose(**{name: tuple(numbers) for name, numbers in stored.items()})
+
+
+def _camera(stored: dict[str, Any] | None) -> Camera | None:
+    own = {'distortion': tuple, 'mount': _pose}
+    return stored and Camera(**stored | {name: read(stored[name]) for name, read in own.items()})
 
 
 def shots_of(way: Way, drive: Drive) -> list[Shot]:
