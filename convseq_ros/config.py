@@ -72,7 +72,7 @@ class MatchingConfig(Checked):
     subtract_background: bool = True  # coherent: what map and drive have in common counts nothing
     shortlist_length: int = 40  # places likely by the drive; a quarter more by the newest frame
     both_directions: bool = parameter(
-        False, 'Whether the robot may also pass the places of the map in reverse order: in '
+        False, 'Whether the robot often passes the places of the map in reverse order: in '
         'reverse gear, or with a rear camera on the way back.',
     )
     kernel: str = parameter(

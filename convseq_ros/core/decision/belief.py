@@ -106,7 +106,8 @@ class Belief:
         count = len(self._places)
         flat = np.bincount(rows * count + where, weights[kept], len(mass) * count)
         own = flat.reshape(len(mass), count)
-        changed = (1 - MOTION.changing) * own + MOTION.changing * own.mean(axis=0)
+        anew = self.motion.prior[:, None] * own.sum(axis=0)
+        changed = (1 - MOTION.changing) * own + MOTION.changing * anew
         self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
         self._elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
 
@@ -129,7 +130,7 @@ class Belief:
         mass = np.zeros((len(self._mass), len(places)))
         mass[:, np.searchsorted(places, self._places)] = self._mass
         share = BELIEF.entering * self._elsewhere * entry + BELIEF.jumping
-        mass += share / (max(1, usable) * len(mass))
+        mass += self.motion.prior[:, None] * share / max(1, usable)
         mass *= np.exp(log_ratios)
         elsewhere = self._elsewhere * (1 - BELIEF.entering)
         total = float(mass.sum()) + elsewhere

@@ -21,6 +21,10 @@ class MOTION:
     # Places a keyframe: hypotheses about how fast the drive is, against the drive of the map.
     velocities: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0, 1.25, 2.0, 3.0, 4.5, 6.0)
     changing: float = 0.01  # share of the mass that takes up another velocity in a keyframe
+    # Share of drives that meet the places in reverse order: of those in reverse gear, and with
+    # `both_directions`.
+    backwards: float = 0.01
+    backwards_of_both: float = 0.5
     sigma_places: float = 0.55  # of where a keyframe lies between two places of the map
 
 
@@ -28,14 +32,17 @@ class MotionModel:
     """
     Moves places by odometry, where it and poses of the map are known, else by a velocity.
 
-    With `both` directions a drive may also meet the places in reverse order. `way_error` is the
-    share of the way by which odometry may be off.
+    With `both` directions a drive meets the places in reverse order as often as not, else hardly
+    ever. `way_error` is the share of the way by which odometry may be off.
     """
 
     def __init__(self, reference_map: ReferenceMap, both: bool, way_error: float) -> None:
         ahead = MOTION.velocities
-        back = tuple(-one for one in ahead if one) if both else ()
+        back = tuple(-one for one in ahead if one)
+        backwards = MOTION.backwards_of_both if both else MOTION.backwards
+        shares = (1 - backwards) / len(ahead), backwards / len(back)
         self.velocities: Values = np.array((*ahead, *back))
+        self.prior: Values = np.repeat(shares, (len(ahead), len(back)))  # of velocities, 1 in sum
         self._map, self._way_error = reference_map, way_error
         self._steps_m = dict[int, float | None]()  # from a place to the next one
         self.reset()

@@ -20,6 +20,7 @@ class Driven:
 
     def __init__(self, *velocities, sigma=NARROW):
         self.velocities, self._sigma = np.array(velocities or (1.0,)), sigma
+        self.prior = np.full(len(self.velocities), 1 / len(self.velocities))
 
     def reset(self):
         """Forget nothing."""
@@ -87,6 +88,16 @@ def test_a_little_of_the_mass_takes_up_another_velocity(a_map):
     belief.predict(20)
     changed = MOTION.changing / 2
     assert masses(belief, 20)[0][9] == pytest.approx(changed, rel=0.1)
+
+
+def test_a_robot_in_reverse_gear_is_followed_though_each_frame_shows_places_beside_as_well(a_map):
+    street = a_map(60)
+    belief = Belief(street, MotionModel(street, both=False, way_error=0.1))
+    for place in range(50, 10, -1):
+        belief.predict(60)
+        seen(belief, 6.0 - 0.25 * abs(np.arange(60) - place))
+        (likeliest,) = belief.likeliest(1)
+        assert abs(likeliest - place) <= (4 if place > 40 else 1)
 
 
 def test_the_likeliest_come_best_first_and_hold_some_mass(a_map):

@@ -27,11 +27,19 @@ def moved(reference_map, *xs, places=(10,), both=False, missing=0, yaw=0.0):
 @pytest.mark.parametrize('missing', [0, 3])
 def test_without_odometry_places_move_by_each_velocity_for_every_keyframe(a_map, missing):
     velocities, found, sigmas = moved(a_map(30), None, missing=missing, places=(4, 9))
-    assert velocities.tolist() == [*MOTION.velocities] and velocities.min() == 0
+    ahead = set(MOTION.velocities)
+    assert set(velocities.tolist()) == ahead | {-one for one in ahead}
     expected = np.array([[4], [9]]) + (1 + missing) * velocities
     assert found == pytest.approx(expected.T)
-    way = (1 + missing) * velocities[:, None]
-    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, (9, 2)))
+    way = (1 + missing) * abs(velocities[:, None])
+    assert sigmas == pytest.approx(np.broadcast_to(MOTION.sigma_places + ERROR * way, found.shape))
+
+
+def test_one_drive_in_a_hundred_goes_backwards_and_with_both_directions_one_in_two(a_map):
+    for both, share in ((False, 0.01), (True, 0.5)):
+        model = MotionModel(a_map(3), both, ERROR)
+        assert model.prior.sum() == pytest.approx(1)
+        assert model.prior[model.velocities < 0].sum() == pytest.approx(share)
 
 
 def test_odometry_moves_along_the_poses_of_the_map_whatever_the_velocity(a_map):
