@@ -114,14 +114,13 @@ def write_mcap(
     rows: Rows,
     compression: CompressionType = CompressionType.NONE,
     use_chunking: bool = True,
-    profile: str = 'ros2',
 ) -> Path:
     """Write an mcap file by itself, and return it."""
     with path.open('wb') as file:
         writer = McapWriter(
             file, chunk_size=4096, compression=compression, use_chunking=use_chunking
         )
-        writer.start(profile=profile)
+        writer.start(profile='ros2')
         channels: dict[str, int] = {}
         for topic, log_ns, message in rows:
             kind = message.__msgtype__

@@ -73,15 +73,3 @@ def test_poses_of_another_time_are_said_not_to_fit(drive, capsys, tmp_path):
     poses.write_text('1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n')
     assert main(['build-map', str(drive), str(tmp_path / 'm.db'), '--poses', str(poses)]) == 0
     assert 'poses.txt tells none at the time of an image' in capsys.readouterr().out
-
-
-def test_two_drives_are_not_joined_by_a_line(drive, capsys, tmp_path):
-    path = str(tmp_path / 'map.db')
-    build = ['build-map', str(drive), path, '--odom', '/wheels/odom']
-    assert main(build) == 0 and main([*build, '--append']) == 0
-    capsys.readouterr()
-    assert main(['info', path, '--json']) == 0
-    facts = json.loads(capsys.readouterr().out)
-    # The way back from the end of the first to the start of the second is 11 m, too.
-    assert (len(facts['sessions']), facts['with_pose']) == (2, 24)
-    assert facts['path_m'] == pytest.approx(22.0, abs=0.2)

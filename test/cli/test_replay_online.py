@@ -3,7 +3,6 @@
 """`convseq replay --mode online`: the map grows from the recording's own past."""
 
 import json
-import os
 
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
@@ -84,18 +83,6 @@ def test_preloaded_never_writes(two_rounds, tmp_path, replay):
     assert path.read_bytes() == before
     assert summary['added'] == 0
     assert sorted(tmp_path.iterdir()) == [path, tmp_path / 'result.csv', two_rounds]
-
-
-def test_a_read_only_map_is_one_line_and_exit_1(two_rounds, tmp_path, replay, monkeypatch):
-    path = tmp_path / 'map.db'
-    replay(two_rounds, path, *ONLINE)
-    # As os.access answers to whoever is not root.
-    monkeypatch.setattr(os, 'access', lambda file, mode: not (file == path and mode & os.W_OK))
-    code, errors = replay(two_rounds, path, *ONLINE)
-    assert code == 1
-    assert f'{path}: cannot be written' in errors and errors.count('\n') == 1
-    summary, _ = replay(two_rounds, path, *ONLINE, '--mode', 'preloaded')
-    assert summary['frames'] == 2 * ROUND
 
 
 def test_a_map_that_cannot_be_made_is_one_line_and_exit_1(two_rounds, tmp_path, replay):

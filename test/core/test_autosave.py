@@ -54,31 +54,12 @@ def hurried(monkeypatch):
     monkeypatch.setattr(module, '_COMMIT_EVERY_S', 0.005)
 
 
-def test_a_map_that_starts_empty_is_persisted_in_a_new_file(path):
-    autosave = own(path)
-    assert holds(path) == 0
-    grow(autosave.reference_map, 3)
-    autosave.close()
-    assert holds(path) == 3
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_a_place_is_written_though_nothing_comes_after_it(path):
     autosave = own(path)
     for count in (1, 2, 7):
         grow(autosave.reference_map, count - len(autosave.reference_map))
         autosave.save()
         wait_for(lambda count=count: autosave.committed == count)
-        assert holds(path) == count
-    autosave.close()
-
-
-def test_what_is_asked_for_at_once_is_written_at_once(path, monkeypatch):
-    monkeypatch.setattr(module, '_COMMIT_EVERY_S', 1000)
-    autosave = own(path)
-    for count in (1, 2):
-        grow(autosave.reference_map, 1)
-        autosave.flush()
         assert holds(path) == count
     autosave.close()
 

@@ -159,10 +159,3 @@ def test_sums_are_those_of_the_recursion(count, grown, starts, both, seed):
         track.update(row, own[own < len(row)])
     assert track.sums.dtype == np.float32
     assert track.sums == pytest.approx(brute_force(rows, own, both), abs=1e-4)
-
-
-def test_the_row_that_came_is_not_changed():
-    row, track = np.ones(5, np.float32), Track(True)
-    for _ in range(3):
-        track.update(row, np.zeros(1, np.int64))
-    assert row.tolist() == [1] * 5

@@ -15,7 +15,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
-from convseq_ros.core.types import Frame, Reason, Status
+from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError, MapError, ModelError
 import cv2
 import numpy as np
@@ -242,18 +242,6 @@ def test_colour_reaches_who_wants_it_upright_and_masked(image, tmp_path):
     # Where there is no colour, it gets the grey image.
     build_map([Frame(1, gray)], None, config, describe=reddish)
     assert reddish.seen[-1].shape == (120, 160)
-
-
-def test_frames_between_keyframes_cost_no_vector(frames):
-    counted = Reddish()
-    config = replace(CONFIG, keyframes=replace(EVERY_FRAME, keyframe_interval_s=1.0))
-    built = build_map(frames(), None, config, describe=counted)
-    assert len(counted.seen) == len(built) < COUNT / 5
-    recognizer = PlaceRecognizer(built, config, describe=counted)
-    matches = answers(recognizer, frames(1, 5))
-    assert [one.reason is Reason.BETWEEN_KEYFRAMES for one in matches] == [False] + [True] * 4
-    assert recognizer.first_stage.duration_ms > 0
-    assert matches[0].status is not Status.ACCEPTED
 
 
 def test_a_map_says_what_made_it_only_where_it_is_not_built_in(frames, tmp_path):

@@ -104,14 +104,6 @@ def test_a_row_that_declares_more_than_there_is_memory_for_is_damage(path):
         open_map(path)
 
 
-def test_a_value_larger_than_an_image_takes_no_memory(path):
-    change(path, 'UPDATE pictures SET thumbnail = zeroblob(200000000) WHERE reference_index = 3')
-    opened = open_map(path)
-    with pytest.raises(MapError, match='too big'):
-        opened.thumbnail(3)
-    assert (opened.packed(4) == cells(4)).all()
-
-
 def rewrite(path, table, column, value, which='reference_index = 7'):
     """Change a value of a row, and its checksum with it."""
     with sqlite3.connect(path) as database:

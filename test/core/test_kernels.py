@@ -36,16 +36,6 @@ def needs_library():
         pytest.skip(f'no compiled kernels: {library().problem}')
 
 
-@pytest.fixture(params=TOLERANCE, ids=' '.join)
-def pair(request):
-    """Return a compiled kernel, the definition, and how far they may be apart."""
-    way, kernel = request.param
-    needs_library()
-    made = chosen_kernels(MatchingConfig(matching=way, kernel=kernel))[0]
-    definition = chosen_kernels(MatchingConfig(matching=way, kernel='numpy'))[0]
-    return made, definition, TOLERANCE[request.param]
-
-
 def drawn(seed, side=32, share=0.7):
     """Return a descriptor of which about a share is salient: smooth, as images are."""
     rng = np.random.default_rng(seed)
@@ -61,15 +51,6 @@ def drawn(seed, side=32, share=0.7):
 def compared(kernel, query, references):
     features = kernel.extract(query, 4.0 - 1e-6, None)
     return kernel.compare(features, [kernel.prepare(one, None) for one in references])
-
-
-def test_scores_are_those_of_the_definition(pair):
-    kernel, definition, tolerance = pair
-    references = [drawn(seed).cells for seed in range(8)]
-    found, expected = (compared(one, drawn(3), references)[0] for one in (kernel, definition))
-    assert found.dtype == np.float32 and found.shape == (8,)
-    assert np.abs(found - expected).max() < tolerance
-    assert found.argmax() == 3
 
 
 @settings(deadline=None, max_examples=30)

@@ -6,9 +6,8 @@ import json
 import sqlite3
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
-from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.format import decode_cells, FORMAT_VERSION
-from convseq_ros.core.map.place import pack_cells, Picture, Place, unpack_cells
+from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter, save_map
@@ -23,11 +22,6 @@ APART = KeyframeConfig()
 
 def cells(seed):
     return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 391_754)
-
-
-def write(writer, place, packed):
-    """Write a place with what a map knows of its picture."""
-    writer.add(place, Picture(packed), global_descriptor(unpack_cells(packed)))
 
 
 def make(count=5, encoding=ENCODING):
@@ -62,20 +56,6 @@ def test_cells_of_another_size_are_refused():
 
 def test_what_was_saved_is_opened_again(map_path):
     assert same(open_map(map_path, ENCODING), make())
-
-
-def test_places_are_appended_after_those_that_are_there(map_path):
-    with MapWriter(map_path, ENCODING, APART, append=True) as writer:
-        write(writer, Place(7), cells(9))
-    opened = open_map(map_path)
-    assert len(opened) == 6 and opened.places[5] == Place(7)
-
-
-def test_a_map_is_not_overwritten_by_mistake(map_path):
-    before = map_path.read_bytes()
-    with pytest.raises(MapError, match='exists already'):
-        MapWriter(map_path, ENCODING, APART)
-    assert map_path.read_bytes() == before
 
 
 def test_a_map_knows_how_far_apart_its_places_are(tmp_path):

@@ -137,17 +137,6 @@ def test_a_failure_in_any_lot_is_told_and_forgotten(made, watched, monkeypatch):
     assert watched.reads == [list(range(40))]
 
 
-@pytest.mark.parametrize('threads', [1, 2])
-def test_several_queries_have_the_scores_that_each_has_alone(made, threads):
-    matcher = made(drawn_map(40, blank=(3,)), threads=threads)
-    queries = [matcher.extract(drawn(seed)) for seed in range(4)]
-    asked = [np.arange(40), np.zeros(0, np.int64), np.array([3]), np.array([7, 3, 7])]
-    found = matcher.scores_of(list(zip(queries, asked, strict=True)))
-    for query, indices, scores in zip(queries, asked, found, strict=True):
-        assert np.array_equal(scores, matcher.scores(query, indices), equal_nan=True)
-    assert matcher.scores_of([]) == []
-
-
 def test_exact_scores_are_those_of_the_definition(made, way):
     reference_map = drawn_map(6)
     definition = Matcher(reference_map, MatchingConfig(matching=way, kernel='numpy'), 0.45)

@@ -76,22 +76,3 @@ def test_no_more_than_eight_are_rescored_and_none_twice():
         buffer.best_scores(1, np.arange(REFERENCES))
     assert len(matcher.rescored) == len(set(matcher.rescored))
     assert 8 <= len(matcher.rescored) < 16
-
-
-def test_no_more_frames_are_kept_than_asked_for_but_all_are_counted():
-    buffer = QueryBuffer(Approximate(drawn(0, 13)))
-    for _ in range(13):
-        append(buffer)
-    assert len(buffer) == 10 and buffer.frame == 13
-    assert [one.features.frame for one in buffer.outward] == [*range(12, 2, -1)]
-    buffer.reset()
-    assert len(buffer) == 0 and buffer.frame == 13 and buffer.row is None
-
-
-def test_a_frame_that_shows_nothing_has_no_scores():
-    buffer = QueryBuffer(Approximate(drawn(0, 2)))
-    buffer.append(SHOWN, 30, most=10)
-    buffer.append(NOTHING, 30, most=10)
-    assert buffer.row is None
-    assert [one.row is None for one in buffer.outward] == [True, False]
-    assert np.isnan(buffer.outward[1].row).tolist() == [True] * 30

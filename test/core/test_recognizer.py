@@ -50,28 +50,6 @@ def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
         assert match.pairs_scored == PLACES
 
 
-@pytest.mark.parametrize(
-    ('blank', 'reason'),
-    [(np.zeros((96, 120), np.uint8), Reason.UNINFORMATIVE), (None, Reason.UNREADABLE)],
-)
-def test_a_lost_frame_is_skipped_and_its_neighbours_go_on(reference_map, blank, reason):
-    images = [image(place) for place in range(8)]
-    images[4] = blank
-    matches = run(PlaceRecognizer(reference_map, FIXED), images)
-    assert (matches[4].status, matches[4].reason) == (Status.SKIPPED, reason)
-    assert matches[4].best is None
-    assert [match.best.reference_index for match in matches[5:]] == [5, 6, 7]
-
-
-def test_a_clock_that_jumps_back_empties_the_buffer(reference_map):
-    recognizer = PlaceRecognizer(reference_map, FIXED)
-    run(recognizer, [image(place) for place in range(5)], start_ns=100 * STEP_NS)
-    again = run(recognizer, [image(place) for place in range(3)])
-    assert recognizer.resets == 1
-    assert [match.reason for match in again[:2]] == [Reason.WARMING_UP] * 2
-    assert again[2].accepted.reference_index == 2 and again[2].query_index == 7
-
-
 def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
     recognizer = PlaceRecognizer(reference_map, FIXED)
     run(recognizer, [image(place) for place in range(4)])

@@ -61,17 +61,6 @@ def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=Fal
     ]
 
 
-def test_a_map_of_keyframes_decides_which_frames_are_matched(third_places, image):
-    recognizer = PlaceRecognizer(map_of(third_places, BY_TIME), OWN)
-    matches = show(recognizer, image, range(30, 84))
-    asked, between = matches[::3], [*matches[1::3], *matches[2::3]]
-    assert {match.reason for match in between} == {Reason.BETWEEN_KEYFRAMES}
-    assert {match.status for match in between} <= {Status.SKIPPED, Status.REJECTED}
-    assert {match.pairs_scored for match in between} == {0}
-    assert [match.best.reference_index for match in asked[3:]] == [*range(13, 28)]
-    assert all(match.accepted for match in asked[12:])
-
-
 def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, image):
     recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
@@ -80,19 +69,6 @@ def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, ima
     asked = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES]
     assert [match.best.reference_index for match in asked[4:]] == [*range(14, 30)]
     assert all(match.accepted for match in asked[-6:])
-
-
-def test_a_growing_map_holds_keyframes_and_recognises_them(image):
-    grown = ReferenceMap(SMALL, keyframes=BY_TIME)
-    lap = (
-        150  # of which 50 are places; of 30, too few would be other places than one and its looks
-    )
-    matches = show(PlaceRecognizer(grown, ONLINE), image, [*range(lap)] * 2)
-    stamps_ns = range(0, 2 * lap * STEP_NS, 3 * STEP_NS)
-    assert [place.stamp_ns for place in grown.places] == [*stamps_ns]
-    second = matches[lap + 9 :: 3]
-    assert [match.accepted.reference_index for match in second] == [*range(3, 50)]
-    assert [*grown.links][-47:] == [(50 + index, index) for index in range(3, 50)]
 
 
 def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(image):

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sequence length, and sequence scores at any velocity, whole and partial."""
 
-from importlib import import_module
+from unittest.mock import patch
 
 from convseq_ros.config import SequenceConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.decision.motion import MOTION
 from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.sequence import diagonals
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.types import Descriptor
@@ -107,7 +108,7 @@ AHEAD = tuple(one for one in MOTION.velocities if one)
 
 BOTH = sorted([*AHEAD, *(-one for one in AHEAD)])
 
-KERNELS = ['numpy_kernels', *(['kernels'] if available() else [])]
+COMPILED = [False, True] if available() else [False]
 
 
 def windows(count, length, unknown, seed):
@@ -131,25 +132,26 @@ SESSIONS = st.builds(
 )
 
 
-@pytest.mark.parametrize('kernels', KERNELS)
+@pytest.mark.parametrize('compiled', COMPILED)
 @given(rows=DRAWN, velocity=st.sampled_from(BOTH), bounds=SESSIONS)
-def test_whole_scores_are_those_of_every_end(kernels, rows, velocity, bounds):
-    steps, ends = np.array(diagonal(len(rows), velocity)), np.arange(len(rows[0]))
-    module = import_module(f'convseq_ros.core.sequence.{kernels}')
-    found = module.whole_scores(rows, steps, bounds.starts)
+def test_whole_scores_are_those_of_every_end(compiled, rows, velocity, bounds):
+    ends = np.arange(len(rows[0]))
+    with patch.object(diagonals, 'available', lambda: compiled):
+        found = sequence_scores(rows, velocity, bounds=bounds)
     # All but one of the ends are scored pair by pair.
     for some in (ends[1:], ends[:-1]):
         scores = sequence_scores(rows, velocity, some, bounds=bounds)
         assert found[some] == pytest.approx(scores, abs=1e-5)
 
 
-@pytest.mark.parametrize('kernels', KERNELS)
+@pytest.mark.parametrize('compiled', COMPILED)
 @given(rows=DRAWN, velocity=st.sampled_from(BOTH), bounds=SESSIONS)
 def test_partial_scores_count_unknown_pairs_as_the_mean_of_their_row(
-    kernels, rows, velocity, bounds
+    compiled, rows, velocity, bounds
 ):
-    steps, own = np.array(diagonal(len(rows), velocity)), bounds.starts
-    found = import_module(f'convseq_ros.core.sequence.{kernels}').partial_scores(rows, steps, own)
+    steps = diagonal(len(rows), velocity)
+    with patch.object(diagonals, 'available', lambda: compiled):
+        found = sequence_scores(rows, velocity, partial=True, bounds=bounds)
     shown = [(row, step) for row, step in zip(rows, steps, strict=True) if row is not None]
     for end in range(0, len(rows[0]), 1 + len(rows[0]) // 40):
         first, stop = bounds.span(end)

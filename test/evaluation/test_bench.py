@@ -72,17 +72,6 @@ def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
     assert not list(output.rglob('*.part'))
 
 
-def test_a_folder_is_read_back(street, quick, tmp_path):
-    run(street, quick, tmp_path / 'out', 'cohog')
-    (found,) = read_run(tmp_path / 'out')
-    assert (found.set, found.method) == ('street', 'cohog')
-    assert found.truth().sum(axis=1).max() == 3
-    assert cv2.imread(str(found.thumbnail('reference', 3))).shape[1] == 160
-    assert found.thumbnail('query', 99) is None
-    with pytest.raises(ConvseqError, match='no results of `convseq evaluate`'):
-        read_run(tmp_path)
-
-
 def test_the_recogniser_answers_as_one_that_reads_the_images(street, quick, tmp_path):
     run(street, quick, tmp_path / 'out', 'convseq')
     _, reference = street.open().drives(quick.encoding)

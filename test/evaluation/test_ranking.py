@@ -49,26 +49,6 @@ def without_stamps(match):
     return replace(without_pixels(match), candidates=candidates, anchor=None)
 
 
-@pytest.mark.parametrize('fixed_length', [0, 3])
-@pytest.mark.parametrize('matching', ['regional', 'coherent'])
-@pytest.mark.parametrize('search', ['exhaustive', 'shortlist'])
-def test_the_recogniser_says_the_same_again_of_images_that_are_described(
-    street, quick, fixed_length, matching, search
-):
-    config = with_known(
-        replace(quick, matching=replace(quick.matching, shortlist_length=6)),
-        {
-            'fixed_length': fixed_length,
-            'matching': matching,
-            'search': search,
-            'image_size_px': 192,
-        },
-    )
-    material = street.open()
-    first = [without_pixels(one) for one in recognize(material, config).matches]
-    assert recognize(material, config, (0, 24)).matches == first
-
-
 def test_a_part_of_the_map_answers_like_a_map_of_that_part(street, quick):
     material = street.open()
     for index in (*range(4), *range(20, 24)):

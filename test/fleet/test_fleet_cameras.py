@@ -6,7 +6,6 @@ from convseq_ros.cli import main
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.fleet.session import FleetSession
-from convseq_ros.results import read_results
 import pytest
 from two_cameras import COUNT, DEPTH, record_two_cameras, TOPICS
 
@@ -54,17 +53,3 @@ def test_workers_send_images_and_depths(maps, client):
     assert all(each.image for each in whole)
     assert [each.depths is not None for each in whole] == [True, False, True, True]
     assert not session.cameras.first.reference_map.pictures(asked)[0].image
-
-
-def test_both_cameras_are_answered_as_by_one_map(maps, scheduler, tmp_path):
-    folder, made, one = maps
-    tables = tmp_path / 'one.csv', tmp_path / 'fleet.csv'
-    asked = str(folder / 'drive_1'), *BOTH, '--both-directions', 'true', '--output'
-    fleet = 'fleet', 'replay', str(made), '--scheduler', scheduler
-    assert main(['replay', '--map', str(one), *asked, str(tables[0])]) == 0
-    assert main([*fleet, *asked, str(tables[1])]) == 0
-    rows = [read_results(table) for table in tables]
-    for row in (*rows[0], *rows[1]):
-        del row['duration_ms']
-    assert rows[0] == rows[1] and {row['camera'] for row in rows[0]} == {*TOPICS}
-    assert sum(row['status'] == 'accepted' for row in rows[0]) > COUNT

@@ -18,7 +18,6 @@ from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results
 import numpy as np
 import pytest
-from sensor_msgs.msg import CompressedImage
 
 STEP_NS = 100_000_000
 CONFIG = make_config({'matching': 'regional', 'search': 'exhaustive'})
@@ -69,22 +68,6 @@ def setup(map_path, path):
 @pytest.fixture
 def gray():
     return np.random.default_rng(3).integers(0, 256, (60, 80), np.uint8)
-
-
-def test_an_unreadable_frame_is_answered_and_counted(setup, image, gray, path):
-    broken = image(gray, 1)
-    broken.encoding = 'mono7'
-    setup.handle(broken, 0)
-    setup.handle(CompressedImage(format='jpeg', data=b'\xff\xd8no'), 1)
-    setup.handle(image(gray, 1), 2)
-    setup.results.close()
-    reasons = [Reason.UNREADABLE, Reason.UNREADABLE, Reason.WARMING_UP]
-    assert [match.reason for _, match, _ in setup.published] == reasons
-    assert [row['reason'] for row in read_results(path)] == [item.value for item in reasons]
-    assert (setup.statistics.unreadable, setup.statistics.failed) == (2, 0)
-    assert setup.statistics.processed == 3
-    assert 'mono7' in setup.published[0][0].problem
-    assert 'mono7' in setup.logger.warning.call_args_list[0].args[0]
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,6 @@ def write_recording(base: Path, layout: str, rows: list) -> Path:
         'mcap lz4': lambda: write_mcap(file, rows, CompressionType.LZ4),
         'mcap plain': lambda: write_mcap(file, rows),
         'mcap without chunks': lambda: write_mcap(file, rows, use_chunking=False),
-        'mcap without profile': lambda: write_mcap(file, rows, profile=''),
     }[layout]()
 
 

@@ -97,12 +97,6 @@ def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
     assert 'left out' in warnings[0]
 
 
-def test_an_mcap_without_profile_is_read(recorder, pictures):
-    path = recorder.write('mcap without profile', recorder.drive(pictures))
-    frames, error, warnings = read(path)
-    assert (len(frames), error, warnings) == (12, '', [])
-
-
 @pytest.mark.parametrize('layout', ['db3 file', 'sqlite3 folder', 'ros1 bag'])
 @pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.9, 0.999])
 def test_other_cut_recordings_are_one_clear_error(recorder, layout, share, pictures):

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.compiled import available
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.types import Indices, Row
 import numpy as np
@@ -66,21 +66,32 @@ def sequence_scores(
         raise ValueError('the newest frame of a sequence must be informative')
     steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
     ends = every if ends is None else ends
-    if len(ends) == len(every):
-        kernels = kernels_of(__package__)
-        compute = kernels.partial_scores if partial else kernels.whole_scores
-        found: Values = compute(rows, np.array(steps), bounds.starts)
-        return found
+    is_whole_map = len(ends) == len(every)
+    if is_whole_map and available():
+        from convseq_ros.core.sequence.kernels import scores_along
+
+        return scores_along(rows, np.array(steps), bounds.starts, partial)
     pairs = pairs_along(rows, ends, steps, np.float64, bounds)
     known = np.isfinite(pairs)
     number = known.sum(axis=0)
     scored = known[0] & (2 * number >= len(rows))
-    expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
+    expected = np.zeros(len(rows))
     if partial:
         number = np.full(len(ends), sum(row is not None for row in rows))
+        expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
+        if is_whole_map:
+            expected = np.array([0 if row is None else mean_score(row) for row in rows])
     else:
-        expected[:] = 0
         oldest, (firsts, stops) = ends - steps[-1], bounds.spans(ends)
         scored &= (oldest >= firsts) & (oldest < np.minimum(stops, len(every)))
     total = np.where(known, pairs, expected[:, None]).sum(axis=0)
     return np.divide(total, number, out=np.full(len(ends), -np.inf), where=scored)
+
+
+def mean_score(row: Row) -> np.float32:
+    """Return the mean of what is known of a row, 0 if nothing is."""
+    mean = np.mean(row, dtype=np.float64) if len(row) else 0.0
+    if not np.isfinite(mean):
+        known = row[np.isfinite(row)]
+        mean = np.mean(known, dtype=np.float64) if len(known) else 0.0
+    return np.float32(mean)
