@@ -94,6 +94,19 @@ def test_no_region_is_followed_out_of_the_image():
 
 
 @each
+def test_regions_are_kept_to_half_a_step_and_what_is_no_number_is_zero(kernel):
+    regions = unit(scene(9, SIDE).reshape(-1, 32))
+    regions[5, 3], regions[6, 4], regions[7, 2] = np.nan, np.inf, 2.0
+    rows = np.zeros((SIDE, 8, 32), np.int32)
+    kernel.arrange(regions, rows)
+    numbers = rows.transpose(0, 2, 1)[:, :SIDE].copy().view(np.int8).reshape(-1, 32)
+    assert (numbers[5, 3], numbers[6, 4], numbers[7, 2]) == (0, 0, 127)
+    regions[5, 3], regions[6, 4], regions[7, 2] = 0, 0, 127 / 160
+    assert np.abs(numbers / 160 - regions).max() <= 0.5001 / 160
+    assert not rows[:, :, SIDE:].any()
+
+
+@each
 def test_half_a_cell_is_told(kernel):
     query, reference = view(scene(3)), view(scene(3), 15.5, 14.75)
     found = kernel.displacements(query, reference, (0, 0))

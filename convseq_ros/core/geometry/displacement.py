@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 from math import isqrt
 
+from convseq_ros.core.compiled import address, kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION, Regions
 import numpy as np
@@ -24,41 +25,43 @@ class FIELD:
     radius_cells: int = 3  # where the Gaussian ends, three sigmas from its middle
     tolerance_cells: float = 0.7  # by which what leads there and back may miss
     spread: int = 32  # columns; rows of regions are padded to a multiple, as in kernels.c
+    # Of a region's numbers as bytes, as pair scores have it: a sum of products of two regions of
+    # unit length is below 2 ** 15, in any order.
+    scale: float = 160.0
+    words: int = REGION.numbers // 4  # of a region, four bytes each
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Arranged:
-    """The regions of an image as kernels read them; equal to itself only."""
+    """The regions of an image as kernels read them, in bytes; equal to itself only."""
 
-    room: npt.NDArray[np.float32]  # `rows`, between numbers that a kernel may read
+    room: npt.NDArray[np.int32]  # `rows`, between words that a kernel may read
     side: int  # regions in a row of the image
 
     @property
-    def rows(self) -> npt.NDArray[np.float32]:
-        """The regions, and zeros to their right, (side, 32, wide)."""
-        return self.first[: self.side * REGION.numbers * _wide(self.side)].reshape(
-            self.side, REGION.numbers, -1
-        )
+    def rows(self) -> npt.NDArray[np.int32]:
+        """Four bytes of a region in a word, and zeros to the right, (side, 8, wide)."""
+        count = self.side * FIELD.words * _wide(self.side)
+        return self.first[:count].reshape(self.side, FIELD.words, -1)
 
     @property
-    def first(self) -> npt.NDArray[np.float32]:
-        """All from the first number of the first region on."""
+    def first(self) -> npt.NDArray[np.int32]:
+        """All from the first word of the first region on."""
         return self.room[_border(self.side) :]
 
     @property
     def regions(self) -> Regions:
-        """The regions, (side ** 2, 32)."""
-        image = self.rows[:, :, : self.side]
-        return image.transpose(0, 2, 1).reshape(self.side**2, -1)
+        """The regions, (side ** 2, 32), to half a step of their bytes."""
+        words = np.ascontiguousarray(self.rows[:, :, : self.side].transpose(0, 2, 1))
+        return words.view(np.int8).reshape(self.side**2, -1) * np.float32(1 / FIELD.scale)
 
 
 def arranged(regions: Regions) -> Arranged:
-    """Return the regions (side ** 2, 32) of a square image as kernels read them."""
+    """Return regions (side ** 2, 32) of at most unit length as kernels read them; NaN is zero."""
     side = isqrt(len(regions))
-    numbers = side * REGION.numbers * _wide(side) + 2 * _border(side)
-    room = np.zeros(numbers + 16, np.float32)  # of which it begins with a cache line
-    made = Arranged(room[-room.ctypes.data % 64 // 4 :], side)
-    made.rows[:, :, :side] = regions.reshape(side, side, -1).transpose(0, 2, 1)
+    room = np.zeros(side * FIELD.words * _wide(side) + 2 * _border(side) + 16, np.int32)
+    made = Arranged(room[-address(room) % 64 // 4 :], side)  # which begins with a cache line
+    kernels_of(__package__).arrange(regions, made.rows)
     return made
 
 
@@ -67,7 +70,7 @@ def _wide(side: int) -> int:
 
 
 def _border(side: int) -> int:
-    """Return how many numbers before and behind the regions a kernel may read."""
+    """Return how many words before and behind the regions a kernel may read."""
     return _wide(side) + FIELD.spread
 
 

@@ -22,25 +22,71 @@ static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
     return part;
 }
 
+// Lay out regions [side * side][32] as bytes, four in a word, [side][8][wide]; NaN counts nothing.
+KERNEL(arrange)(const float *regions, intptr_t side, float scale, int32_t *rows)
+{
+    intptr_t wide = rounded_up(side, SPREAD);
+    for (intptr_t place = 0; place < side * side; place++) {
+        int32_t *to = rows + place / side * STEPS * wide + place % side, four;
+        const float *own = regions + place * NUMBERS;
+        int8_t bytes[NUMBERS];
+        for (int number = 0; number < NUMBERS; number++) {
+            float whole = fabsf(own[number]) < INFINITY ? rintf(own[number] * scale) : 0;
+            bytes[number] = (int8_t)(whole > 127 ? 127 : whole < -127 ? -127 : whole);
+        }
+        for (int step = 0; step < STEPS; step++) {
+            memcpy(&four, bytes + 4 * step, sizeof four);
+            to[step * wide] = four;
+        }
+    }
+    return 0;
+}
+
+// Write what the sums of a reference's products begin with, [side][wide], to make up for what is
+// added to a query's bytes.
+static inline void write_starts(const int32_t *reference, intptr_t side, intptr_t wide,
+                                int32_t *starts)
+{
+#if OFFSET
+    for (intptr_t row = 0; row < side; row++)
+        for (intptr_t first = 0; first < wide; first += LANES) {
+            Words sum = splat(0);
+            for (int step = 0; step < STEPS; step++)
+                sum = add_fours(sum, splat(0), words(reference + (row * STEPS + step) * wide +
+                                                        first));
+            *(WordsAnywhere *)(starts + row * wide + first) = -sum;
+        }
+#else
+    (void)reference, (void)side, (void)wide, (void)starts; // nothing is added
+#endif
+}
+
 // The products of each region of some rows with those that lie so far away, and further to the
-// right; images: [FIELD_SPAN][rows][wide], `apart` numbers apart. What is not shared is anything.
-static inline void similarities(const float *query, const float *reference, intptr_t wide,
-                                Part part, intptr_t away, float *images, intptr_t apart)
+// right, times `unit`; images: [FIELD_SPAN][rows][wide], `apart` numbers apart. What is not shared
+// is anything.
+static inline void similarities(const int32_t *query, const int32_t *reference,
+                                const int32_t *starts, intptr_t wide, Part part, intptr_t down,
+                                intptr_t right, float unit, float *images, intptr_t apart)
 {
     for (intptr_t row = part.top; row < part.bottom; row++)
         for (intptr_t first = 0; first < wide; first += LANES) {
-            const float *own = query + row * NUMBERS * wide + first, *other = reference + away +
-                               row * NUMBERS * wide + first;
-            Floats sums[FIELD_SPAN] = {0};
-            for (int number = 0; number < NUMBERS; number++, own += wide, other += wide) {
-                Floats here = floats(own);
+            const int32_t *own = query + row * STEPS * wide + first;
+            const int32_t *other = reference + (row + down) * STEPS * wide + first + right;
+            const int32_t *start = starts + (row + down) * wide + first + right;
+            Sums sums[FIELD_SPAN];
 #pragma GCC unroll 9
-                for (int step = 0; step < FIELD_SPAN; step++)
-                    sums[step] = fused(here, floats(other + step), sums[step]);
+            for (int one = 0; one < FIELD_SPAN; one++)
+                sums[one] = begun(start + one);
+            for (int step = 0; step < STEPS; step++, own += wide, other += wide) {
+                Words here = words(own);
+#pragma GCC unroll 9
+                for (int one = 0; one < FIELD_SPAN; one++)
+                    sums[one] = add_fours(sums[one], here, words(other + one));
             }
 #pragma GCC unroll 9
-            for (int step = 0; step < FIELD_SPAN; step++)
-                store(images + step * apart + row * wide + first, sums[step]);
+            for (int one = 0; one < FIELD_SPAN; one++)
+                store(images + one * apart + row * wide + first,
+                      unit * __builtin_convertvector(whole(sums[one]), Floats));
         }
 }
 
@@ -144,20 +190,21 @@ static inline int refined(const Volume *all, int32_t origin, intptr_t y, intptr_
 
 // Fill in displacements found[n][5] that lead from a region to another and back, and their count.
 //
-// query, reference: [side][32][wide], with `wide` + SPREAD numbers before and behind, wide: `side`
-// rounded up to SPREAD. Displacements within FIELD_REACH of (down, right) are searched, which are
-// less than `side`; weights[7]: of a region's neighbours on either side, and its own. What comes
-// back further than `tolerance` off is left out. found: [side ** 2][5].
-KERNEL(displacements)(const float *query, const float *reference, intptr_t side, intptr_t down,
-                      intptr_t right, const float *weights, float tolerance, float *found,
-                      int64_t *kept)
+// query, reference: bytes, four in a word, [side][8][wide], with `wide` + SPREAD words before and
+// behind, wide: `side` rounded up to SPREAD; a product of two bytes counts `unit`. Displacements
+// within FIELD_REACH of (down, right) are searched, which are less than `side`; weights[7]: of a
+// region's neighbours on either side, and its own. What comes back further than `tolerance` off is
+// left out. found: [side ** 2][5].
+KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t side, intptr_t down,
+                      intptr_t right, float unit, const float *weights, float tolerance,
+                      float *found, int64_t *kept)
 {
     enum { ALL = FIELD_SPAN * FIELD_SPAN };
     intptr_t wide = rounded_up(side, SPREAD), image = side * wide;
     intptr_t apart = image + 2 * FIELD_RADIUS * wide, border = wide + SPREAD;
     // Of best and which there is room beside the image: what lies beside the query is met there.
     intptr_t count = image + 2 * border;
-    size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + 3 * wide + 4 * count);
+    size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + 3 * wide + 5 * count);
     float *volume = malloc(needed * sizeof *volume);
     if (!volume)
         return -1;
@@ -165,13 +212,16 @@ KERNEL(displacements)(const float *query, const float *reference, intptr_t side,
     float *row_shares = line + 2 * wide, *shares = row_shares + wide;
     float *best = shares + FIELD_SPAN * wide, *back = best + count;
     int32_t *origin = (int32_t *)(back + count), *back_origin = origin + count;
+    int32_t *starts = back_origin + count;
     *kept = 0;
+    memset(starts, 0, (size_t)count * sizeof *starts);
     memset(images, 0, (size_t)(FIELD_SPAN * apart + 2 * wide) * sizeof *images);
     for (intptr_t place = 0; place < 2 * count; place++) {
         best[place] = -INFINITY;
         origin[place] = -1;
     }
-    best += border, back += border, origin += border, back_origin += border;
+    best += border, back += border, origin += border, back_origin += border, starts += border;
+    write_starts(reference, side, wide, starts);
     Volume all = {volume, side, wide, down - FIELD_REACH, right - FIELD_REACH};
     for (intptr_t j = 0; j < FIELD_SPAN; j++) {
         Part part = overlap(side, 0, all.right + j);
@@ -190,7 +240,7 @@ KERNEL(displacements)(const float *query, const float *reference, intptr_t side,
             memset(raw + j * apart + rows.bottom * wide, 0,
                    (size_t)(FIELD_RADIUS * wide) * sizeof *raw);
         }
-        similarities(query, reference, wide, rows, lower * NUMBERS * wide + all.right, raw, apart);
+        similarities(query, reference, starts, wide, rows, lower, all.right, unit, raw, apart);
         for (intptr_t j = 0; j < FIELD_SPAN; j++) {
             int32_t which = (int32_t)(i * FIELD_SPAN + j);
             intptr_t further = all.right + j;
@@ -315,9 +365,9 @@ KERNEL(fit_motion)(const float *found, intptr_t count, intptr_t side, double sig
 // Write what geometry says of a query and each reference, [several][4]: inliers, strength, and what
 // the query's upper and left half add to it; `shifts`: common shifts, [several][2]; the rest is as
 // in `displacements` and `fit_motion`.
-KERNEL(verify)(const float *query, const float *const *references, intptr_t several,
-               intptr_t side, const int64_t *shifts, const float *weights, float tolerance,
-               double sigma, intptr_t rounds, double stiff, double (*judged)[4])
+KERNEL(verify)(const int32_t *query, const int32_t *const *references, intptr_t several,
+               intptr_t side, const int64_t *shifts, float unit, const float *weights,
+               float tolerance, double sigma, intptr_t rounds, double stiff, double (*judged)[4])
 {
     intptr_t all = side * side;
     double *off = malloc((size_t)all * (sizeof *off + FACTS * sizeof(float)));
@@ -327,8 +377,8 @@ KERNEL(verify)(const float *query, const float *const *references, intptr_t seve
         const int64_t *shift = shifts + 2 * one;
         double motion[6] = {(double)shift[0], 0, 0, (double)shift[1], 0, 0}, sums[3] = {0};
         int64_t kept = 0, inliers = 0;
-        failed |= CALL(displacements)(query, references[one], side, shift[0], shift[1], weights,
-                                      tolerance, found, &kept);
+        failed |= CALL(displacements)(query, references[one], side, shift[0], shift[1], unit,
+                                      weights, tolerance, found, &kept);
         failed |= CALL(fit_motion)(found, kept, side, sigma, rounds, stiff, motion, off);
         for (intptr_t place = 0; place < kept && !failed; place++) {
             const float *facts = found + FACTS * place;

@@ -5,34 +5,40 @@
 from collections.abc import Sequence
 
 from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
+from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
 import numpy as np
 import numpy.typing as npt
 
-_FLOATS, _DOUBLES, _WHOLES = array('f4'), array('f8'), array('i8')
+_WORDS, _FLOATS, _DOUBLES, _WHOLES = array('i4'), array('f4'), array('f8'), array('i8')
+_arrange = kernel('arrange', _FLOATS, SIZE, FLOAT, _WORDS)
 _displacements = kernel(
-    'displacements', _FLOATS, _FLOATS, SIZE, SIZE, SIZE, _FLOATS, FLOAT, _FLOATS, _WHOLES
+    'displacements', _WORDS, _WORDS, SIZE, SIZE, SIZE, FLOAT, _FLOATS, FLOAT, _FLOATS, _WHOLES
 )
 _fit_motion = kernel('fit_motion', _FLOATS, SIZE, SIZE, DOUBLE, SIZE, DOUBLE, _DOUBLES, _DOUBLES)
 _verify = kernel(
-    'verify', _FLOATS, array('u8'), SIZE, SIZE, _WHOLES, _FLOATS, FLOAT, DOUBLE, SIZE, DOUBLE,
-    _DOUBLES,
+    'verify', _WORDS, array('u8'), SIZE, SIZE, _WHOLES, FLOAT, _FLOATS, FLOAT, DOUBLE, SIZE,
+    DOUBLE, _DOUBLES,
 )  # fmt: skip
 _align = kernel(
     'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
 )
 Numbers = npt.NDArray[np.float64]
-_WEIGHTS = weights()
+_OF_FIELD = 1 / FIELD.scale**2, weights(), FIELD.tolerance_cells
 _OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
+
+
+def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
+    """Do what `numpy_kernels.arrange` does."""
+    _arrange(np.ascontiguousarray(regions, np.float32), len(rows), FIELD.scale, rows)
 
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
     """Return what `numpy_kernels.displacements` does, to 1e-4 cells."""
     found, kept = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
     _displacements(
-        query.first, reference.first, query.side, *start, _WEIGHTS, FIELD.tolerance_cells, found,
-        kept,
+        query.first, reference.first, query.side, *start, *_OF_FIELD, found, kept
     )  # fmt: skip
     return found[: kept[0]]
 
@@ -52,8 +58,7 @@ def verified(
     where = np.array([address(one.first) for one in references], np.uint64)
     shifts = np.array(starts, np.int64).reshape(-1, 2)
     _verify(
-        query.first, where, len(references), query.side, shifts, _WEIGHTS, FIELD.tolerance_cells,
-        *_OF_MOTION, judged,
+        query.first, where, len(references), query.side, shifts, *_OF_FIELD, *_OF_MOTION, judged
     )  # fmt: skip
     return judged
 

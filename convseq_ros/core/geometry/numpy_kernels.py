@@ -3,8 +3,9 @@
 """Displacements and their motion by NumPy and OpenCV: the definition, and the fallback."""
 
 from collections.abc import Sequence
-from itertools import product
+from functools import lru_cache
 
+from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
 from convseq_ros.core.rigid import turned_by
@@ -16,6 +17,15 @@ Volume = npt.NDArray[np.float32]  # (side * side, span * span), by place and dis
 Numbers = npt.NDArray[np.float64]
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
+_NORMS_KEPT = 16  # of the last common shifts, 370 kB each
+
+
+def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
+    """Lay out regions (side ** 2, 32) as bytes in words (side, 8, wide); NaN counts nothing."""
+    side = len(rows)
+    scaled = np.where(np.isfinite(regions), regions, 0) * np.float32(FIELD.scale)
+    words = np.clip(np.rint(scaled), -127, 127).astype(np.int8).view(np.int32)
+    rows[:, :, :side] = words.reshape(side, side, -1).transpose(0, 2, 1)
 
 
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
@@ -28,8 +38,10 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     counts if it is not on the border of the search, and the best of where it leads to, seen from
     the reference, differs by at most 0.7 cells. Query and reference are of one size.
     """
-    side = query.side
-    volume, back = _means(query, reference, start)
+    side, shape = query.side, (query.side**2, _SPAN**2)
+    sums, (norms, shared) = _blended(_tried(query, reference, start)), _norms(side, start)
+    means = sums / norms + shared
+    volume, back = means.reshape(shape), _turned(means, start).reshape(shape)
     ahead, best, known = _refined(volume, start)
     place = np.flatnonzero(known)
     found = np.array(np.divmod(place, side), np.float32)
@@ -82,33 +94,73 @@ def verified(
     return judged
 
 
-def _means(query: Arranged, reference: Arranged, start: tuple[int, int]) -> tuple[Volume, Volume]:
-    """Return mean similarities by the place in the query, and in the reference; else -inf."""
-    side = query.side
-    own, other = (one.regions.reshape(side, side, -1) for one in (query, reference))
-    ahead, back = np.full((2, side, side, _SPAN**2), -np.inf, np.float32)
-    away = range(-FIELD.reach_cells, FIELD.reach_cells + 1)
-    for at, (i, j) in enumerate(product(away, away)):
-        (rows, met_rows), (columns, met_columns) = (
-            _overlap(side, moved) for moved in (start[0] + i, start[1] + j)
-        )
-        here, there = (rows, columns), (met_rows, met_columns)
-        similar, shared = np.zeros((2, side, side), np.float32)
-        similar[here] = np.einsum('ijk,ijk->ij', own[here], other[there])
-        shared[here] = 1
-        sums, weight = (
-            cv2.sepFilter2D(one, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)[here]
-            for one in (similar, shared)
-        )
-        ahead[(*here, at)] = back[(*there, at)] = sums / weight
-    return ahead.reshape(side**2, -1), back.reshape(side**2, -1)
-
-
-def _overlap(side: int, moved: int) -> tuple[slice, slice]:
-    """Return which rows of an image meet others that are so far away, and which they meet."""
-    first, end = max(0, -moved), min(side, side - moved)
-    end = max(first, end)
+def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:
+    """Return which of some rows meet one of others, so far away, and which ones they meet."""
+    first = max(0, -moved)
+    end = max(first, min(count, others - moved))
     return slice(first, end), slice(first + moved, end + moved)
+
+
+def _tried(
+    query: Arranged, reference: Arranged, start: tuple[int, int]
+) -> npt.NDArray[np.float32]:
+    """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
+    # The reference, moved by the first displacement that is tried, among zeros.
+    side, wide = query.side, query.side + _SPAN - 1
+    moved = np.zeros((wide, wide, REGION.numbers), np.float32)
+    (rows, own_rows), (columns, own_columns) = (
+        _overlap(wide, side, middle - FIELD.reach_cells) for middle in start
+    )
+    image = reference.regions.reshape(side, side, -1)
+    moved[rows, columns] = image[own_rows, own_columns]
+    # Of each row of the query all rows that it may meet.
+    shape = side, _SPAN * wide, REGION.numbers
+    bands = np.lib.stride_tricks.as_strided(moved, shape, moved.strides)
+    dots = query.regions.reshape(side, side, -1) @ bands.transpose(0, 2, 1)
+    steps = dots.reshape(side, side, _SPAN, wide).strides
+    # The farther right in a row, the farther right what it meets.
+    strides = steps[0], steps[1] + steps[3], steps[2], steps[3]
+    return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
+
+
+def _turned(means: npt.NDArray[np.float32], start: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Return similarities (side, side, span, span) by the place in the reference; or -inf."""
+    # Moved by the last displacement that is tried, among places that are like none.
+    side, wide = len(means), len(means) + _SPAN - 1
+    (rows, own_rows), (columns, own_columns) = (
+        _overlap(wide, side, 1 - _SPAN + FIELD.reach_cells - middle) for middle in start
+    )
+    moved = np.full((wide, wide, _SPAN, _SPAN), -np.inf, np.float32)
+    moved[rows, columns] = means[own_rows, own_columns]
+    # The farther a displacement leads, the farther before the place it begins.
+    down, right, row, column = moved.strides
+    strides = down, right, row - down, column - right
+    first = moved[_SPAN - 1 :, _SPAN - 1 :]
+    return np.lib.stride_tricks.as_strided(first, means.shape, strides)
+
+
+@lru_cache(_NORMS_KEPT)
+def _norms(
+    side: int, start: tuple[int, int]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """
+    Return the sums of weights by place and displacement, (side, side, span, span).
+
+    And what is added to means: 0, or -inf where the images do not share a place; sums are 1 there.
+    """
+    away = np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
+    y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
+    row, column = y + start[0] + away[i], x + start[1] + away[j]
+    shared = (row >= 0) & (row < side) & (column >= 0) & (column < side)
+    sums = np.where(shared, _blended(shared.astype(np.float32)), np.float32(1))
+    return sums, np.where(shared, np.float32(0), np.float32(-np.inf))
+
+
+def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return weighted sums of neighbours in images (side, side, span, span), side by side."""
+    flat = images.reshape(*images.shape[:2], -1)
+    blended = cv2.sepFilter2D(flat, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blended, np.float32).reshape(images.shape)
 
 
 def _refined(

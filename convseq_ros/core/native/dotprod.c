@@ -22,5 +22,14 @@ static inline Words dot(Words sum, Words reference, QueryStep query)
     return (Words)vdotq_lane_s32((int32x4_t)sum, (int8x16_t)reference, query, 0);
 }
 
+// Add products of four bytes in a word with four of another one.
+typedef Words Sums;
+static inline Sums begun(const int32_t *start) { return (void)start, splat(0); }
+static inline Words whole(Sums sum) { return sum; }
+static inline Sums add_fours(Sums sum, Words one, Words other)
+{
+    return (Words)vdotq_s32((int32x4_t)sum, (int8x16_t)one, (int8x16_t)other);
+}
+
 #include "kernels.h"
 #endif

@@ -27,5 +27,29 @@ static inline Words dot(Words sum, Words reference, QueryStep query)
     return (Words)vpadalq_s16((int32x4_t)sum, twos);
 }
 
+// Add products of four bytes in a word with four of another one, in 16 bits.
+typedef struct {
+    int16x8_t low, high; // four products of a word beside each other
+} Sums;
+
+static inline Sums begun(const int32_t *start)
+{
+    (void)start;
+    return (Sums){vdupq_n_s16(0), vdupq_n_s16(0)};
+}
+
+static inline Words whole(Sums sum)
+{
+    return (Words)vpaddq_s32(vpaddlq_s16(sum.low), vpaddlq_s16(sum.high));
+}
+
+static inline Sums add_fours(Sums sum, Words one, Words other)
+{
+    int8x16_t own = (int8x16_t)one, its = (int8x16_t)other;
+    sum.low = vmlal_s8(sum.low, vget_low_s8(own), vget_low_s8(its));
+    sum.high = vmlal_high_s8(sum.high, own, its);
+    return sum;
+}
+
 #include "kernels.h"
 #endif

@@ -37,6 +37,7 @@ enum {
 
 static inline Words splat(int32_t value) { return value - (Words){}; }
 static inline Floats spread(float value) { return value - (Floats){}; }
+static inline Words words(const int32_t *from) { return *(const WordsAnywhere *)from; }
 static inline Floats floats(const float *from) { return *(const FloatsAnywhere *)from; }
 static inline Doubles doubles(const double *from) { return *(const DoublesAnywhere *)from; }
 static inline void store(float *to, Floats values) { *(FloatsAnywhere *)to = values; }

@@ -182,7 +182,8 @@ class QueryBuffer:
 
 
 def _novelty(features: Features | None, before: Features | None) -> float:
-    shown = [one.arranged.rows.ravel() for one in (features, before) if one and one.arranged]
+    arranged = [one.arranged for one in (features, before) if one and one.arranged]
+    shown = [one.rows.view(np.int8).ravel().astype(np.float32) for one in arranged]
     if len(shown) < 2 or not (
         lengths := float(np.linalg.norm(shown[0]) * np.linalg.norm(shown[1]))
     ):
