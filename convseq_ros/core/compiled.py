@@ -89,7 +89,7 @@ def available() -> bool:
 def slow_path() -> str:
     """Return a line that says why NumPy computes all, and what to do about it; empty if not."""
     problem = library().problem
-    return problem and f'no compiled kernels, frames take about 10 times longer: {problem}'
+    return problem and f'no compiled kernels, frames take about 5 times longer: {problem}'
 
 
 def kernels_of(package: str) -> Any:
