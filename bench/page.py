@@ -48,8 +48,8 @@ _ADVICE = """
 
 * Install a C compiler (`apt install gcc`) before the package. `/diagnostics` names the kernel in
   use.
-* Programs of your own around the core should set `OPENBLAS_NUM_THREADS=1`; `vpr_node` and
-  `convseq` do. Threads of BLAS wait by spinning.
+* Programs of your own around the core should set `OPENBLAS_NUM_THREADS=1` and
+  `OPENCV_FOR_THREADS_NUM=1`; `vpr_node` and `convseq` do. Their threads wait by spinning.
 * `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
 * Raw images go through shared memory if camera and node have
   `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.

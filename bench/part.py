@@ -18,7 +18,7 @@ from typing import Any
 
 from bench.finding import Finding
 
-BLAS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+ALONE = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM')
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ def run(
     cores = sorted(os.sched_getaffinity(0))
     if setting.threads > len(cores):
         return [_failed(name, setting, f'needs {setting.threads} cores')]
-    environment = os.environ | dict.fromkeys(BLAS, '1')
+    environment = os.environ | dict.fromkeys(ALONE, '1')
     if setting.kernels:
         environment['CONVSEQ_KERNELS'] = setting.kernels
     command = [sys.executable, '-m', 'bench.part', name, '--folder', str(folder), '--sizes']

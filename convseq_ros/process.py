@@ -24,7 +24,17 @@ LARGE_IMAGES = 'fastdds_large_images.xml'
 QUICK_START = 'fastdds_quick_start.xml'
 _CHOSEN_BY = VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE'
 
+# Threads of BLAS and of OpenCV wait for each other in a loop: a pair of images takes ten times as
+# long on a busy machine, and small images cost more than they gain on a quiet one.
+_ALONE = 'OPENBLAS_NUM_THREADS', 'OPENCV_FOR_THREADS_NUM'
+
 _later: Callable[[], None] | None = None
+
+
+def work_alone() -> None:
+    """Have BLAS and OpenCV use one thread, unless told otherwise, if they are imported later."""
+    for name in _ALONE:
+        os.environ.setdefault(name, '1')
 
 
 def run(module: str, code: int, text: str = '') -> int:

@@ -5,6 +5,7 @@
 import os
 from pathlib import Path
 import signal
+import subprocess
 import sys
 
 from convseq_ros import process
@@ -98,3 +99,16 @@ def test_they_are_found_where_they_are_installed(monkeypatch, tmp_path, module, 
     folder.mkdir(parents=True)
     (folder / QUICK_START).touch()
     assert fast_dds(QUICK_START) == {VARIABLE: str(folder / QUICK_START)}
+
+
+@pytest.mark.parametrize('program', ['convseq_ros.cli', 'convseq_ros.node'])
+def test_programs_have_one_thread_of_opencv_unless_they_are_told(program):
+    code = f'import {program}, cv2; print(cv2.getNumThreads())'
+    for told, threads in ((None, 1), ('2', 2)):
+        environment = {**os.environ, 'OPENCV_FOR_THREADS_NUM': told or ''}
+        if told is None:
+            del environment['OPENCV_FOR_THREADS_NUM']
+        said = subprocess.run(
+            [sys.executable, '-c', code], env=environment, capture_output=True, check=True
+        )
+        assert int(said.stdout) == threads

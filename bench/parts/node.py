@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from bench.finding import Finding
 from bench.material import keyframe_map, model_map, model_of, read_drive
-from bench.part import BLAS
+from bench.part import ALONE
 from bench.work import Work
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _node(work: Work, path: Path, waits: bool = True, **parameters: object) -> I
     """Run the node with a map on the first cores; the camera may use the others."""
     from bench.torture.robot import robot
 
-    for name in BLAS:  # the node decides that for itself
+    for name in ALONE:  # the node decides that for itself
         os.environ.pop(name, None)
     cores = sorted(os.sched_getaffinity(0))
     own, others = cores[: work.threads], cores[work.threads :] or cores

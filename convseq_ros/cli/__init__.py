@@ -5,17 +5,14 @@
 import argparse
 from collections.abc import Sequence
 import importlib
-import os
 import sys
 
 from convseq_ros import __version__
 from convseq_ros.errors import ConvseqError
 from convseq_ros.parameter import refuse_retired
-from convseq_ros.process import hand_over, interrupt
+from convseq_ros.process import hand_over, interrupt, work_alone
 
-# Read when NumPy is imported, which a command does. On a busy machine two BLAS threads wait for
-# each other in a loop, and a pair of images takes ten times as long.
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+work_alone()
 
 COMMANDS = {
     'build-map': 'build a reference map from a recording or a folder of images',

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS side: the only place that imports rclpy and message packages."""
 
-import os
+from convseq_ros.process import work_alone
 
-# As in convseq_ros.cli: read when NumPy is imported.
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+work_alone()
