@@ -91,18 +91,19 @@ class Belief:
         if not len(self._places):
             return
         places, mass = self._with_looks(usable)
-        moved, sigmas = self.motion.moved(places)
-        reach = math.ceil(3 * min(sigmas.max(), _WIDEST))
-        near = np.rint(moved)[..., None] + np.arange(-reach, reach + 1)
-        weights = np.exp(-0.5 * ((near - moved[..., None]) / sigmas[..., None]) ** 2)
-        weights /= weights.sum(axis=2, keepdims=True)
+        velocities, columns = np.nonzero(mass > BELIEF.least)
+        moved, sigmas = (one[velocities, columns] for one in self.motion.moved(places))
+        reach = math.ceil(3 * min(sigmas.max(initial=0.0), _WIDEST))
+        near = np.rint(moved)[:, None] + np.arange(-reach, reach + 1)
+        weights = np.exp(-0.5 * ((near - moved[:, None]) / sigmas[:, None]) ** 2)
+        weights *= (mass[velocities, columns] / weights.sum(axis=1))[:, None]
         spans = self._map.bounds.spans(places)
-        firsts, stops = (np.broadcast_to(one, places.shape)[:, None] for one in spans)
-        there = (near >= firsts) & (near < np.minimum(stops, usable))
-        weights *= there * mass[..., None]
-        kept = weights > BELIEF.least
+        firsts, stops = (np.broadcast_to(one, places.shape) for one in spans)
+        there = near >= firsts[columns, None]
+        there &= near < np.minimum(stops, usable)[columns, None]
+        kept = there & (weights > BELIEF.least)
         self._places, where = np.unique(near[kept].astype(np.int64), return_inverse=True)
-        rows = np.broadcast_to(np.arange(len(mass))[:, None, None], kept.shape)[kept]
+        rows = np.repeat(velocities, kept.sum(axis=1))
         count = len(self._places)
         flat = np.bincount(rows * count + where, weights[kept], len(mass) * count)
         own = flat.reshape(len(mass), count)

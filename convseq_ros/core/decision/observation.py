@@ -132,11 +132,12 @@ class Observer:
         log_ratios = np.full(len(places), judge.unseen)
         if not verified:
             return Observation(places, np.minimum(log_ratios, 0.0), verified, False)
-        looked = np.array(sorted(verified))
+        order = sorted(verified)
+        looked, is_peak = np.array(order), np.array([one in peaks for one in order])
         at, is_own = np.searchsorted(places, looked), looked >= session_start
         strengths = np.array([strength_of(verified[one]) for one in looked.tolist()])
         best = int(strengths.argmax())
-        is_rival = np.isin(looked, peaks) & ~self._near.mask(looked, int(looked[best]))
+        is_rival = is_peak & ~self._near.mask(looked, int(looked[best]))
         is_hypothesis = judge.hypotheses(strengths, is_own)
         if is_hypothesis[best]:
             is_rival &= ~is_hypothesis
@@ -170,7 +171,8 @@ class Observer:
             return replace(seen, places=places, log_ratios=log_ratios)
         ratios = seen.log_ratios[np.searchsorted(seen.places, looked)]
         best = self._near.best_beside(places, looked, ratios, LINKS.beside // 2)
-        unknown = ~np.isin(places, looked) & np.isfinite(best)
+        unknown = np.isfinite(best)
+        unknown[np.searchsorted(places, looked)] = False
         log_ratios[unknown] = np.minimum(log_ratios[unknown], best[unknown])
         return replace(seen, places=places, log_ratios=log_ratios)
 

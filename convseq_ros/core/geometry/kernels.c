@@ -4,6 +4,7 @@
 
 enum {
     SPREAD = 32, // columns of a row are rounded up to so many
+    GAP = 16, // numbers between rows that are smoothed; at least FIELD_RADIUS
     FIELD_REACH = 4, // cells about the common shift, FIELD_RADIUS: of neighbours; as FIELD has them
     FIELD_RADIUS = 3,
     FIELD_SPAN = 2 * FIELD_REACH + 1,
@@ -13,6 +14,11 @@ enum {
 typedef struct {
     intptr_t top, bottom, left, right; // the last two of each before which it ends
 } Part;
+
+static inline int is_within(intptr_t place, intptr_t side)
+{
+    return (uintptr_t)place < (uintptr_t)side;
+}
 
 // What of the query lies in the reference as well when everything has moved.
 static inline Part overlap(intptr_t side, intptr_t down, intptr_t right)
@@ -91,12 +97,12 @@ static inline void similarities(const int32_t *query, const int32_t *reference,
 }
 
 // Add up neighbours along a line, one weight each.
-INLINE Floats weighed(const float *line, intptr_t apart, const float *weights)
+INLINE Floats weighed(const float *line, intptr_t apart, const Floats *weights)
 {
     Floats sum = weights[0] * floats(line - FIELD_RADIUS * apart);
 #pragma GCC unroll 6
     for (int step = 1; step <= 2 * FIELD_RADIUS; step++)
-        sum = fused(spread(weights[step]), floats(line + (step - FIELD_RADIUS) * apart), sum);
+        sum = fused(weights[step], floats(line + (step - FIELD_RADIUS) * apart), sum);
     return sum;
 }
 
@@ -112,38 +118,52 @@ static void write_shares(const float *weights, intptr_t first, intptr_t end, int
     }
 }
 
-// Write weighted means of neighbours, of those that there are, of a part of an image, which has
-// zeros above and below; -infinity beside it. shares: of rows and columns; line: has zeros beside.
-static inline void smooth(const float *image, Part part, intptr_t wide, const float *weights,
-                          const float *row_shares, const float *shares, float *line,
-                          float *smoothed)
+// Take similarities into the best so far, and which displacement gave them.
+INLINE void keep_best(Floats numbers, int32_t which, float *best, int32_t *origin)
 {
-    for (intptr_t y = part.top; y < part.bottom; y++) {
-        for (intptr_t x = 0; x < wide; x += LANES) {
-            Words shared = floats(shares + x) > 0;
-            Floats mean = row_shares[y] * weighed(image + y * wide + x, wide, weights);
-            store(line + x, (Floats)((Words)mean & shared));
-        }
-        for (intptr_t x = 0; x < wide; x += LANES) {
-            Floats own = floats(shares + x);
-            Words mean = (Words)(own * weighed(line + x, 1, weights));
-            store(smoothed + y * wide + x,
-                  (Floats)chosen(own > 0, mean, (Words)spread(-INFINITY)));
-        }
-    }
+    Floats highest = floats(best);
+    Words from = words(origin);
+    keep_larger(numbers, splat(which), &highest, &from);
+    store(best, highest);
+    *(WordsAnywhere *)origin = from;
 }
 
-// Take a row of similarities into the best so far, and which displacement gave them.
-static inline void keep_best(const float *line, intptr_t count, int32_t which, float *best,
-                             int32_t *origin)
+// The best similarity of each region so far, and which displacement gave it.
+typedef struct {
+    float *number;
+    int32_t *origin;
+} Best;
+
+// Write weighted means of neighbours, of those that there are, of a part of an image, which has
+// zeros above and below; -infinity beside it. They are taken into the best of the query, and of the
+// reference, where regions lie `away`. shares: of rows and columns; lines: room for rows that lie
+// `wide` + GAP apart, with zeros between. What was just written is read late: vectors that lie
+// across two of those wait for memory.
+static inline void smooth(const float *image, Part part, intptr_t wide, const float *weights,
+                          const float *row_shares, const float *shares, float *lines,
+                          float *smoothed, int32_t which, Best query, Best reference,
+                          intptr_t away)
 {
-    for (intptr_t x = 0; x < count; x += LANES) {
-        Floats highest = floats(best + x);
-        Words from = *(const WordsAnywhere *)(origin + x);
-        keep_larger(floats(line + x), splat(which), &highest, &from);
-        store(best + x, highest);
-        *(WordsAnywhere *)(origin + x) = from;
-    }
+    Floats each[2 * FIELD_RADIUS + 1]; // in registers, else they are read again after every store
+#pragma GCC unroll 7
+    for (int step = 0; step <= 2 * FIELD_RADIUS; step++)
+        each[step] = spread(weights[step]);
+    for (intptr_t y = part.top; y < part.bottom; y++)
+        for (intptr_t x = 0; x < wide; x += LANES) {
+            Words shared = floats(shares + x) > 0;
+            Floats mean = row_shares[y] * weighed(image + y * wide + x, wide, each);
+            store(lines + y * (wide + GAP) + x, (Floats)((Words)mean & shared));
+        }
+    for (intptr_t y = part.top; y < part.bottom; y++)
+        for (intptr_t x = 0; x < wide; x += LANES) {
+            intptr_t here = y * wide + x, there = here + away;
+            Floats own = floats(shares + x);
+            Words mean = (Words)(own * weighed(lines + y * (wide + GAP) + x, 1, each));
+            Floats found = (Floats)chosen(own > 0, mean, (Words)spread(-INFINITY));
+            store(smoothed + here, found);
+            keep_best(found, which, query.number + here, query.origin + here);
+            keep_best(found, which, reference.number + there, reference.origin + there);
+        }
 }
 
 // How far beside the middle of three numbers the top of a parabola through them lies.
@@ -165,8 +185,9 @@ static inline float similarity(const Volume *all, intptr_t i, intptr_t j, intptr
 {
     intptr_t down = all->down + i, right = all->right + j, side = all->side;
     intptr_t row = is_reference ? y - down : y, column = is_reference ? x - right : x;
-    Part part = overlap(side, down, right);
-    if (row < part.top || row >= part.bottom || column < part.left || column >= part.right)
+    int is_shared = is_within(row, side) & is_within(column, side) &
+                    is_within(row + down, side) & is_within(column + right, side);
+    if (!is_shared)
         return NAN;
     return all->volume[((i * FIELD_SPAN + j) * side + row) * all->wide + column];
 }
@@ -204,18 +225,19 @@ KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t s
     intptr_t apart = image + 2 * FIELD_RADIUS * wide, border = wide + SPREAD;
     // Of best and which there is room beside the image: what lies beside the query is met there.
     intptr_t count = image + 2 * border;
-    size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + 3 * wide + 5 * count);
+    intptr_t between = (side + 1) * (wide + GAP);
+    size_t needed = (size_t)(ALL * image + FIELD_SPAN * (apart + wide) + between + wide + 5 * count);
     float *volume = malloc(needed * sizeof *volume);
     if (!volume)
         return -1;
-    float *images = volume + ALL * image, *line = images + FIELD_SPAN * apart;
-    float *row_shares = line + 2 * wide, *shares = row_shares + wide;
+    float *images = volume + ALL * image, *lines = images + FIELD_SPAN * apart;
+    float *row_shares = lines + between, *shares = row_shares + wide;
     float *best = shares + FIELD_SPAN * wide, *back = best + count;
     int32_t *origin = (int32_t *)(back + count), *back_origin = origin + count;
     int32_t *starts = back_origin + count;
     *kept = 0;
     memset(starts, 0, (size_t)count * sizeof *starts);
-    memset(images, 0, (size_t)(FIELD_SPAN * apart + 2 * wide) * sizeof *images);
+    memset(images, 0, (size_t)(FIELD_SPAN * apart + between) * sizeof *images);
     for (intptr_t place = 0; place < 2 * count; place++) {
         best[place] = -INFINITY;
         origin[place] = -1;
@@ -248,13 +270,9 @@ KERNEL(displacements)(const int32_t *query, const int32_t *reference, intptr_t s
             if (part.left >= part.right)
                 continue;
             float *own = volume + which * image;
-            smooth(raw + j * apart, part, wide, weights, row_shares, shares + j * wide,
-                   line + wide / 2, own);
-            for (intptr_t y = part.top; y < part.bottom; y++) {
-                intptr_t here = y * wide, there = here + lower * wide + further;
-                keep_best(own + here, wide, which, best + here, origin + here);
-                keep_best(own + here, wide, which, back + there, back_origin + there);
-            }
+            smooth(raw + j * apart, part, wide, weights, row_shares, shares + j * wide, lines + GAP,
+                   own, which, (Best){best, origin}, (Best){back, back_origin},
+                   lower * wide + further);
         }
     }
     for (intptr_t y = 0; y < side; y++)
