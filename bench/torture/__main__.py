@@ -23,7 +23,10 @@ from bench.torture.page import keep_outcome, kept_outcome
 def main(arguments: Sequence[str] | None = None) -> int:
     """Carry out the attacks that are asked for; then again and again, if there is time."""
     known = attacks()
-    chosen = _parser(list(known)).parse_args(arguments)
+    parser = _parser(list(known))
+    chosen = parser.parse_args(arguments)
+    if strange := [name for name in chosen.attacks if name not in known]:
+        parser.error(f'{strange[0]}: no such attack; known are {", ".join(known)}')
     until_s = time.monotonic() + chosen.hours * 3600
     outcomes = {}
     for name in chosen.attacks or known:

@@ -114,6 +114,7 @@ def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool
                 'inliers': link.inliers,
                 'position_m': link.relative.position_m if link.relative else None,
                 'orientation': link.relative.orientation if link.relative else None,
+                'covariance': link.relative.covariance.tolist() if link.relative else None,
             }
             for link in links
         ]

@@ -62,6 +62,9 @@ def test_two_drives_are_linked_brought_together_and_drawn(driven, tmp_path, caps
     for link in links:
         assert math.dist(truth[link['place']], truth[link['other']]) < 3.0
         assert link['session'] != link['other_session']
+        assert 0.9 <= link['confidence'] <= 1 and link['inliers'] > 0
+        if link['position_m']:
+            assert (np.linalg.eigvalsh(link['covariance']) > 0).all()
     opened = open_map(files[1])
     frames = {session.frame for session in opened.sessions}
     assert len(frames) == 1 and None not in frames
