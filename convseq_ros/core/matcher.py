@@ -26,7 +26,7 @@ _MOST_THREADS = 2  # by default; more gain little, and the SLAM back end needs c
 _KEPT = 500  # references whose features are kept beside a shortlist; 22 MB
 _ROUGH = 8  # rough ones are kept of so many times as many; 30 MB
 _KEPT_TO_RESCORE = 64  # references of which the exact kernel's features are kept
-_KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 7 MB
+_KEPT_TO_VERIFY = 64  # references that are kept as geometry reads them; 2 MB
 
 
 @dataclass(frozen=True, slots=True)
