@@ -63,6 +63,22 @@ def test_each_light_stays_before_any_stays_twice(most):
         assert len(lights) == most and len({*lights}) == min(most, 3)
 
 
+def test_a_long_drive_whose_rounds_differ_by_noise_alone_keeps_the_first():
+    # A round is no multiple of a stretch, so that looks of a place begin elsewhere each time.
+    rng, lap, most = np.random.default_rng(3), ROUND + 5, 3
+    shows, whole = rng.random((lap, 4, 4, 8)), ReferenceMap(ENCODING)
+    for place in range(12 * lap):
+        noise = 0.02 * rng.random((4, 4, 8))
+        cells = (shows[place % lap] + noise).astype(np.float16)
+        whole.add(Place(place * SECOND), cells)
+        if place >= lap:
+            whole.links.add(place, place - lap, 0.97, 40)
+        else:
+            whole.links.add_first(place)
+    left = {*range(len(whole))} - {*surplus(whole, most)}
+    assert max(left) < most * lap + LOOK.stretch and len(left) >= most * ROUND
+
+
 def test_no_limit_a_high_one_and_a_map_without_links_lose_nothing():
     whole = driven([0, 1, 0])
     assert surplus(whole, 0) == surplus(whole, 3) == []

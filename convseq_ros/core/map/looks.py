@@ -18,6 +18,9 @@ class LOOK:
     # Keyframes of a drive that stay or go together: without those beside them, the frames of a
     # sequence meet other places, and recall falls to .75.
     stretch: int = 16
+    # So many times as far from all others as two of these from each other is a further look, or it
+    # goes: noise alone, anew in each round, makes up to 1.8.
+    further: float = 2.0
 
 
 class Looks:
@@ -25,8 +28,9 @@ class Looks:
     Tells which looks of a place a map does without that keeps `max_looks` of each; 0 is no limit.
 
     A look is a stretch of one drive. Of more looks of a place the one that is most like another
-    goes, by the global descriptors of what shows the place; of the two, the later one. Anchors
-    stay. What was not recognised counts as if it had been, by what was beside it.
+    goes, by the global descriptors of what shows the place; of the two, the later one. The newest
+    goes unless it is much less like them than they are like each other. Anchors stay. What was not
+    recognised counts as if it had been, by what was beside it.
     """
 
     def __init__(self, reference_map: ReferenceMap, max_looks: int) -> None:
@@ -62,11 +66,12 @@ class Looks:
         rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
         stay = np.array([not at or self._stays(one) for at, one in enumerate(own)])
-        similar = rows @ rows.T
-        similar[np.triu_indices(len(rows))] = -np.inf
-        similar[np.ix_(stay, stay)] = -np.inf
-        later, sooner = divmod(int(similar.argmax()), len(rows))
-        if not np.isfinite(similar[later, sooner]):
+        apart = 1 - rows @ rows.T
+        apart[-1] /= LOOK.further
+        apart[np.triu_indices(len(rows))] = np.inf
+        apart[np.ix_(stay, stay)] = np.inf
+        later, sooner = divmod(int(apart.argmin()), len(rows))
+        if not np.isfinite(apart[later, sooner]):
             return None
         return own.pop(sooner if stay[later] else later)
 
