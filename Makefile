@@ -1,7 +1,6 @@
 # make demo [DATA=path]   from a fresh clone to a picture
 # make test               all that CI runs
 # make demo-slam          loop closures into a pose graph, and what false ones cost
-# make demo-relocalise    switched on at night in a mapped town, and carried away twice
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
 # make bench              measure speed, write docs/PERFORMANCE.md and docs/performance.json
 # make coverage          which lines the tests reach, in htmlcov/
@@ -48,7 +47,7 @@ endef
 ifndef SIDE_BY_SIDE
 .NOTPARALLEL:
 endif
-.PHONY: demo demo-relocalise demo-slam results bench coverage docs docs-test pictures gif board torture test \
+.PHONY: demo demo-slam results bench coverage docs docs-test pictures gif board torture test \
 	lint types contract wheel test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
@@ -56,9 +55,6 @@ demo: .venv/demo.stamp
 
 demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')
-
-demo-relocalise: .venv/demo.stamp
-	.venv/bin/python examples/relocalise/relocalise.py $(if $(IMAGES),--images '$(IMAGES)')
 
 results: .venv/bench.stamp
 	.venv/bin/python docs/make_results.py $(SETS) $(if $(DATA),--data-root '$(DATA)')

@@ -10,7 +10,7 @@ import warnings
 FOLDER = Path(__file__).resolve().parents[2] / 'examples' / 'pose_graph'
 sys.path.insert(0, str(FOLDER))
 sys.path.insert(0, str(Path(__file__).parent))
-for name in ('closures', 'bridges', 'relocalise'):
+for name in ('closures', 'bridges'):
     sys.path.insert(0, str(FOLDER.parent / name))
 
 # A library that message packages load at their first use is not clean itself.
