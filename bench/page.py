@@ -53,10 +53,10 @@ _ADVICE = """
 * `threads: 0` uses up to two cores. `taskset -c 3` keeps the node to one.
 * Raw images go through shared memory if camera and node have
   `FASTRTPS_DEFAULT_PROFILES_FILE=config/fastdds_large_images.xml`.
-* Approximated are regions as 8-bit kernels read them (by the paper's rule, the best candidates are
-  scored again in float32; `kernel: float32` avoids it), as geometry always reads them, which
-  places are scored (`search: exhaustive` scores all) and cells in a map (half precision; answers
-  are the same before and after saving).
+* Approximated are regions as 8-bit kernels and geometry read them (by the paper's rule, the best
+  candidates are scored again in float32; pair scores of `kernel: float32` avoid it), which places
+  are scored (`search: exhaustive` scores all) and cells in a map (half precision; answers are the
+  same before and after saving).
 
 Another computer: `make board` writes `board.json`. Please send it.
 """
