@@ -62,6 +62,18 @@ def cross(one: Matrix) -> Matrix:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def composed_covariance(far: Matrix, of_far: Matrix, near: Matrix, of_near: Matrix) -> Matrix:
+    """
+    Return the covariance (6, 6) of the motion `far @ near` by those of both.
+
+    Each is of x, y, z and turns about them, in the axes from which its motion leads.
+    """
+    turn, arm = far[:3, :3], np.eye(6)
+    arm[:3, 3:] = -cross(turn @ near[:3, 3])
+    turned = np.kron(np.eye(2), turn)
+    return np.asarray(arm @ of_far @ arm.T + turned @ of_near @ turned.T)
+
+
 def quaternion(rotation: Matrix) -> Quaternion:
     """Return x, y, z, w, of unit length, w not negative, of a rotation matrix (3, 3)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()

@@ -9,7 +9,7 @@ import math
 from convseq_ros.cli import main
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
-from convseq_ros.core.graph.pose_graph import brought_together, edges_of, solved
+from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, GRAPH, solved
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -114,6 +114,37 @@ def test_a_session_lies_where_most_links_say(wrong):
     found = solved(edges, start)
     for at in range(20):
         assert np.allclose(found[20 + at][:3, 3], (at, 1.0, 0.0), atol=0.05)
+
+
+def test_the_graph_that_gtsam_reads_is_the_one_that_is_solved(tmp_path):
+    gtsam = pytest.importorskip('gtsam')
+    root = np.random.default_rng(0).random((6, 6))
+    there = of_roll_pitch_yaw((1.0, 2.0, 0.3), 0.2, 0.3, 1.5)
+    covariance = root @ root.T + np.eye(6)  # in the axes of the earlier place
+    relative = RelativePose(there.orientation, there.position, None, covariance, 9)
+    poses = {0: np.eye(4), 1: matrix(there)}
+    edges = [*edges_of(poses, (0, 1), [Link(1, 0, 0, 1.0, 100, relative)])]
+    path = tmp_path / 'graph.g2o'
+    path.write_text(''.join(f'{line}\n' for line in g2o(poses, edges)))
+    factor = gtsam.readG2o(str(path), True)[0].at(0)
+    read = factor.noiseModel().covariance()
+    # GTSAM has turns first, and all in the axes of the later place.
+    turn = np.kron(np.eye(2), matrix(there)[:3, :3].T)
+    floor = np.diag([GRAPH.finest_rad**2] * 3 + [GRAPH.finest_m**2] * 3)
+    expected = np.roll(turn @ covariance @ turn.T, (3, 3), (0, 1)) + floor
+    assert np.allclose(read, expected, rtol=1e-4)
+    assert np.allclose(factor.measured().matrix(), matrix(there))
+
+
+def test_odometry_goes_past_a_keyframe_that_was_removed_and_links_without_metres_stay_out():
+    whole, links = made(5)
+    poses, session = posed(whole)
+    del poses[2]
+    unmeasured = replace(links[3], relative=replace(links[3].relative, position_m=None))
+    edges = [*edges_of(poses, session, [links[1], unmeasured, links[2]])]
+    steps = [(edge.start, edge.end) for edge in edges if not edge.is_link]
+    assert steps == [(0, 1), (1, 3), (3, 4), *((at, at + 1) for at in range(5, 9))]
+    assert [(edge.start, edge.end) for edge in edges if edge.is_link] == [(1, 6)]
 
 
 @pytest.fixture(scope='module')

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from threading import Lock
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.rigid import cross, matrix, pose_of
+from convseq_ros.core.rigid import composed_covariance, matrix, pose_of
 from convseq_ros.core.types import RelativePose
 import numpy as np
 
@@ -165,11 +165,8 @@ def _composed(one: RelativePose, onward: RelativePose) -> RelativePose | None:
     if not (one.pose and onward.pose):
         return None
     near, far = matrix(one.pose), matrix(onward.pose)
-    moved, turn = far @ near, far[:3, :3]
-    by_far, by_near = np.eye(6), np.kron(np.eye(2), turn)
-    by_far[:3, 3:] = -cross(turn @ near[:3, 3])
-    covariance = by_far @ onward.covariance @ by_far.T + by_near @ one.covariance @ by_near.T
-    pose, length_m = pose_of(moved), float(np.linalg.norm(moved[:3, 3]))
+    covariance = composed_covariance(far, onward.covariance, near, one.covariance)
+    pose, length_m = pose_of(far @ near), float(np.linalg.norm((far @ near)[:3, 3]))
     x, y, z = pose.position
     direction = (x / length_m, y / length_m, z / length_m) if length_m else None
     inliers = min(one.inliers, onward.inliers)

@@ -3,7 +3,7 @@
 """The graph of a map's poses: steps of odometry and links as edges, as a g2o file, and solved."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -38,7 +38,7 @@ class Edge:
     start: int
     end: int
     moved: Matrix  # (4, 4)
-    covariance: Matrix  # (6, 6), of x, y, z in metres and turns about them, in the start's frame
+    covariance: Matrix  # (6, 6), of x, y, z in metres and turns about them, in the end's axes
     is_link: bool
 
 
@@ -60,8 +60,10 @@ def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Ite
     for link in links:
         relative = link.relative
         if relative and relative.pose and link.place in poses and link.other in poses:
-            covariance = relative.covariance + floor
-            yield Edge(link.other, link.place, matrix(relative.pose), covariance, True)
+            moved = matrix(relative.pose)
+            to_end = np.kron(np.eye(2), moved[:3, :3].T)
+            covariance = to_end @ relative.covariance @ to_end.T + floor
+            yield Edge(link.other, link.place, moved, covariance, True)
 
 
 def g2o(poses: Poses, edges: Iterable[Edge]) -> Iterator[str]:
@@ -92,25 +94,22 @@ def brought_together(
         return {}
     moves = {min(session[end] for edge in links for end in (edge.start, edge.end)): np.eye(4)}
     while True:
-        found = [
-            edge if session[edge.start] in moves else _turned_round(edge)
-            for edge in links
-            if (session[edge.start] in moves) != (session[edge.end] in moves)
-        ]
-        if not found:
+        # Of sessions that have no place yet: where a pose should be, and where it is.
+        asked = dict[int, list[tuple[Matrix, Matrix]]]()
+        for edge in links:
+            forth, back = (
+                (edge.start, edge.end, edge.moved),
+                (edge.end, edge.start, inverse(edge.moved)),
+            )
+            for known, new, moved in (forth, back):
+                if session[known] in moves and session[new] not in moves:
+                    goal = moves[session[known]] @ poses[known] @ moved
+                    asked.setdefault(session[new], []).append((goal, poses[new]))
+        if not asked:
             break
-        new = session[found[0].end]
-        asked = [
-            (moves[session[edge.start]] @ poses[edge.start] @ edge.moved, poses[edge.end])
-            for edge in found
-            if session[edge.end] == new
-        ]
-        moves[new] = _agreed(asked)
+        best = max(asked, key=lambda one: len(asked[one]))
+        moves[best] = _agreed(asked[best])
     return {at: moves[session[at]] @ pose for at, pose in poses.items() if session[at] in moves}
-
-
-def _turned_round(edge: Edge) -> Edge:
-    return replace(edge, start=edge.end, end=edge.start, moved=inverse(edge.moved))
 
 
 def _agreed(asked: Sequence[tuple[Matrix, Matrix]]) -> Matrix:
@@ -137,7 +136,8 @@ def solved(edges: Iterable[Edge], start: Poses) -> dict[int, Matrix]:
     graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), held))
     known = [edge for edge in edges if edge.start in start and edge.end in start]
     for edge in sorted(known, key=lambda edge: edge.is_link):
-        noise = gtsam.noiseModel.Gaussian.Covariance(_of_gtsam(edge))
+        turns_first = np.roll(edge.covariance, (3, 3), (0, 1))
+        noise = gtsam.noiseModel.Gaussian.Covariance(turns_first)
         moved = gtsam.Pose3(edge.moved)
         graph.add(gtsam.BetweenFactorPose3(edge.start, edge.end, moved, noise))
     found, _ = agreeing(graph, values, graph.size() - sum(edge.is_link for edge in known))
@@ -164,13 +164,6 @@ def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tupl
     optimizer.setInlierCostThresholdsAtProbability(share)
     found = optimizer.optimize()
     return found, [bool(weight > 0.5) for weight in optimizer.getWeights()[believed:]]
-
-
-def _of_gtsam(edge: Edge) -> Matrix:
-    """Return a covariance in the end's axes, turns first, as GTSAM has it."""
-    turn = np.zeros((6, 6))
-    turn[:3, 3:] = turn[3:, :3] = edge.moved[:3, :3].T
-    return turn @ edge.covariance @ turn.T
 
 
 def _gtsam() -> Any:

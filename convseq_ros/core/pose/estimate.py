@@ -15,7 +15,7 @@ import math
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.rigid import base_between, cross, Matrix, matrix, pose_of
+from convseq_ros.core.rigid import base_between, composed_covariance, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
 
@@ -77,7 +77,9 @@ def estimate_pose(
         return None
     covariance = np.diag([position_sigma_m**2] * 3 + [heading_sigma_rad**2] * 3)
     if relative is not None and relative.pose:
-        return _measured(pose, relative.pose, relative.covariance, covariance)
+        there, way = matrix(pose), matrix(relative.pose)
+        covariance = composed_covariance(there, covariance, way, relative.covariance)
+        return PoseEstimate(pose_of(there @ way), covariance)
     step = _to_nearer_neighbour(places, index, pose)
     covariance[:3, :3] += np.outer(step, step) / 12
     alike = [pose, *(other for at in _as_good(places, index, row) if (other := places[at].pose))]
@@ -88,16 +90,6 @@ def estimate_pose(
     if yaw_rad is None:
         covariance[5, 5] += _UNKNOWN_TURN_RAD**2
     return PoseEstimate(turned(pose, yaw_rad or 0.0), covariance)
-
-
-def _measured(place: Pose, moved: Pose, own: Matrix, of_map: Matrix) -> PoseEstimate:
-    """Return the pose at a place, moved from there; errors of the place's heading have an arm."""
-    there, way = matrix(place), matrix(moved)
-    arm, turn = np.eye(6), np.zeros((6, 6))
-    arm[:3, 3:] = -cross(there[:3, :3] @ way[:3, 3])
-    turn[:3, :3] = turn[3:, 3:] = there[:3, :3]
-    covariance = arm @ of_map @ arm.T + turn @ own @ turn.T
-    return PoseEstimate(pose_of(there @ way), covariance)
 
 
 def turned(pose: Pose, yaw_rad: float) -> Pose:
