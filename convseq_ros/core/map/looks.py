@@ -66,8 +66,8 @@ class Looks:
         rows = np.vstack([self._map.global_descriptors[shown], descriptor]).astype(np.float32)
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(np.float32).tiny)
         stay = np.array([not at or self._stays(one) for at, one in enumerate(own)])
-        apart = 1 - rows @ rows.T
-        apart[-1] /= LOOK.further
+        apart = np.maximum(1 - rows @ rows.T, np.finfo(np.float32).eps)
+        apart[-1] /= LOOK.further  # so that of images that are the same, the newest goes
         apart[np.triu_indices(len(rows))] = np.inf
         apart[np.ix_(stay, stay)] = np.inf
         later, sooner = divmod(int(apart.argmin()), len(rows))
