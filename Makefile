@@ -11,7 +11,7 @@
 # make wheel             what is released, into dist: wheels for x86-64 and ARM, and the sdist
 # make board              measure a robot's board in some minutes, write board.json to send
 # make test-aarch64       kernel tests and 30 frames on an emulated ARM; needs Debian and root
-# make torture [HOURS=24] [ATTACKS='signals ...']   attack it, write docs/RELIABILITY.md
+# make torture [HOURS=24] [ATTACKS='map_kills ...']   attack it, write docs/RELIABILITY.md
 # Needs git, make and python3 with venv; everything else goes to .venv and .venv-noble.
 
 PYTHON ?= python3

@@ -268,6 +268,26 @@ def test_links_that_cannot_be_are_left_out_and_told_once(path, row, capsys):
     assert session.ignored[:1] == [opened.problem]
 
 
+def test_a_million_links_of_places_that_are_not_there_are_counted_in_one_line(path):
+    save_map(made(20, (12, 2)), path)
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            'WITH RECURSIVE c(x) AS (SELECT 20 UNION ALL SELECT x + 1 FROM c LIMIT 1000000) '
+            'INSERT INTO links SELECT x, x - 1, 0, NULL, NULL, NULL, 0 FROM c'
+        )
+    opened = open_map(path)
+    assert [*opened.links] == [(12, 2)]
+    assert opened.problem == f'{path}: 1000000 links are damaged and left out; all else works'
+
+
+def test_a_million_links_lead_to_one_anchor():
+    links, count = Links(SessionBounds().around), 10**6
+    for place in range(1, count):
+        links.add(place, place - 1)
+    assert links.anchor(count - 1) == 0 and len(links) == count - 1
+    assert len(links.looks(count - 1)) == count - LINKS.beside - 1
+
+
 def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_grows(path):
     save_map(made(20, (12, 2), (18, 3)), path)
     with closing(sqlite3.connect(path)) as database, database:

@@ -7,6 +7,7 @@ from pathlib import Path
 import sqlite3
 
 from convseq_ros.config import make_config
+from convseq_ros.core.decision.belief_decider import BeliefDecider
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
@@ -66,6 +67,26 @@ def test_online_and_offline_make_the_same_map(tmp_path, image, settings):
     session.close()
     assert dump(offline) == dump(online)
     assert 3 < len(open_map(offline)) < len(drive(image))
+
+
+@pytest.mark.parametrize(('links', 'shares'), [(True, 1), (False, 0)])
+def test_links_cost_one_recognised_frame_a_keyframe_and_none_between(
+    image, monkeypatch, links, shares
+):
+    asked, decide = [], BeliefDecider.decide
+
+    def counted(self, query):
+        asked.append(query.frame.stamp_ns)
+        return decide(self, query)
+
+    monkeypatch.setattr(BeliefDecider, 'decide', counted)
+    frames = [
+        Frame(at * SECOND, image(at // 2 % 20)) for at in range(80)
+    ]  # each place twice, two rounds
+    made = build_map(frames, None, make_config({'image_size_px': 128}), links=links)
+    stamps = [place.stamp_ns for place in made.places]
+    assert len(stamps) <= 40 and {*asked} <= {*stamps}
+    assert len(asked) <= shares * len(stamps) and bool(asked) == links
 
 
 def test_a_new_map_without_places_leaves_no_file(tmp_path, image):

@@ -34,7 +34,8 @@ def test_every_frame_has_an_answer_that_is_its_row(client, vpr, street, image, m
         assert message.status[0].message == row['reason']
         assert found['map_id'] == reference_map.map_id
         assert not row['best_index'] or found['session_id'] == reference_map.sessions[0].id
-    assert any(row['reason'] == 'accepted' for row in rows)
+    anchors = {row['anchor_session'] for row in rows if row['reason'] == 'accepted'}
+    assert anchors == {reference_map.sessions[0].id}
 
 
 def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
