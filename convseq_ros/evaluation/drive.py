@@ -137,8 +137,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
     if model:
         encoding = replace(encoding, descriptor_model=identity_of(model))
         images = images.in_color if model.wants_color else images
-        if model.numbers:
-            blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
+        blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
     poses, camera = [], None

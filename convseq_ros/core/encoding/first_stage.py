@@ -58,6 +58,16 @@ def identity_of(describe: Describe) -> str:
     return own and f'#{own}'
 
 
+def model_name(identity: str) -> str:
+    """Return a model as people are told of it."""
+    return f'descriptor_model {identity[:_SHOWN]}' if identity else 'the built-in descriptor'
+
+
+def wants_color(describe: Describe) -> bool:
+    """Return whether it is given images in colour, where there are some."""
+    return bool(getattr(describe, 'wants_color', False))
+
+
 def checked_vector(answer: npt.ArrayLike, numbers: int, whose: object) -> npt.NDArray[np.float32]:
     """
     Return what a model answered as a vector (n,).
@@ -82,17 +92,15 @@ def with_first_stage(config: Config, describe: Describe | None) -> Config:
     Images are read in colour if the model wants it, and `matching: descriptor` keeps neither cells
     nor thumbnails.
     """
-    if config.matching.matching == 'descriptor':
-        bare = replace(config.keyframes, thumbnail_width_px=0)
-        config = replace(config, keyframes=bare)
+    keyframes, encoding, reading = config.keyframes, config.encoding, config.reading
     keeps_cells = config.matching.matching != 'descriptor'
-    encoding = replace(config.encoding, keeps_cells=keeps_cells)
-    if describe is None:
-        return replace(config, encoding=encoding)
-    encoding = replace(encoding, descriptor_model=identity_of(describe))
-    wants_color = bool(getattr(describe, 'wants_color', False))
-    reading = replace(config.reading, keeps_color=wants_color)
-    return replace(config, encoding=encoding, reading=reading)
+    encoding = replace(encoding, keeps_cells=keeps_cells)
+    if not keeps_cells:
+        keyframes = replace(keyframes, thumbnail_width_px=0)
+    if describe:
+        encoding = replace(encoding, descriptor_model=identity_of(describe))
+        reading = replace(reading, keeps_color=wants_color(describe))
+    return replace(config, keyframes=keyframes, encoding=encoding, reading=reading)
 
 
 class FirstStage:
@@ -113,10 +121,8 @@ class FirstStage:
         if asked and not asked.startswith('#'):
             raise ConfigError(f'descriptor_model: {asked} is a file; open it, and give `describe`')
         if describe and own != asked:
-            raise ConfigError(
-                f'describe: is {own[:_SHOWN] or "built in"}, the map is of '
-                f'{asked[:_SHOWN] or "the built-in descriptor"}; build the map again'
-            )
+            own, asked = model_name(own), model_name(asked)
+            raise ConfigError(f'describe: is {own}, the map is of {asked}; build the map again')
 
     def add(self, frame: Frame, descriptor: Descriptor) -> Descriptor:
         """
@@ -129,8 +135,9 @@ class FirstStage:
             return descriptor
         if self._describe is None:
             raise ConfigError(_UNSAID)
-        wants_color = getattr(self._describe, 'wants_color', False)
-        image = frame.color if wants_color and frame.color is not None else frame.gray
+        image = frame.gray
+        if frame.color is not None and wants_color(self._describe):
+            image = frame.color
         started = time.perf_counter()
         answer = self._describe(self._masked(image))
         self.duration_ms = (time.perf_counter() - started) * 1e3

@@ -18,6 +18,7 @@ import zlib
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
+from convseq_ros.core.encoding.first_stage import model_name
 from convseq_ros.core.map.sessions import checked_id, Row
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -59,8 +60,6 @@ _COMPARED = ('image_size_px', 'image_rotation_deg')
 _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
-
-_MOST_OF_MODEL = 13  # characters of a model's identity that people are told
 
 
 def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
@@ -136,20 +135,13 @@ class Settings:
         # What does not grow may be read by what is built in, as long as it has cells.
         if own != asked and (asked or grows or not self.encoding.keeps_cells):
             return (
-                f'made with {_model(own)}, asked for {_model(asked)}; set descriptor_model to the '
-                'file that it was made with, or build the map again'
+                f'made with {model_name(own)}, asked for {model_name(asked)}; set '
+                'descriptor_model to the file that it was made with, or build the map again'
             )
         if grows and self.encoding.keeps_cells != wanted.keeps_cells:
             way = 'with' if self.encoding.keeps_cells else 'without'
             return f'made {way} cells; set matching as it was built, or build the map again'
         return None
-
-
-def _model(identity: str) -> str:
-    """Return a model as people are told of it."""
-    if not identity:
-        return 'the built-in descriptor'
-    return f'descriptor_model {identity[:_MOST_OF_MODEL]}'
 
 
 def row_crc(values: Row) -> int:
