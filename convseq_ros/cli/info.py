@@ -74,14 +74,7 @@ def run(chosen: argparse.Namespace) -> int:
         return 0
     reader = MapReader(file)
     opened = reader.reference_map()
-    facts = {
-        'map': str(file),
-        'format': FORMAT_VERSION,
-        'bytes': file.stat().st_size,
-        **reader.about(),
-        **describe_places(opened),
-        **_describe_links(opened),
-    }
+    facts = {'format': FORMAT_VERSION, **reader.about(), **describe_map(file, opened)}
     if opened.encoding.descriptor_model:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes
         facts |= {'descriptor_numbers': numbers, 'descriptor_bytes': size}
@@ -92,25 +85,14 @@ def run(chosen: argparse.Namespace) -> int:
     else:
         for name, fact in facts.items():
             print(f'{name.replace("_", " "):12} {_readable(name, fact)}')
-        print(_in_short(facts))
+        print(in_short(facts))
     if chosen.picture:
         print(f'{chosen.picture}: drawn {draw_map(chosen.picture, opened)}', file=sys.stderr)
     return 0
 
 
-def _describe_links(opened: ReferenceMap) -> dict[str, Any]:
-    """Return how many links there are, and how many places, if linked keyframes show the same."""
-    session = [place.session for place in opened.places]
-    between = sum(session[one.place] != session[one.other] for one in opened.links.each())
-    return {
-        'places': len(opened) - len(opened.links),
-        'links': len(opened.links),
-        'links_between_sessions': between,
-        'linked': opened.is_linked,
-    }
-
-
-def _in_short(facts: dict[str, Any]) -> str:
+def in_short(facts: dict[str, Any]) -> str:
+    """Return how many keyframes, places and links there are."""
     keyframes, places = facts['references'], facts['places']
     if not facts['linked']:
         return f'{keyframes} keyframes, not all of them linked: convseq map link {facts["map"]}'
@@ -121,9 +103,13 @@ def _in_short(facts: dict[str, Any]) -> str:
     )
 
 
-def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
-    """Return counts, time span and the length of the drives' paths through the poses."""
-    places = list(reference_map.places)
+def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
+    """
+    Return counts, time span, and the length of the drives' paths through the poses.
+
+    Keyframes that are linked show one place.
+    """
+    places, links = list(reference_map.places), [*reference_map.links.each()]
     of_session = {number: [*some] for number, some in groupby(places, attrgetter('session'))}
     sessions = [
         {
@@ -138,7 +124,15 @@ def describe_places(reference_map: ReferenceMap) -> dict[str, object]:
         for number, session in enumerate(reference_map.sessions)
     ]
     return {
+        'map': str(path),
+        'bytes': path.stat().st_size,
         'references': len(places),
+        'places': len(places) - len(links),
+        'links': len(links),
+        'links_between_sessions': sum(
+            places[one.place].session != places[one.other].session for one in links
+        ),
+        'linked': reference_map.is_linked,
         'first_stamp_ns': places[0].stamp_ns if places else None,
         'last_stamp_ns': places[-1].stamp_ns if places else None,
         'sources': sorted({place.source for place in places})[:5],

@@ -11,8 +11,9 @@ import re
 from typing import Any
 
 from convseq_ros.cli import map_link
+from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks
-from convseq_ros.cli.terminal import of_map, printable, progress
+from convseq_ros.cli.terminal import of_map, progress
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.edit import (
     bound,
@@ -26,6 +27,7 @@ from convseq_ros.core.map.edit import (
     unlink,
     write_new,
 )
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.errors import MapError
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'
@@ -53,27 +55,26 @@ def describe(parser: argparse.ArgumentParser) -> None:
         '--no-links', action='store_true', help='do not recognise the maps in each other: quicker'
     )
     add_max_looks(add, keeps_all=False)
-    _add_json(add)
 
     add = _add(verbs, 'split', _split, 'make a map of each session of a map')
     add.add_argument('map', type=Path, help='not changed')
     add.add_argument(
         '-o', '--output', type=Path, help='folder of the maps to make; by default that of the map'
     )
-    _add_json(add)
 
     add = _add(verbs, 'remove', _remove, 'take sessions or surplus looks out of a map')
     add.add_argument('map', type=Path, help='replaced in one step, or not at all')
     what = add.add_mutually_exclusive_group(required=True)
     what.add_argument('--session', action='append', help=_SESSION)
     add_max_looks(what)
-    _add_json(add)
 
     add = _add(verbs, 'rename', _rename, 'call a session of a map by another name')
     add.add_argument('map', type=Path)
     add.add_argument('--session', required=True, help=_SESSION)
     add.add_argument('name', help='new name')
-    _add_json(add)
+
+    for name in ('merge', 'split', 'remove', 'rename'):
+        verbs.choices[name].add_argument('--json', action='store_true', help='print as JSON')
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -92,18 +93,14 @@ def _add(
     return made
 
 
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--json', action='store_true', help='print the report as JSON')
-
-
 def _unlink(chosen: argparse.Namespace) -> None:
-    slices = slices_of(chosen.map)
-    linked = {place for one in slices[:1] for place, _ in one.reference_map.links}
+    whole = open_map(chosen.map)
+    linked = {place for place, _ in whole.links}
     if unknown := {*chosen.place} - linked:
         raise MapError(f'{chosen.map}: place {min(unknown)} has no link')
     places = {*chosen.place}
     for wanted in chosen.session:
-        places |= {*chosen_slice(slices, wanted).places}
+        places |= {*chosen_slice(slices_of(chosen.map, whole), wanted).places}
     count = unlink(chosen.map, places or None)
     rest = 'their places are not looked up again'
     if not places:
@@ -123,30 +120,27 @@ def _merge(chosen: argparse.Namespace) -> None:
             pass
     whole = limited(chosen.output, whole, chosen.max_looks)
     write_new(whole, chosen.output, of_map(chosen.output))
-    _report(chosen, {chosen.output: slices})
+    _report(chosen, chosen.output)
 
 
 def _split(chosen: argparse.Namespace) -> None:
-    folder = chosen.output or chosen.map.parent
-    files: dict[Path, list[SessionSlice]] = {}
+    folder, files = chosen.output or chosen.map.parent, dict[Path, SessionSlice]()
     for one in slices_of(chosen.map):
-        name = _UNUSUAL.sub('_', one.name).strip('._') or str(one.number)
+        name = _UNUSUAL.sub('_', one.session.name).strip('._') or str(one.number)
         path = folder / f'{name}.db'
         if path in files or path.exists():
             path = folder / f'{name}-{one.number}.db'
-        files[path] = [one]
-    for path in files:
-        if path.exists():
-            raise MapError(f'{path}: exists already; name another folder with -o')
+        refuse_existing(path)
+        files[path] = one
     folder.mkdir(parents=True, exist_ok=True)
-    for path, slices in files.items():
-        write_new(joined(slices), path, of_map(path))
-    _report(chosen, files)
+    for path, one in files.items():
+        write_new(joined([one]), path, of_map(path))
+    _report(chosen, *files)
 
 
 def _remove(chosen: argparse.Namespace) -> None:
-    slices = slices_of(chosen.map)
     if chosen.session:
+        slices = slices_of(chosen.map)
         removed = [chosen_slice(slices, wanted) for wanted in chosen.session]
         left = [one for one in slices if one not in removed]
         if not left:
@@ -154,7 +148,7 @@ def _remove(chosen: argparse.Namespace) -> None:
         write_new(joined(left), chosen.map, of_map(chosen.map), slices[0].reference_map)
     else:
         bound(chosen.map, chosen.max_looks, of_map(chosen.map))
-    _report(chosen, {chosen.map: slices})
+    _report(chosen, chosen.map)
 
 
 def _rename(chosen: argparse.Namespace) -> None:
@@ -162,31 +156,17 @@ def _rename(chosen: argparse.Namespace) -> None:
     one, name = chosen_slice(slices, chosen.session), chosen.name
     if not name.isprintable() or not 0 < len(name) <= _MOST_CHARACTERS:
         raise MapError(f'name: {name!a} is no line of 1 to {_MOST_CHARACTERS} characters')
-    if any(other.name == name for other in slices if other is not one):
+    if any(other.session.name == name for other in slices if other is not one):
         raise MapError(f'{chosen.map}: another session is called {name!r}; take another name')
     rename_session(replace(one, session=replace(one.session, name=name)))
-    _report(chosen, {chosen.map: slices})
+    _report(chosen, chosen.map)
 
 
-def _report(chosen: argparse.Namespace, made: dict[Path, list[SessionSlice]]) -> None:
-    """Print which sessions maps hold now, and from which of some slices these come."""
-    facts = []
-    for path, slices in made.items():
-        of = {one.session.id: str(one.path) for one in slices}
-        sessions: list[dict[str, Any]] = [
-            {
-                'name': one.name,
-                'id': one.session.id,
-                'references': len(one.places),
-                'of': of[one.session.id],
-            }
-            for one in slices_of(path)
-        ]
-        count, size = sum(one['references'] for one in sessions), path.stat().st_size
-        facts.append({'map': str(path), 'references': count, 'bytes': size, 'sessions': sessions})
-        if not chosen.json:
-            print(f'{path}: {count} references, {size / 1e6:.1f} MB, {len(sessions)} sessions')
-            for number, one in enumerate(sessions):
-                print(f'  {number} {printable(one["name"])}: {one["references"]} of {one["of"]}')
+def _report(chosen: argparse.Namespace, *paths: Path) -> None:
+    """Print what maps hold now."""
+    facts = [describe_map(path, open_map(path)) for path in paths]
     if chosen.json:
         print(json.dumps(facts))
+        return
+    for one in facts:
+        print(f'{one["map"]}: {in_short(one)}')

@@ -19,7 +19,7 @@ from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
 from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.autosave import Autosave
-from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_in, write_new
+from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix, pose_of
@@ -65,7 +65,7 @@ def make_outputs(chosen: argparse.Namespace, whole: ReferenceMap) -> None:
     """Report the links of a map, and make of them what is asked for."""
     if chosen.output:
         refuse_existing(chosen.output)
-    slices, links = slices_in(chosen.map, whole), [*whole.links.each()]
+    slices, links = slices_of(chosen.map, whole), [*whole.links.each()]
     if not slices:
         raise MapError(f'{chosen.map}: has no place')
     _report(slices, links, chosen.json)
@@ -122,10 +122,10 @@ def _report(slices: Sequence[SessionSlice], links: Sequence[Link], as_json: bool
         return
     for one in slices:
         own = [link for link in links if session[link.place] is one]
-        into = Counter(printable(session[link.other].name) for link in own)
+        into = Counter(printable(session[link.other].session.name) for link in own)
         measured = sum(bool(link.relative and link.relative.pose) for link in own)
         where = ', '.join(f'{count} in {name}' for name, count in into.most_common())
         print(
-            f'{one.number} {printable(one.name)}: {len(own)} of {len(one.places)} places '
+            f'{one.number} {printable(one.session.name)}: {len(own)} of {len(one.places)} places '
             f'linked, {measured} measured in metres{": " if where else ""}{where}'
         )

@@ -9,7 +9,7 @@ from typing import Any
 from convseq_ros.cli.terminal import printable
 from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.pose_graph import Poses
-from convseq_ros.core.map.edit import slices_in
+from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.evaluation.plots import new_figure, save
 import numpy as np
@@ -68,10 +68,10 @@ def _draw_drives(axes: Any, whole: ReferenceMap, points: Points) -> None:
             curves.append(Curve([start, aside, end], [Curve.MOVETO, Curve.CURVE3, Curve.CURVE3]))
     arcs = PathCollection(curves, facecolor='none', edgecolor='0.6', linewidth=0.5)
     axes.add_collection(arcs)
-    for one in (slices := slices_in(Path('session'), whole)):
+    for one in (slices := slices_of(Path('session'), whole)):
         way = [points[at] for at in one.places if at in points]
         if way:
-            name = printable(one.name)
+            name = printable(one.session.name)
             axes.plot(*np.transpose(way), linewidth=1.2, marker='.', markersize=2, label=name)
     axes.set_aspect('equal')
     axes.set_xlabel('x, m')

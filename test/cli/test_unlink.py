@@ -83,7 +83,7 @@ def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monk
     merged, written = path.with_name('merged.db'), []
     monkeypatch.setattr(edit, 'save_map', lambda *of: written.append(of) or save_map(*of))
     assert main(['map', 'merge', str(path), '-o', str(merged), '--max-looks', '2']) == 0
-    assert '64 references' in capsys.readouterr().out and len(written) == 1
+    assert '64 keyframes' in capsys.readouterr().out and len(written) == 1
     assert main(['map', 'remove', str(path), '--max-looks', '2']) == 0
     left, expected = open_map(merged), open_map(path)
     assert [*left.places] == [*expected.places] and [*left.links] == [*expected.links]

@@ -26,9 +26,8 @@ class Neighbourhood:
         self, places: Indices, index: int, distance: int = LINKS.beside
     ) -> npt.NDArray[np.bool_]:
         """Return which of some places (n,) are near one."""
-        first, *others = self.ranges(index, distance)
-        found = (places >= first.start) & (places < first.stop)
-        for some in others:
+        found = np.zeros(len(places), np.bool_)
+        for some in self.ranges(index, distance):
             found |= (places >= some.start) & (places < some.stop)
         return found
 

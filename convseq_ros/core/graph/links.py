@@ -131,11 +131,6 @@ class Links:
         """Places that were looked up."""
         return len(self._anchors)
 
-    @property
-    def rows(self) -> int:
-        """What was noted so far, one row after another."""
-        return len(self._noted)
-
     def since(self, row: int, end: int) -> list[Row]:
         """Return what was noted from a row on, up to the first of a place from `end` on."""
         stop = row

@@ -67,7 +67,7 @@ class Autosave(NoAutosave):
             self.reference_map = self._writer.reader.reference_map()
             self._file = path.stat().st_ino
             self.committed = self._writer.committed
-            self._writer.linked = self.reference_map.links.rows
+            self._writer.linked = self.reference_map.links.known
             self._writer.write_ahead()
             self._opened = opened.pop_all()
         self._writing = Lock()

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 
 from convseq_ros.core.graph.links import beyond, Links
@@ -23,8 +24,6 @@ from convseq_ros.core.map.writer import Progress, save_map
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 
-_MOST_SAID = 40  # characters of a setting; a mask has thousands
-
 
 @dataclass(frozen=True, slots=True)
 class SessionSlice:
@@ -37,49 +36,32 @@ class SessionSlice:
     places: Sequence[int]  # that it has in its map, ascending
     poses: Mapping[int, Pose] = field(default_factory=dict)  # by place, instead of its own
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        return self.session.name
 
+def slices_of(path: Path, opened: ReferenceMap | None = None) -> list[SessionSlice]:
+    """
+    Return the sessions of a map that have places; those without a name are called after its file.
 
-def slices_of(path: Path) -> list[SessionSlice]:
-    """Return the sessions of a map file that have places; MapError as of `open_map`."""
-    return slices_in(path, open_map(path))
-
-
-def slices_in(path: Path, whole: ReferenceMap) -> list[SessionSlice]:
-    """Return the sessions that have places of a map, which is called by a path."""
-    called, slices = names(whole.sessions, path.stem), []
+    MapError as of `open_map`, unless it is open already.
+    """
+    whole, slices = open_map(path) if opened is None else opened, []
     for start, end in pairwise([*whole.bounds.starts.tolist(), len(whole)]):
         if start < end:
             number = whole.places[start].session
-            session = replace(whole.sessions[number], name=called[number])
+            session = whole.sessions[number]
+            usual = path.stem if len(whole.sessions) == 1 else f'{path.stem}-{number + 1}'
+            session = replace(session, name=session.name or usual)
             slices.append(SessionSlice(path, whole, number, session, range(start, end)))
     return slices
 
 
-def names(sessions: Sequence[MapSession], usual: str) -> list[str]:
-    """Return what sessions are called; those without a name after their map."""
-    nameless = [number for number, one in enumerate(sessions) if not one.name]
-    ends = [''] if len(nameless) == 1 else [f'-{number + 1}' for number in nameless]
-    found = [one.name for one in sessions]
-    for number, end in zip(nameless, ends, strict=True):
-        found[number] = f'{usual}{end}'
-    return found
-
-
 def chosen_slice(slices: Sequence[SessionSlice], wanted: str) -> SessionSlice:
     """Return the session of a name, an id or a number; MapError, naming all, if none is."""
-    for key in ('name', 'id'):
-        found = [one for one in slices if getattr(one.session, key) == wanted]
+    for key in map(attrgetter, ('session.name', 'session.id', 'number')):
+        found = [one for one in slices if str(key(one)) == wanted]
         if len(found) == 1:
             return found[0]
-    numbered = [one for one in slices if str(one.number) == wanted]
-    if not numbered:
-        known = ', '.join(f'{one.number} {one.name!r}' for one in slices)
-        raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {known}')
-    return numbered[0]
+    known = ', '.join(f'{one.number} {one.session.name!r}' for one in slices)
+    raise MapError(f'{slices[0].path}: no one session is {wanted!r}; it has {known}')
 
 
 def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
@@ -117,26 +99,26 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
     first, seen = slices[0], dict[str, SessionSlice]()
+    expected = _settings(first)
     for one in slices:
-        made = _settings(one.reference_map)
-        for name, wanted in _settings(first.reference_map).items():
-            if made[name] != wanted:
-                values = (f'{str(each)[:_MOST_SAID]!r}' for each in (made[name], wanted))
-                raise MapError(
-                    f'{one.path}: made with {name} {next(values)}, {first.path} with '
-                    f'{next(values)}; build one of them again with the settings of the other'
-                )
+        made = _settings(one)
+        if unlike := [name for name in expected if made[name] != expected[name]]:
+            name = unlike[0]
+            raise MapError(
+                f'{one.path}: made with {name} {made[name]!r:.40}, {first.path} with '
+                f'{expected[name]!r:.40}; build one of them again with the settings of the other'
+            )
         if before := seen.get(one.session.id):
             raise MapError(
-                f'{one.path}: its session {one.name!r} is in {before.path} already, by its id '
-                f'{one.session.id}; a map holds a session once: leave one out'
+                f'{one.path}: its session {one.session.name!r} is in {before.path} already, by '
+                f'its id {one.session.id}; a map holds a session once: leave one out'
             )
         seen[one.session.id] = one
 
 
-def _settings(reference_map: ReferenceMap) -> dict[str, object]:
+def _settings(one: SessionSlice) -> dict[str, object]:
     """Return what makes a map's places, by name."""
-    return kept_of(reference_map.encoding) | reference_map.keyframes.spacing
+    return kept_of(one.reference_map.encoding) | one.reference_map.keyframes.spacing
 
 
 def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:
@@ -204,7 +186,7 @@ def without(slices: Sequence[SessionSlice], indices: Collection[int]) -> list[Se
 def limited(path: Path, whole: ReferenceMap, max_looks: int) -> ReferenceMap:
     """Return a map that keeps so many looks of each place: itself, if it has no more."""
     out = surplus(whole, max_looks)
-    return joined(without(slices_in(path, whole), out)) if out else whole
+    return joined(without(slices_of(path, whole), out)) if out else whole
 
 
 def bound(path: Path, max_looks: int, progress: Progress = iter) -> int:
@@ -226,7 +208,7 @@ def rename_session(named: SessionSlice) -> None:
     with _changed(named.path) as database:
         database.rows(
             'UPDATE sessions SET name = ?, crc32 = ? WHERE session = ? AND id = ?',
-            (named.name, row_crc(row), named.number, named.session.id),
+            (named.session.name, row_crc(row), named.number, named.session.id),
         )
         if not database.number('SELECT changes()'):
             raise MapError(f'{named.path}: was changed meanwhile; run it again')
