@@ -46,10 +46,10 @@ def external_files(data: bytes) -> list[str]:
 
 
 def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield number, start and end of the fields of a message that are bytes or messages."""
+    """Yield the number of each field of a message, and where its bytes start and end, if any."""
     while at < end:
         tag, at = _varint(data, at, end)
-        number, wire = tag >> 3, tag & 7
+        number, wire, length = tag >> 3, tag & 7, 0
         if wire == _VARINT:
             _, at = _varint(data, at, end)
         elif wire in _WIDTH:
@@ -57,12 +57,11 @@ def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int]]:
         elif wire == _BYTES:
             length, at = _varint(data, at, end)
             at += length
-            if at <= end:
-                yield number, at - length, at
-        else:
-            raise ValueError(f'wire type {wire}')
-    if at != end:
-        raise ValueError('a field that is cut short')
+        if not number or wire not in (_VARINT, _BYTES, *_WIDTH):
+            raise ValueError(f'field {number} of type {wire}')
+        if at > end:
+            raise ValueError('a field that is cut short')
+        yield number, at - length, at
 
 
 def _varint(data: bytes, at: int, end: int) -> tuple[int, int]:

@@ -229,6 +229,13 @@ def test_the_outline_of_any_bytes_is_read_or_refused(data):
         pass
 
 
+def test_bytes_that_go_on_for_ever_are_refused_soon(monkeypatch):
+    monkeypatch.setattr('convseq_ros.onnx_file.MOST_FIELDS', 1000)
+    for endless, problem in ((b'\0\0', 'field 0 of type 0'), (b'\x08\1', 'more than 1000 fields')):
+        with pytest.raises(ValueError, match=problem):
+            external_files(endless * 2000)
+
+
 def test_names_of_files_are_found_wherever_tensors_are(tmp_path):
     weights = onnx.TensorProto(name='w', data_type=1, dims=[1])
     weights.external_data.add(key='location', value='deep.bin')
