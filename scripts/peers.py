@@ -1,7 +1,7 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print what is recognised by us and by what robots run today, each at its best threshold.
+Print the tables of docs/RESULTS.md: what we and what robots run today recognise.
 
 Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow]
 [--kept peers], some 20 minutes of a core. What a method did on a set is kept in a JSON file of its
@@ -9,13 +9,11 @@ own, so that a run goes on where it was stopped; delete them to begin anew. In m
 folder.
 
 By the open protocol: half of the map is removed in turn. Recall is right matches of all frames
-whose place is in the map. `own`: by the method's own decision, with false matches behind it if
-there are any. `best`: at the threshold that just keeps every false match of this very set out,
-by the criterion (and alpha) with the highest recall, so that every method is favoured. `one`: at
-the threshold that does so on all sets together. `first`: frames from the first known one to the
-first right match, at best. `ms`: of a frame, by the time of the processor; `kB`: what a map keeps
-of a place. In laps a map of the first lap is driven on: 40 of 840 places off is right, and up to
-100 is not counted.
+whose place is in the map. *Own*: by the method's own decision, with its false matches. *Best*: at
+the threshold that just keeps every false match of this very set out, by the criterion (and alpha)
+with the highest recall, so that every method is favoured. The second table has the threshold that
+does so on all sets together. ms are those of the processor for a frame. In laps a map of the first
+lap is driven on: 40 of 840 places off is right, and up to 100 is not counted.
 """
 
 import argparse
@@ -53,15 +51,15 @@ SETS = (
     'rtabmap84',
     'laps',
 )
-METHODS = (
-    'convseq',
-    'orb-bow',
-    'orb-bow+vocabulary=DATA/road_1/images',  # words of a street that is in no set
-    'sift-vlad',
-    'seqslam',
-    'cohog',
-    'hog',
-)
+NAMES = {
+    'convseq': '**ours**',
+    'orb-bow': 'orb-bow',
+    'orb-bow+vocabulary=DATA/road_1/images': 'orb-bow, words of another set',  # a street in no set
+    'sift-vlad': 'sift-vlad',
+    'seqslam': 'SeqSLAM',
+    'cohog': 'CoHOG',
+    'hog': 'HOG',
+}
 ALPHAS = 0.3, 0.1, 0.2, 0.5  # DLoopDetector's own first
 
 
@@ -94,8 +92,10 @@ class Run:
 
     def first(self, taken: npt.NDArray[np.bool_]) -> str:
         """Return how long each run waits for a right match."""
-        waits = first_closures(replace(self.verdicts, accepted=taken), self.halves)
-        return ', '.join('-' if one is None else f'{one:.0f}' for one in waits.values())
+        waits = first_closures(replace(self.verdicts, accepted=taken), self.halves).values()
+        if all(one is None for one in waits):
+            return 'none'
+        return ', '.join('none' if one is None else f'{one:.0f}' for one in waits)
 
 
 @contextmanager
@@ -187,15 +187,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--data', type=Path, required=True)
     parser.add_argument('--sets', nargs='*', default=SETS)
-    parser.add_argument('--methods', nargs='*', default=METHODS)
+    parser.add_argument('--methods', nargs='*', default=[*NAMES])
     parser.add_argument('--kept', type=Path, default=Path('peers'))
     chosen = parser.parse_args()
     chosen.kept.mkdir(exist_ok=True)
     time.perf_counter = time.process_time  # what else the machine does takes no part
     config = make_config({'threads': 1})
     found: dict[str, dict[str, list[Run]]] = {text: {} for text in chosen.methods}
-    print('| set | method | own | best | first | ms | kB |')
-    print('|---|---|---|---|---|---|---|')
+    first = 'frames to the first right match, at best'
+    print(f'| set | method | own, % | best, % | {first} | ms a frame | kB a place |')
+    print('|---' * 7 + '|')
     for name in chosen.sets:
         files = {text: chosen.kept / f'{name}.{_slug(text)}.json' for text in chosen.methods}
         if missing := [text for text, file in files.items() if not file.exists()]:
@@ -203,19 +204,27 @@ def main() -> int:
                 for text in missing:
                     asked = text.replace('DATA', str(chosen.data))
                     keep(files[text], runs(material, asked, config))
+        shown = f'{name} '
         for text in chosen.methods:
             some = found[text][name] = recall(files[text])
             share, first = max(_options(some))
-            costs = f'{some[0].frame_ms:.0f} | {some[0].place_bytes / 1e3:.1f}'
-            cells = f'{_own(some[0])} | {_percent(share)} | {first} | {costs}'
-            print(f'| {name} | {text} | {cells} |', flush=True)
+            best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)
+            ms, kept_kb = some[0].frame_ms, some[0].place_bytes / 1e3
+            costs = f'{f"{ms:.0f}" if ms >= 0.5 else "< 1"} | {kept_kb:.1f}'
+            cells = f'{_name(text)} | {_own(some[0])} | {best} | {first} | {costs}'
+            print(f'| {shown}| {cells} |', flush=True)
+            shown = ''
     print()
-    print('| one |', ' | '.join(chosen.sets), '|')
+    print('| method |', ' | '.join(chosen.sets), '|')
     print('|---' * (len(chosen.sets) + 1) + '|')
     for text, by_set in found.items():
         one = max(_for_all([*by_set.values()]), key=sum)
-        print(f'| {text} |', ' | '.join(map(_percent, one)), '|', flush=True)
+        print(f'| {_name(text)} |', ' | '.join(map(_percent, one)), '|', flush=True)
     return 0
+
+
+def _name(text: str) -> str:
+    return NAMES.get(text, text)
 
 
 def _slug(text: str) -> str:
@@ -249,11 +258,11 @@ def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
 
 def _own(run: Run) -> str:
     false = run.false(run.verdicts.accepted)
-    return _percent(run.recall(run.verdicts.accepted)) + (f' ({false} false)' if false else '')
+    return _percent(run.recall(run.verdicts.accepted)) + (f', {false:,} false' if false else '')
 
 
 def _percent(share: float) -> str:
-    return f'{100 * share:.1f} %'
+    return f'{100 * share:.1f}'
 
 
 if __name__ == '__main__':

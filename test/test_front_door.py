@@ -30,6 +30,23 @@ def test_the_readme_is_short():
     assert len(README.split()) < MOST_WORDS
 
 
+def test_the_readme_tells_the_recall_that_results_have():
+    results = (REPOSITORY / 'docs' / 'RESULTS.md').read_text(encoding='utf-8')
+    lines = results.split('| set | method | own, % |')[1].split('\n\n')[0].splitlines()[2:]
+    measured, place = {}, ''
+    for _, name, method, _own, best, *_ in (line.split('|') for line in lines):
+        place = name.strip() or place
+        measured[place, method.strip()] = float(best.strip(' *'))
+    sets = 'gardens_point_day_day corridor rtabmap84 laps street_night street_noise street_lane'
+    methods = {'ORB, bag of words': 'orb-bow', 'SIFT, VLAD': 'sift-vlad'}
+    rows = README.split('|other lane|')[1].split('\n\n')[0].splitlines()[2:]
+    assert len(rows) == 6
+    for _, method, *told, _ in (row.split('|') for row in rows):
+        own = methods.get(method, method)
+        expected = [measured[name, own] for name in sets.split()]
+        assert [*map(int, told)] == pytest.approx(expected, abs=0.55), method
+
+
 def pages():
     found = run(
         'git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.md', cwd=REPOSITORY
