@@ -74,7 +74,8 @@ def run(chosen: argparse.Namespace) -> int:
         return 0
     reader = MapReader(file)
     opened = reader.reference_map()
-    facts = {'format': FORMAT_VERSION, **reader.about(), **describe_map(file, opened)}
+    about = {'map': str(file), 'format': FORMAT_VERSION, **reader.about()}
+    facts = about | describe_map(file, opened)
     if opened.encoding.descriptor_model:
         numbers, size = opened.global_descriptors.shape[1], opened.global_descriptors.nbytes
         facts |= {'descriptor_numbers': numbers, 'descriptor_bytes': size}
