@@ -21,10 +21,8 @@ class MOTION:
     # Places a keyframe: hypotheses about how fast the drive is, against the drive of the map.
     velocities: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0, 1.25, 2.0, 3.0, 4.5, 6.0)
     changing: float = 0.01  # share of the mass that takes up another velocity in a keyframe
-    # Share of drives that meet the places in reverse order: of those in reverse gear, and with
-    # `both_directions`.
-    backwards: float = 0.01
-    backwards_of_both: float = 0.5
+    backwards: float = 0.01  # share of drives that meet the places in reverse order ...
+    backwards_of_both: float = 0.5  # ... and with `both_directions`
     sigma_places: float = 0.55  # of where a keyframe lies between two places of the map
 
 

@@ -18,8 +18,8 @@ class LOOK:
     # Keyframes of a drive that stay or go together: without those beside them, the frames of a
     # sequence meet other places, and recall falls to .75.
     stretch: int = 16
-    # So many times as far from all others as two of these from each other is a further look, or it
-    # goes: noise alone, anew in each round, makes up to 1.8.
+    # A new look stays if it is so many times as far from all others as two of these are from each
+    # other. Noise alone, anew in each round, makes up to 1.8.
     further: float = 2.0
 
 

@@ -15,15 +15,5 @@ static inline Words dot(Words sum, Words reference, Words query)
     return (Words)_mm512_dpbusd_epi32((__m512i)sum, (__m512i)reference, (__m512i)query);
 }
 
-// Add products of four bytes in a word with four of another one. One of both is taken as unsigned:
-// what sums begin with makes up for that.
-typedef Words Sums;
-static inline Sums begun(const int32_t *start) { return words(start); }
-static inline Words whole(Sums sum) { return sum; }
-static inline Sums add_fours(Sums sum, Words one, Words other)
-{
-    return dot(sum, one ^ splat((int32_t)0x80808080), other);
-}
-
 #include "kernels.h"
 #endif

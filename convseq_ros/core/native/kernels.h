@@ -6,7 +6,17 @@
 #define SHOWN __attribute__((visibility("default"))) // to who loads the library
 #define CALL(name) NAMED(name, VARIANT) // from another kernel
 #define KERNEL(name) SHOWN int CALL(name)
-#ifndef OFFSET
+#ifdef OFFSET
+// Add products of four bytes in a word with four of another one. One of both is taken as unsigned:
+// what sums begin with makes up for that.
+typedef Words Sums;
+static inline Sums begun(const int32_t *start) { return words(start); }
+static inline Words whole(Sums sum) { return sum; }
+static inline Sums add_fours(Sums sum, Words one, Words other)
+{
+    return dot(sum, one ^ splat((int32_t)0x80808080), other);
+}
+#else
 #define OFFSET 0
 #endif
 

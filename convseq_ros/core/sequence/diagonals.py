@@ -66,11 +66,13 @@ def sequence_scores(
         raise ValueError('the newest frame of a sequence must be informative')
     steps, every = diagonal(len(rows), velocity), np.arange(len(rows[0]))
     ends = every if ends is None else ends
-    is_whole_map = len(ends) == len(every)
+    is_whole_map, means = len(ends) == len(every), None
+    if is_whole_map and partial:
+        means = np.array([0.0 if row is None else mean_score(row) for row in rows])
     if is_whole_map and available():
         from convseq_ros.core.sequence.kernels import scores_along
 
-        return scores_along(rows, np.array(steps), bounds.starts, partial)
+        return scores_along(rows, np.array(steps), bounds.starts, means)
     pairs = pairs_along(rows, ends, steps, np.float64, bounds)
     known = np.isfinite(pairs)
     number = known.sum(axis=0)
@@ -79,8 +81,7 @@ def sequence_scores(
     if partial:
         number = np.full(len(ends), sum(row is not None for row in rows))
         expected = pairs.sum(axis=1, where=known) / np.maximum(known.sum(axis=1), 1)
-        if is_whole_map:
-            expected = np.array([0 if row is None else mean_score(row) for row in rows])
+        expected = expected if means is None else means
     else:
         oldest, (firsts, stops) = ends - steps[-1], bounds.spans(ends)
         scored &= (oldest >= firsts) & (oldest < np.minimum(stops, len(every)))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import ctypes
 
 from convseq_ros.core.compiled import address, array, kernel, SIZE
-from convseq_ros.core.sequence.diagonals import mean_score
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
@@ -17,22 +16,26 @@ _scores_along = kernel('scores_along', *_ROWS, SIZE, SIZE, SIZE, SIZE, array('f4
 
 
 def scores_along(
-    rows: Sequence[Row | None], steps: npt.NDArray[np.intp], starts: Indices, partial: bool
+    rows: Sequence[Row | None],
+    steps: npt.NDArray[np.intp],
+    starts: Indices,
+    expected: npt.NDArray[np.float64] | None,
 ) -> Row:
     """
     Return what `sequence_scores` does of all places, (R,), to 1e-6.
 
     `steps` (k,) are those of `diagonal`, newest first; sessions begin at `starts` (S,), the first
-    at 0.
+    at 0. A pair without a score counts as `expected` (k,) of its row; if None, windows are whole.
     """
     there = [frame for frame, row in enumerate(rows) if row is not None]
     shown = [np.ascontiguousarray(row, np.float32) for row in rows if row is not None]
     lengths = np.array([len(row) for row in shown], np.intp)
-    expected = np.array([mean_score(row) if partial else 0 for row in shown], np.float32)
+    partial = expected is not None
+    missing = np.zeros(len(rows)) if expected is None else expected
     bounds = np.minimum(np.append(starts, lengths[0]), lengths[0])
     addresses = (ctypes.c_void_p * len(shown))(*map(address, shown))
     scores, fewest = np.empty(lengths[0], np.float32), -(-len(rows) // 2)
     reach = 0 if partial else int(steps[-1])
-    given = addresses, lengths, steps[there], expected, bounds, len(shown), fewest
-    _scores_along(*given, reach, not partial, scores)
+    given = addresses, lengths, steps[there], missing[there].astype(np.float32), bounds
+    _scores_along(*given, len(shown), fewest, reach, not partial, scores)
     return scores

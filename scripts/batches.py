@@ -1,0 +1,50 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Print what an image costs in a batch, by the models of make_onnx_model.py.
+
+Usage: python scripts/batches.py, a minute. `ms`: of one image, the median by the time of the
+processor, on one thread; `same`: whether each vector is bit by bit that of the image alone.
+"""
+
+import time
+
+from make_onnx_model import make_model
+import numpy as np
+import onnxruntime
+
+MODELS = ('hog', 96), ('random', 96), ('random', 224)  # kind, and the side of its input in px
+BATCHES, MOST, ROUNDS = (1, 2, 4, 8), 8, 60
+
+
+def session(kind: str, size: int) -> onnxruntime.InferenceSession:
+    """Return a model that takes any number of images at once."""
+    made = make_model(kind, size)
+    for value in (*made.graph.input, *made.graph.output):
+        value.type.tensor_type.shape.dim[0].dim_param = 'images'
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    providers = ['CPUExecutionProvider']
+    return onnxruntime.InferenceSession(made.SerializeToString(), options, providers=providers)
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    print('| model | side, px | batch | ms | same |\n|---|---|---|---|---|')
+    for kind, size in MODELS:
+        own = session(kind, size)
+        shape = MOST, own.get_inputs()[0].shape[1], size, size
+        images = np.random.default_rng(0).normal(size=shape).astype(np.float32)
+        alone = [own.run(None, {'image': images[[one]]})[0][0] for one in range(MOST)]
+        for count in BATCHES:
+            took_ms = []
+            for _ in range(ROUNDS):
+                started = time.process_time()
+                vectors = own.run(None, {'image': images[:count]})[0]
+                took_ms.append((time.process_time() - started) * 1e3 / count)
+            same = np.array_equal(vectors, alone[:count])
+            print(f'| {kind} | {size} | {count} | {np.median(took_ms):.2f} | {same} |')
+
+
+if __name__ == '__main__':
+    main()
