@@ -7,7 +7,6 @@ from functools import partial
 import math
 from pathlib import Path
 from typing import Any
-import zipfile
 
 from convseq_ros.errors import ConfigError, one_line, pip_install, SourceError
 from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
@@ -61,17 +60,12 @@ def _plain(loader: Any, path: Path) -> Any:
         loader.dispose()
 
 
-def read_array(
-    path: Path, name: str = '', reading: ReadingConfig = ReadingConfig()
-) -> npt.NDArray[Any]:
-    """Return plain numbers from a .npy, or of a name from a .npz; SourceError if too large."""
+def read_array(path: Path, reading: ReadingConfig = ReadingConfig()) -> npt.NDArray[Any]:
+    """Return plain numbers from a .npy; SourceError if they are too large."""
     refuse_irregular(path)
     try:
-        if not name:
-            with path.open('rb') as file:
-                return _array(file, path, reading)
-        with zipfile.ZipFile(path) as archive, archive.open(f'{name}.npy') as member:
-            return _array(member, path, reading)
+        with path.open('rb') as file:
+            return _array(file, path, reading)
     except OSError as error:
         raise SourceError(f'{path}: {error.strerror or error}; check the path') from None
     except SourceError:

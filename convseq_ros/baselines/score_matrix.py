@@ -49,7 +49,7 @@ def read_descriptors(
 
 def _read(path: Path, reading: ReadingConfig) -> npt.NDArray[np.float32]:
     try:
-        numbers = np.asarray(read_array(path, reading=reading), np.float32)
+        numbers = np.asarray(read_array(path, reading), np.float32)
     except (TypeError, ValueError):
         raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
     if not np.isfinite(numbers).all():

@@ -15,7 +15,7 @@ from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import FirstStage, identity_of
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
+from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.onnx_model import open_model
@@ -75,8 +75,6 @@ class Drive:
     readable: Sequence[bool]  # whether the image could be decoded
     descriptors: Sequence[Descriptor]  # one that shows nothing if it could not
     encode_ms: float  # median time to describe an image
-    poses: Sequence[Pose | None]  # where the robot's base was, if known
-    camera: Camera | None  # what took the first image, as it came, if known
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -102,27 +100,15 @@ class Drive:
             names=self.names[::-1],
             readable=self.readable[::-1],
             descriptors=self.descriptors[::-1],
-            poses=self.poses[::-1],
         )
 
     @cached_property
     def reference_map(self) -> ReferenceMap:
-        """The drive as a map, of images alone; frames that could not be read hold places."""
-        return self._map([None] * len(self), None)
-
-    @cached_property
-    def posed_map(self) -> ReferenceMap | None:
-        """The same with poses; None if none is known."""
-        if not any(self.poses):
-            return None
-        camera = upright(Frame(0, None, camera=self.camera), self.encoding).camera
-        return self._map(self.poses, camera)
-
-    def _map(self, poses: Sequence[Pose | None], camera: Camera | None) -> ReferenceMap:
+        """The drive as a map, without poses; frames that could not be read hold places."""
         made = ReferenceMap(self.encoding, keyframes=EVERY_FRAME)
-        columns = self.stamps_ns, self.names, poses, self.descriptors
-        for stamp_ns, name, pose, one in zip(*columns, strict=True):
-            made.add_frame(Frame(stamp_ns, None, name, pose, camera=camera), one)
+        columns = self.stamps_ns, self.names, self.descriptors
+        for stamp_ns, name, one in zip(*columns, strict=True):
+            made.add_frame(Frame(stamp_ns, None, name), one)
         return made
 
 
@@ -140,9 +126,8 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         blank = replace(blank, vector=np.zeros(model.numbers, np.float16))
     first_stage = FirstStage(model, encoding)
     stamps_ns, names, readable, descriptors, durations = [], [], [], [], []
-    poses, camera = [], None
     for raw in images:
-        frame, camera = upright(raw, encoding), camera or raw.camera
+        frame = upright(raw, encoding)
         started = time.perf_counter()
         if frame.gray is None:
             descriptors.append(blank)
@@ -152,17 +137,9 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         stamps_ns.append(frame.stamp_ns)
         names.append(frame.source)
         readable.append(frame.gray is not None)
-        poses.append(frame.pose)
     if not durations:
         raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
-    encode_ms = float(np.median(durations))
-    return Drive(encoding, stamps_ns, names, readable, descriptors, encode_ms, poses, camera)
-
-
-def pose_rows(poses: Sequence[Pose | None]) -> npt.NDArray[np.float64]:
-    """Return positions and quaternions, (N, 7); NaN where they are not known."""
-    unknown = (np.nan,) * 7
-    return np.array([(*one.position, *one.orientation) if one else unknown for one in poses])
+    return Drive(encoding, stamps_ns, names, readable, descriptors, float(np.median(durations)))
 
 
 def content_digest(path: Path) -> str:

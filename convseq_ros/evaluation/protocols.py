@@ -21,15 +21,7 @@ from convseq_ros.evaluation.given_scores import (
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.peers import matches_of
-from convseq_ros.evaluation.recognition import (
-    Dots,
-    NO_DOTS,
-    part_of,
-    Recognition,
-    recognize,
-    Scores,
-    Span,
-)
+from convseq_ros.evaluation.recognition import part_of, Recognition, recognize, Scores, Span
 import numpy as np
 import numpy.typing as npt
 
@@ -53,7 +45,6 @@ class Outcome:
     frame_ms: float | None  # median time of a frame, if it was measured
     durations_ms: Sequence[float] | None  # the same of every frame, with the whole map
     way_m: npt.NDArray[np.float64] | None  # (Q,), way up to each frame, if known
-    fields: Sequence[Dots]  # M; the inliers of each best candidate
 
 
 @dataclass(frozen=True)
@@ -62,7 +53,6 @@ class _Answers:
 
     matches: list[Match]
     scores: SequenceScores  # (Q, R); -inf outside the part
-    fields: Sequence[Dots]
     durations_ms: Sequence[float] | None = None
 
 
@@ -107,7 +97,6 @@ def ask(
         _frame_ms(answers, pairs, protocol),
         answers[0].durations_ms if protocol != OPEN else None,
         material.way_m,
-        [dots for one in answers for dots in one.fields],
     )
 
 
@@ -130,7 +119,7 @@ def _ranked(
     scores[:, first:last] = rank_references(
         rows[:, first:last], query, lengths, partial_windows=method.config.believes
     )
-    return _Answers(found.matches, scores, found.fields, found.durations_ms)
+    return _Answers(found.matches, scores, found.durations_ms)
 
 
 def _of_part(
@@ -150,8 +139,7 @@ def _of_part(
     else:
         given = query, part, method.config, pairs.scorer, method.kind.forward
         answers, scores[:, first:last] = answers_to(kept, *given)
-    matches = [_moved(match, first) for match in answers]
-    return _Answers(matches, scores, [NO_DOTS] * len(matches))
+    return _Answers([_moved(match, first) for match in answers], scores)
 
 
 def _frame_ms(answers: Sequence[_Answers], pairs: PairScores, protocol: str) -> float | None:

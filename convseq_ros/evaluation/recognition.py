@@ -8,10 +8,8 @@ import time
 
 from convseq_ros.config import Config, flatten, with_values
 from convseq_ros.core import types
-from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.edit import carry_links
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.evaluation.material import Material
 from convseq_ros.onnx_model import open_model
@@ -20,10 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 Scores = npt.NDArray[np.float32]  # (Q, R), pair scores; NaN where a pair was not scored
-# (n, 4): row and column of an inlier in the query, then in the reference; 255 is the whole image.
-Dots = npt.NDArray[np.uint8]
 Span = tuple[int, int]  # references, the second excluded
-NO_DOTS: Dots = np.zeros((0, 4), np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +28,6 @@ class Recognition:
     matches: list[types.Match]  # references are numbered as those of the whole drive
     durations_ms: list[float]  # time of each `process`
     rows: Scores
-    fields: list[Dots]  # the inliers of each best candidate
 
 
 def with_known(config: Config, values: Mapping[str, Value]) -> Config:
@@ -65,26 +59,20 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
         config = _online(material, config)
     model = open_model(config)
     query, reference = material.drives(config.encoding)
-    reference_map, posed_map = reference.reference_map, reference.posed_map
+    reference_map = reference.reference_map
     config = replace(config, encoding=reference.encoding)
     if config.online.grows:
         reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
-        posed_map = None
     elif span:
         reference_map = part_of(reference_map, *span)
-        posed_map = posed_map and part_of(posed_map, *span)
     recognizer = PlaceRecognizer(reference_map, config, describe=model)
     recognizer.matcher.warm_up()
-    # The recogniser's own map has no poses, so no answer depends on odometry.
-    poses = None
-    if posed_map is not None:
-        poses = RelativePoses(posed_map, recognizer.matcher, config.reading)
     number = {stamp_ns: index for index, stamp_ns in enumerate(reference.stamps_ns)}
     images = material.query.in_color if model and model.wants_color else material.query
     shown: Iterable[tuple[types.Frame, types.Descriptor | None]] = ((one, None) for one in images)
     if span:
         shown = query.described
-    matches, fields, durations = [], [], []
+    matches, durations = [], []
     rows = np.full((len(query), len(reference)), np.nan, np.float32)
     for row, (frame, descriptor) in zip(rows, shown, strict=True):
         started = time.perf_counter()
@@ -94,18 +82,8 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
         if newest is not None:
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest
-        fields.append(NO_DOTS)
-        if match.best is not None:
-            match = _with_pose(match, frame, recognizer, poses, query.camera)
-            fields[-1] = inliers(recognizer.buffer.field(match.best))
         matches.append(_numbered(match, number))
-    return Recognition(matches, durations, rows, fields)
-
-
-def inliers(field: npt.NDArray[np.float64]) -> Dots:
-    """Return the inliers of a field (n, 5), as `QueryBuffer.field` gives it."""
-    shares = field[field[:, 4] > 0, :4]
-    return (shares * 255).round().clip(0, 255).astype(np.uint8)
+    return Recognition(matches, durations, rows)
 
 
 def _online(material: Material, config: Config) -> Config:
@@ -114,21 +92,6 @@ def _online(material: Material, config: Config) -> Config:
     step_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.0
     recent = max(1, material.data_set.exclude_recent)
     return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
-
-
-def _with_pose(
-    match: types.Match,
-    frame: types.Frame,
-    recognizer: PlaceRecognizer,
-    poses: RelativePoses | None,
-    camera: types.Camera | None,
-) -> types.Match:
-    features = recognizer.buffer.newest.features
-    if poses is None or features is None or match.accepted is None:
-        return match
-    encoding, robot = recognizer.reference_map.encoding, recognizer.config.robot
-    seen = upright(replace(frame, camera=frame.camera or camera), encoding, robot)
-    return replace(match, relative_pose=poses.measure(features, seen, match.accepted))
 
 
 def _numbered(match: types.Match, number: Mapping[int, int]) -> types.Match:

@@ -8,9 +8,7 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
     DIR/summary.csv               one row for every set and method
     DIR/<set>/set.json            name, title, protocol, tolerance, queries, references, query,
                                   reference, source, base
-    DIR/<set>/truth.npz           `right`: bool (Q, R), query by reference
-    DIR/<set>/poses.npz           `query` (Q, 7) and `reference` (R, 7): position in metres, and
-                                  quaternion; NaN where unknown; absent if no reference has one
+    DIR/<set>/truth.npy           bool (Q, R), which references are right for a query
     DIR/<set>/thumbnails/query/000000.jpg, .../reference/000000.jpg
                                   160 px wide; missing where a frame was unreadable; no reference
                                   folder for a drive against its own past
@@ -18,9 +16,6 @@ The folder that `convseq evaluate --output DIR` writes, and how to read it again
     DIR/<set>/<method>/summary.json
     DIR/<set>/<method>/scores.npy float32 (Q, R), pair scores, higher is more similar, NaN where a
                                   pair was not scored; absent with half of the map removed
-    DIR/<set>/<method>/fields.npz `dots`: uint8 (N, 4), inliers of the best candidates, row and
-                                  column in query and reference, 255 the whole image; `ends`: how
-                                  many up to each row of frames.csv; absent if nothing is verified
     DIR/<set>/<method>/curve.csv  threshold, precision, recall of the exact curve
 
 With half of the map removed the set is called `<set>-open`; it has three rows a query, one for
@@ -38,13 +33,11 @@ from typing import Any
 
 from convseq_ros.core.map.place import thumbnail
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.drive import Drive, Images, pose_rows
+from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.metrics import Curve
-from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
-from convseq_ros.evaluation.recognition import Dots, NO_DOTS
+from convseq_ros.evaluation.protocols import OPEN, Outcome
 from convseq_ros.evaluation.scorecard import margin, Verdicts
-from convseq_ros.evaluation.table import check_figures
 from convseq_ros.files import read_array, read_text
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import COLUMNS, complete_or_absent, row
@@ -75,16 +68,7 @@ class Run:
 
     def truth(self) -> npt.NDArray[np.bool_] | None:
         """Return which references are right, query by reference, with the whole map."""
-        return self._array(self._base() / 'truth.npz', 'right')
-
-    def fields(self) -> list[Dots]:
-        """Return the inliers of each row's best candidate, if the folder has them."""
-        dots, ends = (self._array(self.folder / 'fields.npz', name) for name in ('dots', 'ends'))
-        return [NO_DOTS] * len(self.frames) if dots is None else np.split(dots, ends[:-1])
-
-    def poses(self, drive: str) -> npt.NDArray[np.float64] | None:
-        """Return where each frame of `query` or `reference` was, (N, 7), if the folder says."""
-        return self._array(self._base() / 'poses.npz', drive)
+        return self._array(self._base() / 'truth.npy')
 
     def thumbnail(self, drive: str, index: int) -> Path | None:
         """Return the small picture of a frame of `query` or `reference`, if there is one."""
@@ -94,8 +78,8 @@ class Run:
         path = folder / drive / f'{index:06d}.jpg'
         return path if path.exists() else None
 
-    def _array(self, path: Path, name: str = '') -> Any:
-        return read_array(path, name, self.reading) if path.exists() else None
+    def _array(self, path: Path) -> Any:
+        return read_array(path, self.reading) if path.exists() else None
 
     def _base(self) -> Path:
         base = self.about_set().get('base')
@@ -122,12 +106,9 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=1) + '\n')
 
 
-def write_set(folder: Path, material: Material, query: Drive, reference: Drive) -> None:
-    """Write what is known of a set whatever the method: truth, poses and thumbnails."""
-    _write_arrays(folder / 'truth.npz', right=material.truth.right)
-    if any(reference.poses):
-        poses = {'query': pose_rows(query.poses), 'reference': pose_rows(reference.poses)}
-        _write_arrays(folder / 'poses.npz', **poses)
+def write_set(folder: Path, material: Material) -> None:
+    """Write what is known of a set whatever the method: truth and thumbnails."""
+    _write_array(folder / 'truth.npy', material.truth.right)
     _write_thumbnails(folder / 'thumbnails' / 'query', material.query)
     if not material.data_set.online:
         _write_thumbnails(folder / 'thumbnails' / 'reference', material.reference)
@@ -136,12 +117,8 @@ def write_set(folder: Path, material: Material, query: Drive, reference: Drive) 
 def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) -> None:
     """Write what a method answered, and its curve."""
     _write_frames(folder / 'frames.csv', outcome, verdicts)
-    if any(map(len, outcome.fields)):
-        ends = np.cumsum([len(one) for one in outcome.fields])
-        _write_arrays(folder / 'fields.npz', dots=np.concatenate(outcome.fields), ends=ends)
     if outcome.protocol != OPEN:
-        with complete_or_absent(folder / 'scores.npy') as part:
-            np.save(part, outcome.pairs.scores.astype(np.float32), allow_pickle=False)
+        _write_array(folder / 'scores.npy', outcome.pairs.scores.astype(np.float32))
     names = ('threshold', 'precision', 'recall')
     points = zip(curve.threshold, curve.precision, curve.recall, strict=True)
     texts = ([f'{value:.7g}' for value in point] for point in points)
@@ -149,10 +126,10 @@ def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) 
     write_table(folder / 'curve.csv', names, table)
 
 
-def _write_arrays(path: Path, **arrays: npt.NDArray[Any]) -> None:
+def _write_array(path: Path, array: npt.NDArray[Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with complete_or_absent(path) as part:
-        np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
+        np.save(part, array, allow_pickle=False)
 
 
 def _write_frames(path: Path, outcome: Outcome, verdicts: Verdicts) -> None:
@@ -184,43 +161,6 @@ def _write_thumbnails(folder: Path, images: Images) -> None:
     for index, frame in enumerate(images):
         if frame.gray is not None:
             (folder / f'{index:06d}.jpg').write_bytes(thumbnail(frame.gray, THUMBNAIL_PX))
-
-
-def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
-    """Write <set>-<method>.json for each, to be compared with those of others."""
-    for one in summaries:
-        write_json(folder / f'{one["set"]}-{one["method"]}.json', one)
-
-
-def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[str, Any]]:
-    """
-    Return what `write_exports` wrote, set by set.
-
-    SourceError if a file is none, its protocol is of another version, or two files of one set are
-    not of the same images: such figures cannot be compared.
-
-    """
-    found: dict[str, list[Mapping[str, Any]]] = {}
-    for path in paths:
-        try:
-            one = read_json(path, reading)
-            version, images = one['protocol_version'], one['images']
-            name, _ = str(one['set']), str(one['method'])
-            check_figures(one)
-        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-            raise SourceError(f'{path}: no export of `convseq evaluate` ({error})') from None
-        if version != VERSION:
-            raise SourceError(
-                f'{path}: protocol version {version}, and this program has {VERSION}; '
-                'evaluate again with one program'
-            )
-        if found.get(name) and found[name][0]['images'] != images:
-            raise SourceError(
-                f'{path}: its images of {name} are not those of the files before; compare figures '
-                'of one set of images'
-            )
-        found.setdefault(name, []).append(one)
-    return [one for own in found.values() for one in own]
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of `convseq evaluate`: what is on the page, and that it works in a browser."""
 
-import base64
 from collections import Counter
 import csv
 import json
@@ -14,7 +13,6 @@ import sys
 import xml.etree.ElementTree
 
 from convseq_ros.cli import main
-from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.report.page import write_report
 from convseq_ros.evaluation.report.shown import read_runs, right_to_show
 from convseq_ros.results import COLUMNS
@@ -26,12 +24,6 @@ pytest.importorskip('matplotlib')
 
 NUM_FRAMES = 24
 VERDICTS = {'right': 10, 'wrong': 5, 'rejected': 6, 'skipped': 3}
-MEASURED = {
-    'relative_x_m': '0.5000', 'relative_y_m': '-0.2500', 'relative_z_m': '0.0000',
-    'relative_qx': '0.0', 'relative_qy': '0.0', 'relative_qz': '0.0871557',
-    'relative_qw': '0.9961947', 'position_sigma_m': '0.1000', 'heading_sigma_rad': '0.01745',
-}  # fmt: skip
-DOTS = np.array([[0, 0, 255, 255], [51, 102, 153, 204]], np.uint8)
 
 
 def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
@@ -45,12 +37,7 @@ def write_set(folder: Path, name: str, protocol: str, base: str = '') -> None:
         return
     right = abs(np.subtract.outer(np.arange(NUM_FRAMES), np.arange(NUM_FRAMES))) <= 1
     right[-1] = False
-    np.savez_compressed(place / 'truth.npz', right=right)
-    if protocol == 'closed':
-        poses = np.zeros((NUM_FRAMES, 7))
-        poses[:, 0], poses[:, 6] = np.arange(NUM_FRAMES), 1.0
-        there = poses + np.eye(7)[0] / 2
-        np.savez_compressed(place / 'poses.npz', query=there, reference=poses)
+    np.save(place / 'truth.npy', right)
     random = np.random.default_rng(len(name))
     for side in ('query',) if protocol == 'online' else ('query', 'reference'):
         (place / 'thumbnails' / side).mkdir(parents=True)
@@ -78,7 +65,6 @@ def frame(index: int, half: str = '') -> dict[str, object]:
         'best_index': index if verdict == 'right' else (index + 10) % NUM_FRAMES,
         'best_score': '0.9000000', 'sequence_length': 2 + index % 3,
         'correct': int(verdict == 'right'), 'margin': '0.0100', 'inliers': 2,
-        **(MEASURED if verdict == 'right' else {}),
     }  # fmt: skip
 
 
@@ -92,9 +78,6 @@ def write_run(folder: Path, method: str, protocol: str, accuracy: float) -> None
         table.writeheader()
         table.writerows(frame(index, half) for half in halves for index in range(NUM_FRAMES))
     (place / 'curve.csv').write_text('threshold,precision,recall\n0.9,1.0,0.4\n0.1,0.6,0.5\n')
-    if method == 'convseq' and protocol == 'closed':
-        ends = 2 * np.arange(1, NUM_FRAMES + 1)
-        np.savez_compressed(place / 'fields.npz', dots=np.tile(DOTS, (NUM_FRAMES, 1)), ends=ends)
     if protocol != 'open':
         scores = np.random.default_rng(2).random((NUM_FRAMES, NUM_FRAMES)).astype(np.float32)
         scores[:3] = np.nan
@@ -172,20 +155,11 @@ def test_charts_are_well_formed_and_have_a_text_for_those_who_cannot_see_them(pa
     text = page.read_text(encoding='utf-8')
     charts = re.findall(r'<svg role="img" aria-label="\w+ on .*?</svg>', text, re.S)
     names = Counter(re.search(r'aria-label="(\w+) on', chart)[1] for chart in charts)
-    assert names == {'curves': 3, 'reliability': 3, 'matrix': 3, 'lengths': 3, 'poses': 3}
+    assert names == {'curves': 3, 'reliability': 3, 'matrix': 3, 'lengths': 3}
     for chart in charts:
         xml.etree.ElementTree.fromstring(chart)
         assert 'currentColor' in chart
     assert all('alt="' in tag for tag in re.findall(r'<img [^>]*>', text))
-
-
-def test_measured_poses_are_told_with_how_far_off_they_are(page):
-    _, rows = embedded(page)
-    told = 'ahead +0.50, left -0.25, up +0.00 m (± 0.10 m), turned +10.0° (± 1.0°)'
-    assert [told in row[3] for row in rows] == [False] * 3 + [True] * 10 + [False] * 11
-    assert base64.b64decode(rows[5][-1]) == DOTS.tobytes()
-    text = page.read_text(encoding='utf-8')
-    assert text.count('10 measured poses, 0.25 m and 10.00° off the truth in the median') == 4
 
 
 def test_names_and_titles_are_escaped(page):
@@ -270,7 +244,7 @@ def one_line(captured: str) -> bool:
         ('scores.npy', 'no matrix'),
         ('scores.npy', "\x93NUMPY\x01\x00\x76\x00{'descr': '<f4', 'fortran_order': False, 'shape'"
          + ': (1000000, 1000000), }'.ljust(58) + '\n'),
-        ('../truth.npz', 'no matrix'),
+        ('../truth.npy', 'no matrix'),
         ('../set.json', '[1'),
         ('../set.json', '[' * 100_000),
     ],
@@ -280,24 +254,8 @@ def test_damaged_file_is_named_in_one_line(copy, tmp_path, capsys, name, content
     assert main(['report', str(copy), '--output', str(tmp_path / 'page.html')]) == 1
     told = capsys.readouterr().err
     assert one_line(told)
-    assert re.search(r'street./?(cohog|convseq|truth\.npz)', told)
+    assert re.search(r'street./?(cohog|convseq|truth\.npy)', told)
     assert not (tmp_path / 'page.html').exists()
-
-
-@pytest.mark.parametrize(
-    ('name', 'arrays'),
-    [
-        ('street/convseq/fields.npz', {'dots': DOTS, 'ends': np.array([2])}),
-        ('street/convseq/fields.npz', {'dots': DOTS[:, :3], 'ends': np.arange(NUM_FRAMES)}),
-        ('street/convseq/fields.npz', {'dots': DOTS, 'ends': np.full(NUM_FRAMES, 0.5)}),
-        ('street/poses.npz', {'query': np.zeros((2, 7)), 'reference': np.zeros((2, 7))}),
-        ('street/poses.npz', {'query': np.zeros(7), 'reference': np.zeros((NUM_FRAMES, 6))}),
-    ],
-)
-def test_damaged_geometry_is_refused(copy, name, arrays):
-    np.savez_compressed(copy / name, **arrays)
-    with pytest.raises(ConvseqError, match='run `convseq evaluate` again'):
-        read_runs([copy])
 
 
 def test_what_cannot_be_done_is_said_in_one_line(copy, results, tmp_path, monkeypatch, capsys):
@@ -362,13 +320,6 @@ def test_keys_buttons_and_kinds_move_from_frame_to_frame(shown):
     text = shown('#street/convseq/3', kinds + 2 * "byId('next').click();")
     assert captions(text)[0] == 'Query 15' and '3 of 5' in text
     assert shown('', 9 * "byId('back').click();").count('disabled') > 0
-
-
-def test_inliers_are_drawn_over_both_pictures_where_they_are(shown):
-    text = shown('#street/convseq/5')
-    dots = re.findall(r'<circle cx="([^"]+)" cy="([^"]+)"', text)
-    assert [(float(x), float(y)) for x, y in dots] == [(0, 0), (64, 18), (160, 90), (128, 54)]
-    assert '<circle' not in shown('#street/cohog/5')[-3000:]
 
 
 def test_page_is_no_wider_than_a_phone_or_a_desk(shown):

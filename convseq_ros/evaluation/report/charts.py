@@ -64,16 +64,6 @@ def run_charts(one: Shown) -> Iterator[tuple[str, str, Any]]:
     if len(lengths) > 1 and not any(row.half for row in one.rows):
         caption = f'{one.name}: frames matched together (k), and the entropy of each image.'
         yield 'lengths', caption, _lengths(one)
-    if len(one.measured):
-        off_m = np.linalg.norm(one.measured[:, :3] - one.measured[:, 3:6], axis=1)
-        caption = f'{one.name}: {len(one.measured)} measured poses.'
-        if np.isfinite(off_m).any():
-            off_deg = np.degrees(np.nanmedian(one.measured[:, 6]))
-            caption = (
-                f'{caption[:-1]}, {np.nanmedian(off_m):.2f} m and {off_deg:.2f}° off the truth in '
-                'the median. Grey: places of the map; lines lead to the truth.'
-            )
-        yield 'poses', caption, _poses(one)
 
 
 def svg(figure: Any, label: str) -> str:
@@ -93,8 +83,8 @@ def write_figures(runs: Sequence[Shown], folder: Path) -> None:
     """
     Write the charts of every set and method, .png, .svg and .pdf.
 
-    They are called `<set>-curves`, `<set>-reliability`, and `<set>-<method>-matrix`, `-lengths`
-    and `-poses`, those that there are. ConvseqError if matplotlib is not installed.
+    They are called `<set>-curves`, `<set>-reliability`, and `<set>-<method>-matrix` and
+    `-lengths`, those that there are. ConvseqError if matplotlib is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name in dict.fromkeys(one.run.set for one in runs):
@@ -173,16 +163,4 @@ def _lengths(one: Shown) -> Any:
     threshold = (one.run.summary.get('configuration') or {}).get('entropy_threshold')
     if threshold is not None:
         lower.axhline(threshold, color=INK, linestyle='--', linewidth=1)
-    return figure
-
-
-def _poses(one: Shown) -> Any:
-    figure, places = _figure('x, m', 'y, m'), one.places
-    (axes,) = figure.axes
-    assert places is not None
-    axes.plot(*places[:, :2].T, '.-', color='C7', markersize=3, linewidth=0.8)
-    gap = np.full(len(one.measured), np.nan)
-    x, y = (np.stack((*one.measured[:, [axis, axis + 3]].T, gap), 1).ravel() for axis in (0, 1))
-    axes.plot(x, y, color=INK, linewidth=0.8, alpha=0.6)
-    axes.plot(*one.measured[:, :2].T, 'o', color='C2', markersize=3)
     return figure

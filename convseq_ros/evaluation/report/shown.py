@@ -5,21 +5,15 @@
 from collections.abc import Iterable, Mapping
 import csv
 from dataclasses import dataclass
-import math
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.core.rigid import angle, Matrix, matrix
-from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, one_line, SourceError
-from convseq_ros.evaluation.recognition import Dots
 from convseq_ros.evaluation.run_folder import read_run, read_table, Run
 from convseq_ros.evaluation.table import check_figures
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
-
-_MOVE = [f'relative_{one}' for one in ('x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')]
 
 _DAMAGED = (
     csv.Error, OSError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError,
@@ -38,7 +32,6 @@ class Row:
     entropy: float | None
     half: str  # which part of the map was kept
     told: tuple[str, str, str, str]  # in words: the verdict, the query, the match, the truth
-    move: Matrix | None  # (4, 4), the measured pose in that of the match
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +45,6 @@ class Shown:
     curve: npt.NDArray[np.float64]  # (T, 2), recall and precision
     scores: npt.NDArray[np.float32] | None  # (Q, R)
     truth: npt.NDArray[np.bool_] | None  # (Q, R)
-    fields: list[Dots]
-    places: npt.NDArray[np.float64] | None  # (R, 7), poses of the references
-    # Measured position, the true one or NaN, and the error of the heading: (N, 7).
-    measured: npt.NDArray[np.float64]
 
 
 def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig()) -> list[Shown]:
@@ -105,29 +94,21 @@ def _shown(run: Run, name: str) -> Shown:
         _ = float(row['said']), float(row['right'])
     configuration, machine = (summary.get(name) or {} for name in ('configuration', 'machine'))
     _ = float(configuration.get('entropy_threshold') or 0), machine.get('cpu')
-    about, truth, scores, fields = run.about_set(), run.truth(), run.scores(), run.fields()
+    about, truth, scores = run.about_set(), run.truth(), run.scores()
     rows = []
     for position, frame in enumerate(run.frames):
         try:
             rows.append(_row(frame, truth))
         except (ValueError, LookupError, TypeError) as error:
             raise ValueError(f'frames.csv: row {position + 1} is damaged: {error}') from None
-    if not rows or len(fields) != len(rows):
-        raise ValueError('no frames, or fields.npz is of other ones')
-    if any(one.shape[1:] != (4,) or one.dtype != np.uint8 for one in fields):
-        raise ValueError('fields.npz does not hold four bytes an inlier')
+    if not rows:
+        raise ValueError('no frames')
     if any(one is not None and one.ndim != 2 for one in (truth, scores)):
         raise ValueError('truth or scores are no matrix')
-    queries, places, measured = run.poses('query'), run.poses('reference'), np.zeros((0, 7))
-    if queries is not None and places is not None:
-        if (queries.shape, places.shape) != ((about['queries'], 7), (about['references'], 7)):
-            raise ValueError('poses.npz is of other frames')
-        measured = _measured(rows, queries, places)
     path = run.folder / 'curve.csv'
     points = read_table(path, run.reading) if path.exists() else []
     curve = np.array([(float(one['recall']), float(one['precision'])) for one in points])
-    curve = curve.reshape(-1, 2)
-    return Shown(run, name, about, rows, curve, scores, truth, fields, places, measured)
+    return Shown(run, name, about, rows, curve.reshape(-1, 2), scores, truth)
 
 
 def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
@@ -137,7 +118,6 @@ def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
         verdict = 'right' if row['correct'] == '1' else 'wrong'
     is_known, half, length = row['known'] == '1', row.get('half') or '', row['sequence_length']
     right = None if truth is None else right_to_show(truth[query], best)
-    numbers = {name: float(row[name]) for name in _MOVE if row.get(name)}
     entropy = float(row['entropy']) if row.get('entropy') else None
     sentence = f'{verdict.capitalize()}: {row["reason"].replace("_", " ")}'
     sentence += ', a slip' if row.get('slip') == '1' else ''
@@ -146,47 +126,12 @@ def _row(row: Mapping[str, str], truth: npt.NDArray[np.bool_] | None) -> Row:
     figures = [f'{one.removeprefix("best_")} {float(row[one]):.3f}'
                for one in ('best_score', 'margin', 'confidence') if row.get(one)]  # fmt: skip
     figures += [f'inliers {row["inliers"]}'] if row.get('inliers') else []
-    lines = ['No match' if best is None else f'Match: reference {best}', ', '.join(figures)]
-    lines += [_pose_in_words(row, numbers)] if 'relative_qw' in numbers else []
     place = 'not in the map' if right is None else f'reference {right}'
     place += '' if right is None or is_known else ', left out of this map'
     told = (
         f'{sentence}.',
         f'Query {query}\nk {length}' + ('' if entropy is None else f', entropy {entropy:.3f}'),
-        '\n'.join(lines),
+        f'{"No match" if best is None else f"Match: reference {best}"}\n{", ".join(figures)}',
         f'Truth: {place}',
     )
-    move = _matrix(list(numbers.values())) if len(numbers) == len(_MOVE) else None
-    return Row(query, verdict, best, right, int(length or 0), entropy, half, told, move)
-
-
-def _pose_in_words(row: Mapping[str, str], numbers: Mapping[str, float]) -> str:
-    qx, qy, qz, qw = (numbers[name] for name in _MOVE[3:])
-    yaw_deg = math.degrees(math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))
-    sigma_deg = math.degrees(float(row.get('heading_sigma_rad') or 0))
-    turned = f'turned {yaw_deg:+.1f}° (± {sigma_deg:.1f}°)'
-    if len(numbers) < len(_MOVE):
-        return turned
-    x, y, z = (numbers[name] for name in _MOVE[:3])
-    sigma_m = float(row.get('position_sigma_m') or 0)
-    return f'ahead {x:+.2f}, left {y:+.2f}, up {z:+.2f} m (± {sigma_m:.2f} m), {turned}'
-
-
-def _measured(
-    rows: Iterable[Row], queries: npt.NDArray[np.float64], places: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    found = []
-    for row in rows:
-        if row.move is None or row.best is None or not np.isfinite(places[row.best]).all():
-            continue
-        pose, truth = _matrix(places[row.best].tolist()) @ row.move, queries[row.query]
-        turn = math.nan
-        if np.isfinite(truth).all():
-            turn = angle(pose[:3, :3].T @ _matrix(truth.tolist())[:3, :3])
-        found.append([*pose[:3, 3], *truth[:3], turn])
-    return np.array(found, np.float64).reshape(-1, 7)
-
-
-def _matrix(pose: list[float]) -> Matrix:
-    x, y, z, qx, qy, qz, qw = pose
-    return matrix(Pose((x, y, z), (qx, qy, qz, qw)))
+    return Row(query, verdict, best, right, int(length or 0), entropy, half, told)
