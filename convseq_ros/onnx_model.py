@@ -72,9 +72,10 @@ class OnnxModel:
     """
     A network that turns an image into a descriptor, a vector of so many `numbers`.
 
-    Its input is float (1, C, H, W), with 1 or 3 channels; its first output, of any shape, is the
-    vector. How images become the input is said by its metadata, by a YAML file of its name beside
-    it, or is `given`: `size`, `mean`, `scale` and `color`; by default it is as ImageNet's.
+    Its input is float (n, C, H, W), with 1 or 3 channels; its first output, of any shape, is the
+    vector. If n is free, `batch` takes several images, else it is None. How images become the
+    input is said by its metadata, by a YAML file of its name beside it, or is `given`: `size`,
+    `mean`, `scale` and `color`; by default it is as ImageNet's.
     `identity` is the SHA-256 of the file, of those that its weights lie in, and of the YAML file;
     `wants_color` tells whether it is given images in colour, where there are some. ModelError if
     onnxruntime is missing, or the model is too large for `reading`, damaged, has files outside its
@@ -113,6 +114,7 @@ class OnnxModel:
         self._take_in(self._fixed().with_others(told, path).with_others(said, where))
         drawn = np.random.default_rng(0).integers(0, 256, (*self._size, 3), np.uint8)
         self.numbers = len(self(drawn))
+        self.batch = self._vectors if self._takes_several([drawn, 255 - drawn]) else None
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.NDArray[np.float32]:
         """
@@ -120,6 +122,36 @@ class OnnxModel:
 
         ModelError if the model fails, or its vector holds NaN or has another length than before.
         """
+        return self._vectors([image])[0]
+
+    def _vectors(self, images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
+        answer = self._run(images) if len(images) > 1 else [self._run(images)]
+        return [checked_vector(own, self.numbers, self._path) for own in answer]
+
+    def _takes_several(self, images: Sequence[npt.NDArray[np.uint8]]) -> bool:
+        """Return whether images in a batch have the vectors that they have alone."""
+        if not self._is_free:
+            return False
+        try:
+            together = self._vectors(images)
+        except ModelError:  # as of a graph that was traced for one image
+            return False
+        return len(together) == len(images) and np.allclose(together, [*map(self, images)], 1e-3)
+
+    def _run(self, images: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.float32]:
+        """Return the model's first output for images."""
+        planes = np.stack([self._planes(image) for image in images])
+        try:
+            return np.asarray(self._session.run(None, {self._input: planes})[0], np.float32)
+        except Exception as error:
+            height, width = self._size
+            raise ModelError(
+                f'{self._path}: the model fails on an image of {height} x {width} px '
+                f'({one_line(error)}); is that its size?'
+            ) from None
+
+    def _planes(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
+        """Return an image as the model reads it, (C, H, W)."""
         height, width = self._size
         if image.ndim == 3 and self._color == 'gray':
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
@@ -129,16 +161,7 @@ class OnnxModel:
         elif self._color == 'rgb':
             small = small[:, :, ::-1]
         planes = small.transpose(2, 0, 1) / 255.0
-        planes = ((planes - self._mean) / self._scale).astype(self._type)
-        try:
-            answer = self._session.run(None, {self._input: planes[None]})[0]
-            vector = np.asarray(answer, np.float32)
-        except Exception as error:
-            raise ModelError(
-                f'{self._path}: the model fails on an image of {height} x {width} px '
-                f'({one_line(error)}); is that its size?'
-            ) from None
-        return checked_vector(vector, self.numbers, self._path)
+        return ((planes - self._mean) / self._scale).astype(self._type)
 
     def _read(self, path: Path, reading: ReadingConfig) -> tuple[bytes, Any]:
         """Return what is in the file, and the digest of it and of the files it names."""
@@ -191,6 +214,7 @@ class OnnxModel:
             )
         self._input, self._type = inputs[0].name, _TYPES[inputs[0].type]
         self._channels: int = sides[1] or 0
+        self._is_free = sides[0] is None
         height, width = sides[2:]
         size = (height, width) if height and width else None
         return Input(size, color='gray' if self._channels == 1 else None)

@@ -18,10 +18,8 @@ BATCHES, MOST, ROUNDS = (1, 2, 4, 8), 8, 60
 
 
 def session(kind: str, size: int) -> onnxruntime.InferenceSession:
-    """Return a model that takes any number of images at once."""
+    """Return a model that is opened."""
     made = make_model(kind, size)
-    for value in (*made.graph.input, *made.graph.output):
-        value.type.tensor_type.shape.dim[0].dim_param = 'images'
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     providers = ['CPUExecutionProvider']

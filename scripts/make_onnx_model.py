@@ -38,11 +38,12 @@ def make_model(kind: str = 'hog', size: int = 96, numbers: int = 512) -> onnx.Mo
     """Return a model of a square input, with metadata that says how images become it."""
     nodes, constants = {'hog': _hog, 'random': _random}[kind](size, numbers)
     channels = {'hog': 1, 'random': 3}[kind]
+    shape = 'images', channels, size, size  # any number of images at once
     graph = helper.make_graph(
         nodes,
         kind,
-        [helper.make_tensor_value_info('image', TensorProto.FLOAT, (1, channels, size, size))],
-        [helper.make_tensor_value_info('descriptor', TensorProto.FLOAT, (1, numbers))],
+        [helper.make_tensor_value_info('image', TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info('descriptor', TensorProto.FLOAT, ('images', numbers))],
         [numpy_helper.from_array(value.astype(np.float32), name) for name, value in constants],
     )
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid('', OPSET)], ir_version=IR)

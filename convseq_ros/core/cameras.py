@@ -74,6 +74,11 @@ class Cameras:
         known = replace(match, query_index=self._frames - 1, localization=self.localization)
         return replace(known, camera=frame.source)
 
+    def expect(self, frames: Sequence[Frame]) -> None:
+        """Do what `PlaceRecognizer.expect` does, for the frames of each camera."""
+        for one in self.each:
+            one.expect([frame for frame in frames if self.of(frame.source) is one])
+
     @property
     def localization(self) -> Localization:
         """Where the robot is, by the camera that is surest."""

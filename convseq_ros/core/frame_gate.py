@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frame gate: which frames are keyframes, to be matched and to become places."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -47,6 +48,11 @@ class StampOrder:
             return Order.LATE
         self._last_ns = stamp_ns
         return Order.JUMPED_BACK if late_ns > 0 else Order.NEXT
+
+    def are_next(self, stamps_ns: Sequence[int]) -> bool:
+        """Return whether each of some stamps would be the next."""
+        last = [] if self._last_ns is None else [self._last_ns]
+        return all(earlier <= later for earlier, later in pairwise([*last, *stamps_ns]))
 
 
 class AnyOrder(StampOrder):

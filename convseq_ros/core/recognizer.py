@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The algorithm: frames in, matches out. Sections are those of the paper."""
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -70,6 +72,7 @@ class PlaceRecognizer:
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
         self._last: Match | None = None
+        self._expected: deque[tuple[int, Verdict]] = deque()  # by stamp, of frames that come next
 
     def process(self, frame: Frame, descriptor: Descriptor | None = None) -> Match:
         """
@@ -86,6 +89,38 @@ class PlaceRecognizer:
         match = self._answer(upright(frame, self._encoding, self.config.robot), descriptor)
         return self.localizer.update(match, self.mapping.session_start, self.config)
 
+    def expect(self, frames: Sequence[Frame]) -> None:
+        """
+        Take in all frames that `process` gets next, so that a model describes them in one batch.
+
+        Answers are those of frames one by one. Nothing is done if a stamp is earlier than the one
+        before it. ModelError as of `process`, which then asks the model again.
+        """
+        if self._expected or not self.order.are_next([frame.stamp_ns for frame in frames]):
+            return
+        frames = [upright(frame, self._encoding, self.config.robot) for frame in frames]
+        seen = [(frame, self._gated(frame)) for frame in frames]
+        self._expected.extend((frame.stamp_ns, verdict) for frame, verdict in seen)
+        passed = [(frame, verdict.descriptor) for frame, verdict in seen if not verdict.reason]
+        described = iter(self.first_stage.add_all(passed))
+        self._expected = deque(
+            (frame.stamp_ns, one if one.reason else replace(one, descriptor=next(described)))
+            for frame, one in seen
+        )
+
+    def _gated(self, frame: Frame, descriptor: Descriptor | None = None) -> Verdict:
+        while self._expected:
+            stamp_ns, verdict = self._expected.popleft()
+            if stamp_ns == frame.stamp_ns:
+                return verdict
+
+        def encode() -> Descriptor:  # III-B, III-C: entropy, histograms of gradients in cells
+            if descriptor is None and frame.gray is not None:
+                return describe(frame.gray, self._encoding)
+            return descriptor or self._blank
+
+        return self.gate.update(frame.stamp_ns, frame.pose, encode, frame.gray)
+
     def _answer(self, frame: Frame, descriptor: Descriptor | None) -> Match:
         answer, self._frames = partial(Match, self._frames, frame.stamp_ns), self._frames + 1
         self.model_ms = 0.0
@@ -96,13 +131,7 @@ class PlaceRecognizer:
             self.mapping.reset()
             self.order.update(frame.stamp_ns)
             self.resets += 1
-
-        def encode() -> Descriptor:  # III-B, III-C: entropy, histograms of gradients in cells
-            if descriptor is None and frame.gray is not None:
-                return describe(frame.gray, self._encoding)
-            return descriptor or self._blank
-
-        verdict = self.gate.update(frame.stamp_ns, frame.pose, encode, frame.gray)
+        verdict = self._gated(frame, descriptor)
         if verdict.reason:
             match = self._again(answer, verdict.reason)
         else:
@@ -149,6 +178,7 @@ class PlaceRecognizer:
     def reset(self) -> None:
         """Forget the frames so far; counting goes on, and so does the map."""
         self._last = None
+        self._expected.clear()
         stages = self.order, self.gate, self.matcher, self.buffer, self.decider, self.closures
         for stage in (*stages, self.localizer):
             stage.reset()

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The work on one frame, done in the worker's thread: decode, recognise, record, publish."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Lock, Thread
@@ -22,6 +23,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 _LOG_PERIOD_S = 5.0
 _PATIENCE_S = 5.0  # for the place that is being linked, at the end
+_BATCH = 4  # images at once, at most: what is decoded must fit into memory
 Publish = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 
@@ -142,10 +144,33 @@ class Recognition:
     model_problem: str = ''  # why the map's model is not used, if it failed
     _linking: MapLinking | None = None
 
-    def handle(self, arrival: Arrival) -> None:
-        """Answer one frame; errors are logged and counted."""
+    def together(self) -> int:
+        """Return how many frames that wait are described in one batch."""
+        return _BATCH if self.session.recognizer.first_stage.batch else 1
+
+    def handle(self, *arrivals: Arrival) -> None:
+        """Answer frames in turn; errors are logged and counted."""
+        frames = []
+        for arrival in arrivals:
+            with self._counting():
+                frames.append((arrival, *self._read(arrival)))
+        batch_ms = self._describe([frame for _, frame, _ in frames]) if len(frames) > 1 else 0.0
+        for arrival, frame, read_ms in frames:
+            with self._counting():
+                self._answer(arrival, frame, read_ms + batch_ms / len(frames))
+
+    def _describe(self, frames: list[Frame]) -> float:
+        """Describe frames in one batch; return the milliseconds that it took."""
+        start_ns = time.perf_counter_ns()
+        with suppress(ModelError):  # which each frame's answer tells
+            self.session.cameras.expect(frames)
+        return (time.perf_counter_ns() - start_ns) / 1e6
+
+    @contextmanager
+    def _counting(self) -> Iterator[None]:
+        """Log and count an error."""
         try:
-            self._answer(arrival)
+            yield
         except Exception as error:
             # Publishing fails while a signal shuts ROS down; the row is written by then.
             if isinstance(error, ConvseqError) or self.ros_is_up():
@@ -172,19 +197,24 @@ class Recognition:
             self.statistics.unkept += 1
             self.logger.error(str(error))
 
-    def _answer(self, arrival: Arrival) -> None:
-        cameras = self.session.cameras
+    def _read(self, arrival: Arrival) -> tuple[Frame, float]:
+        """Return a frame with what else is known of it, and the milliseconds of decoding it."""
         pose = self.context.pose_at(arrival.stamp_ns)
         depth_m = self.context.depth_at(arrival.topic, arrival.stamp_ns)
         start_ns = time.perf_counter_ns()
         frame = replace(self._decode(arrival), pose=pose, depth_m=depth_m)
+        return frame, (time.perf_counter_ns() - start_ns) / 1e6
+
+    def _answer(self, arrival: Arrival, frame: Frame, before_ms: float) -> None:
+        cameras = self.session.cameras
+        start_ns = time.perf_counter_ns()
         try:
             match = cameras.process(frame)
         except ModelError as error:
             self._do_without(error)
             cameras = self.session.cameras
             match = cameras.process(frame)
-        duration_ms = (time.perf_counter_ns() - start_ns) / 1e6
+        duration_ms = before_ms + (time.perf_counter_ns() - start_ns) / 1e6
         self._keep()
         match = replace(match, query_index=arrival.number)
         self.results.write(match, duration_ms)

@@ -107,8 +107,12 @@ class VprNode(ManagedNode):
             logger,
             self.context.ok,
         )
-        self._worker = Worker(
-            self._recognition.handle, config.queue_size, config.max_wait_s, QUEUE_BYTES
+        self._worker: Worker[Arrival] = Worker(
+            self._recognition.handle,
+            config.queue_size,
+            config.max_wait_s,
+            QUEUE_BYTES,
+            self._recognition.together,
         )
         self._maps = MapServices(
             self, self._worker, self._recognition, lambda: self._config, config.save_map_path

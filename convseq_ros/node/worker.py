@@ -19,7 +19,8 @@ class Worker(Generic[Item]):
     """
     Handles items one after another, in a thread of its own; drops the oldest when they pile up.
 
-    `handle` is called with each item, in the thread; it must not raise. At most `queue_size` items
+    `handle` is called with each item, in the thread, and with those that wait behind it as long as
+    they are at most `together()` in all; it must not raise. At most `queue_size` items
     wait, of `queue_bytes` together (one alone may have more), and each, if another waits behind
     it, for `max_wait_s` seconds; 0 for as long as it takes. `drops` counts those that were pushed
     out or waited for too long, by cause: queue_size, memory, max_wait_s.
@@ -27,16 +28,18 @@ class Worker(Generic[Item]):
 
     def __init__(
         self,
-        handle: Callable[[Item], None],
+        handle: Callable[..., None],
         queue_size: int,
         max_wait_s: float = 0.0,
         queue_bytes: float = math.inf,
+        together: Callable[[], int] = lambda: 1,
     ) -> None:
         self.drops: Counter[str] = Counter()
         self._handle = handle
         self._size = queue_size
         self._max_wait_ns = round(max_wait_s * 1e9)
         self._most_bytes = queue_bytes
+        self._together = together
         self._bytes = 0
         self._items: deque[tuple[int, int, Item]] = deque()
         self._actions: deque[Action] = deque()
@@ -96,7 +99,8 @@ class Worker(Generic[Item]):
             while len(self._items) > 1 and self._is_late():
                 self._take()
                 self.drops['max_wait_s'] += 1
-            return partial(self._handle, self._take())
+            count = min(len(self._items), self._together())
+            return partial(self._handle, *[self._take() for _ in range(count)])
 
     def _take(self) -> Item:
         _, size, item = self._items.popleft()

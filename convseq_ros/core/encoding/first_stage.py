@@ -7,6 +7,7 @@ The global descriptor of the cells is built in. Any callable from an image to a 
 place, such as a network; all that follows goes on as before.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 import time
 from typing import Protocol
@@ -31,7 +32,8 @@ class Describe(Protocol):
     From an image, uint8 (H, W) or (H, W, 3) in the order blue, green, red, to a vector (n,).
 
     It may have `identity`, a text that tells it from all others (by default its name), and
-    `wants_color`: if that is true, it gets frames in colour where they have it.
+    `wants_color`: if that is true, it gets frames in colour where they have it. A function
+    `batch`, if it has one, gets several images and returns as many vectors, the same as alone.
     """
 
     def __call__(self, image: npt.NDArray[np.uint8], /) -> npt.ArrayLike:
@@ -108,8 +110,9 @@ class FirstStage:
     Adds a model's vector to what else is known of a frame; nothing if there is no model.
 
     `numbers` are those of the map's vectors, 0 if there is none yet. `duration_ms` is how long the
-    newest vector took, 0 before there is one. ConfigError if the encoding names a model, and the
-    one that is there, if any, is another.
+    newest vector took, its share if it was made in a batch, 0 before there is one. `batch` makes
+    vectors of several images at once, None if the model cannot. ConfigError if the encoding names
+    a model, and the one that is there, if any, is another.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class FirstStage:
     ) -> None:
         self._describe, self._encoding, self.duration_ms = describe, encoding, 0.0
         self._numbers = numbers  # of a vector, once one is known
+        self.batch = getattr(describe, 'batch', None)
         asked, own = encoding.descriptor_model, identity_of(describe) if describe else ''
         if asked and not asked.startswith('#'):
             raise ConfigError(f'descriptor_model: {asked} is a file; open it, and give `describe`')
@@ -125,25 +129,49 @@ class FirstStage:
             raise ConfigError(f'describe: is {own}, the map is of {asked}; build the map again')
 
     def add(self, frame: Frame, descriptor: Descriptor) -> Descriptor:
-        """
-        Return what a frame shows, with its vector.
+        """Return what `add_all` does, for one frame."""
+        return self.add_all([(frame, descriptor)])[0]
 
-        ModelError if the model's vector is empty, not finite, or of another length than before.
+    def add_all(self, seen: Sequence[tuple[Frame, Descriptor]]) -> list[Descriptor]:
         """
-        is_needed = self._encoding.descriptor_model and descriptor.vector is None
-        if not is_needed or frame.gray is None:
-            return descriptor
+        Return what frames show, with their vectors; those of several are made in one batch.
+
+        ModelError if a vector of the model is empty, not finite, or of another length than before.
+        """
+        images: dict[int, npt.NDArray[np.uint8]] = {}
+        if self._encoding.descriptor_model:
+            for index, (frame, descriptor) in enumerate(seen):
+                if frame.gray is not None and descriptor.vector is None:
+                    images[index] = self._image(frame)
+        done = [descriptor for _, descriptor in seen]
+        for index, vector in zip(images, self._vectors([*images.values()]), strict=True):
+            done[index] = replace(done[index], vector=unit(vector).astype(np.float16))
+        return done
+
+    def _vectors(self, images: list[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.float32]]:
+        if not images:
+            return []
         if self._describe is None:
             raise ConfigError(_UNSAID)
-        image = frame.gray
-        if frame.color is not None and wants_color(self._describe):
-            image = frame.color
         started = time.perf_counter()
-        answer = self._describe(self._masked(image))
-        self.duration_ms = (time.perf_counter() - started) * 1e3
-        vector = checked_vector(answer, self._numbers, 'descriptor_model')
-        self._numbers = len(vector)
-        return replace(descriptor, vector=unit(vector).astype(np.float16))
+        if self.batch and len(images) > 1:
+            answers = self.batch(images)
+        else:
+            answers = [self._describe(image) for image in images]
+        self.duration_ms = (time.perf_counter() - started) * 1e3 / len(images)
+        vectors = []
+        for answer in answers:
+            vectors.append(checked_vector(answer, self._numbers, 'descriptor_model'))
+            self._numbers = len(vectors[-1])
+        return vectors
+
+    def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
+        """Return what the model gets of a frame that has an image."""
+        wanted = frame.gray
+        if frame.color is not None and self._describe and wants_color(self._describe):
+            wanted = frame.color
+        assert wanted is not None
+        return self._masked(wanted)
 
     def _masked(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
         """Return an image whose hidden cells are flat."""
