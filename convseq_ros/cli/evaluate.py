@@ -41,6 +41,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'half in turn')
     parser.add_argument('--output', type=Path, default=Path('results'),
         help='run folder to write (results)')
+    parser.add_argument('--export', type=Path, metavar='FOLDER', help='also write one JSON file a '
+        'method and set, for `convseq report A.json B.json`')
     parser.add_argument('--data-root', type=Path, default=Path(), help='where the folders of '
         'ready-made sets are (the present folder)')
     # fmt: on
@@ -67,6 +69,7 @@ def run(chosen: argparse.Namespace) -> int:
         criterion=chosen.criterion,
         exclude_recent=chosen.exclude_recent,
         keep=chosen.keep,
+        export=chosen.export,
         argv=tuple(sys.argv),
     )
     data_sets = [open_data_set(text, chosen.data_root, config.reading) for text in chosen.sets]

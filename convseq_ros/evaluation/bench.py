@@ -35,6 +35,7 @@ class Plan:
     criterion: str = 'score'  # what curves are drawn over: score, margin or confidence
     exclude_recent: int | None = None  # overrides the sets, for drives against their own past
     keep: float | None = None  # share of the map, from its start, that `open` keeps
+    export: Path | None = None  # folder for one JSON file a method and set
     argv: tuple[str, ...] = ()  # the command, for the record
 
 
@@ -74,6 +75,8 @@ def evaluate(
         folder = output / summary['set'] / summary['method']
         run_folder.write_json(folder / 'summary.json', summary)
     run_folder.write_summary_table(output, summaries)
+    if plan.export is not None:
+        run_folder.write_exports(plan.export, summaries)
     return summaries
 
 

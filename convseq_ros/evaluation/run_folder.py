@@ -36,8 +36,9 @@ from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.metrics import Curve
-from convseq_ros.evaluation.protocols import OPEN, Outcome
+from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Verdicts
+from convseq_ros.evaluation.table import check_figures
 from convseq_ros.files import read_array, read_text
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import COLUMNS, complete_or_absent, row
@@ -161,6 +162,43 @@ def _write_thumbnails(folder: Path, images: Images) -> None:
     for index, frame in enumerate(images):
         if frame.gray is not None:
             (folder / f'{index:06d}.jpg').write_bytes(thumbnail(frame.gray, THUMBNAIL_PX))
+
+
+def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
+    """Write <set>-<method>.json for each, to be compared with those of others."""
+    for one in summaries:
+        write_json(folder / f'{one["set"]}-{one["method"]}.json', one)
+
+
+def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[str, Any]]:
+    """
+    Return what `write_exports` wrote, set by set.
+
+    SourceError if a file is none, its protocol is of another version, or two files of one set are
+    not of the same images: such figures cannot be compared.
+
+    """
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for path in paths:
+        try:
+            one = read_json(path, reading)
+            version, images = one['protocol_version'], one['images']
+            name, _ = str(one['set']), str(one['method'])
+            check_figures(one)
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+            raise SourceError(f'{path}: no export of `convseq evaluate` ({error})') from None
+        if version != VERSION:
+            raise SourceError(
+                f'{path}: protocol version {version}, and this program has {VERSION}; '
+                'evaluate again with one program'
+            )
+        if found.get(name) and found[name][0]['images'] != images:
+            raise SourceError(
+                f'{path}: its images of {name} are not those of the files before; compare figures '
+                'of one set of images'
+            )
+        found.setdefault(name, []).append(one)
+    return [one for own in found.values() for one in own]
 
 
 def write_summary_table(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:

@@ -50,16 +50,45 @@ def test_json_holds_the_summaries(street, capsys):
     assert summary['configuration']['image_size_px'] == 128
 
 
-def test_images_are_named_by_the_sums_of_their_files(street, capsys):
-    assert evaluate(street, street, '--method', 'cohog', '--json') == 0
-    (summary,) = json.loads(capsys.readouterr().out)
-    assert summary['protocol_version'] == 1
+def test_exports_of_several_people_are_put_in_one_table(street, capsys):
+    folder = street.parent / 'mine'
+    assert (
+        evaluate(street, street, '--method', 'cohog', '--method', 'hog', '--export', folder) == 0
+    )
+    files = sorted(folder.iterdir())
+    assert [path.name for path in files] == ['street-cohog.json', 'street-hog.json']
+    one = json.loads(files[0].read_text())
+    assert one['protocol_version'] == 1 and one['accuracy_all'] == 1
+    assert one['images']['query'] == one['images']['reference']
     listing = ''.join(
         f'{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n'
         for path in sorted((street.parent / 'images').iterdir())
     )
-    digest = hashlib.sha256(listing.encode()).hexdigest()
-    assert summary['images'] == {'query': digest, 'reference': digest}
+    assert one['images']['query'] == hashlib.sha256(listing.encode()).hexdigest()
+    table = capsys.readouterr().out
+    assert main(['report', *map(str, files)]) == 0
+    assert capsys.readouterr().out == table
+
+
+@pytest.mark.parametrize(
+    ('change', 'problem'),
+    [
+        ({'protocol_version': 2}, 'b.json: protocol version 2, and this program has 1'),
+        ({'images': {'query': 'other'}}, 'b.json: its images of street are not those'),
+        ({'set': None, 'images': None}, ''),
+        ({'auc_pr': 'high'}, "b.json: no export of `convseq evaluate` ('high' is no figure)"),
+        (None, 'b.json: no export of `convseq evaluate`'),
+    ],
+)
+def test_figures_that_cannot_be_compared_are_refused_in_one_line(
+    tmp_path, capsys, change, problem
+):
+    own = {'set': 'street', 'method': 'a', 'protocol_version': 1, 'images': {'query': 'one'}}
+    (tmp_path / 'a.json').write_text(json.dumps(own))
+    (tmp_path / 'b.json').write_text('[]' if change is None else json.dumps(own | change))
+    done = main(['report', str(tmp_path / 'a.json'), str(tmp_path / 'b.json')])
+    told = capsys.readouterr().err
+    assert done == bool(problem) and problem in told and told.count('\n') == bool(problem)
 
 
 @pytest.mark.parametrize(
