@@ -32,7 +32,8 @@ STABLE, MAY_CHANGE = 'stable', 'may change'
 CHANGING = {
     '/diagnostics', '~/debug_image', '~/fleet_answer', '~/markers', '~/reference_path',
     'PlaceRecognizer(matcher)', 'PlaceRecognizer(coarse)', 'PlaceRecognizer.process(descriptor)',
-    'PlaceRecognizer.expect(frames)', 'open_map(encoding)', 'open_map(keyframes)', 'build_map(links)',
+    'PlaceRecognizer.expect(frames)', 'open_map(encoding)', 'open_map(keyframes)',
+    'build_map(links)',
     'convseq demo', 'convseq evaluate', 'convseq fleet', 'convseq report', 'convseq watch',
 }  # fmt: skip
 # What every node of ROS has: topics, and packages of the types of its services.
