@@ -1,4 +1,4 @@
-# make demo [DATA=path]   from a fresh clone to a picture
+# make demo              from a fresh clone to a picture
 # make test               all that CI runs
 # make demo-slam          loop closures into a pose graph, and what false ones cost
 # make results [DATA=folder-of-data-sets] [SETS='corridor own.yaml']   measure, write docs/RESULTS.md
@@ -51,7 +51,7 @@ endif
 	lint types contract wheel test-aarch64 test-newest test-noble clean
 
 demo: .venv/demo.stamp
-	.venv/bin/convseq demo $(if $(DATA),--data '$(DATA)')
+	.venv/bin/convseq demo
 
 demo-slam: .venv/slam.stamp
 	.venv/bin/python examples/pose_graph/demo.py $(if $(PICTURE),--picture '$(PICTURE)')

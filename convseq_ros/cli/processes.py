@@ -34,16 +34,16 @@ def recognise_live(
     rate: float,
     config: Config,
     *,
-    odom: str = '',
-    camera_info: str = '',
+    odom: str,
+    camera_info: str,
 ) -> list[dict[str, str]]:
     """
     Return the result table that the node wrote, one row for every frame that reached it.
 
-    The player publishes the recording, its only image topic or a folder, of so many `frames`, and
-    its topics `odom` and `camera_info`; `rate` is how many seconds of it are in a second. The node
-    gets the configuration parameter by parameter; tables and logs go to a folder. ConvseqError if
-    ROS is not there, or one of the processes fails.
+    The player publishes a recording of so many `frames`: its only image topic, and its topics
+    `odom` and `camera_info`; `rate` is how many seconds of it are in a second. The node gets the
+    configuration parameter by parameter; tables and logs go to a folder. ConvseqError if ROS is
+    not there, or one of the processes fails.
     """
     need_ros()
     table = folder / 'live.csv'

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A drive as a ROS 2 recording, and the truth between two drives."""
+"""A drive as a ROS 2 recording."""
 
 from collections.abc import Iterable
 import os
@@ -11,28 +11,25 @@ from typing import Any
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ConvseqError, pip_install
 from convseq_ros.simulation.drive import Shot
-import cv2
 import numpy as np
-import numpy.typing as npt
 
-_ODOMETRY, _INFO = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/CameraInfo'
+_IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
+_ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def write_recording(
     path: Path,
     frames: Iterable[Shot],
     topic: str = '/camera/image_raw',
-    compressed: bool = False,
     odom_topic: str = '/odom',
-    truth_topic: str = '/ground_truth',
     info_topic: str = '',
 ) -> None:
     """
     Write an mcap recording of images and, if its topic is not empty, odometry.
 
-    Images are sensor_msgs/Image (bgr8), or CompressedImage (JPEG) if `compressed`. Shots that
-    carry odometry of their own are written with both: what it says, in frame odom, and the truth,
-    in frame map, on `truth_topic`. Of all others the truth is the odometry. `info_topic` has a
+    Images are sensor_msgs/Image (bgr8). Shots that carry odometry of their own are written with
+    both: what it says, in frame odom, and the truth, in frame map, on /ground_truth. Of all others
+    the truth is the odometry. `info_topic` has a
     sensor_msgs/CameraInfo for every image. The folder appears under its name only when it is
     complete. ConvseqError if it exists already or rosbags is not installed.
     """
@@ -49,16 +46,14 @@ def write_recording(
     with tempfile.TemporaryDirectory(prefix=f'.{path.name}.', dir=path.parent) as folder:
         unfinished = Path(folder) / path.name
         with Writer(unfinished, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            message = _compressed_message if compressed else _image_message
-            kind = f'sensor_msgs/msg/{"CompressedImage" if compressed else "Image"}'
-            images = writer.add_connection(topic, kind, typestore=store)
+            images = writer.add_connection(topic, _IMAGE, typestore=store)
             others: dict[str, Any] = {}
             for shot in frames:
-                data = store.serialize_cdr(message(store.types, shot), kind)
+                data = store.serialize_cdr(_image_message(store.types, shot), _IMAGE)
                 writer.write(images, shot.stamp_ns, data)
                 said = [
                     (name, _ODOMETRY, _odometry_message(store.types, shot, frame_id, pose))
-                    for name, frame_id, pose in _poses(shot, odom_topic, truth_topic)
+                    for name, frame_id, pose in _poses(shot, odom_topic)
                 ]
                 if info_topic and shot.camera:
                     said.append((info_topic, _INFO, _info_message(store.types, shot, shot.camera)))
@@ -70,13 +65,13 @@ def write_recording(
         os.replace(unfinished, path)
 
 
-def _poses(shot: Shot, odom_topic: str, truth_topic: str) -> list[tuple[str, str, Pose]]:
+def _poses(shot: Shot, odom_topic: str) -> list[tuple[str, str, Pose]]:
     """Return topic, frame and pose of every odometry message of a shot."""
     if not odom_topic:
         return []
     if shot.odometry is None:
         return [(odom_topic, 'map', shot.pose)]
-    return [(odom_topic, 'odom', shot.odometry), (truth_topic, 'map', shot.pose)]
+    return [(odom_topic, 'odom', shot.odometry), ('/ground_truth', 'map', shot.pose)]
 
 
 def _header(types: Any, shot: Shot, frame_id: str) -> Any:
@@ -87,7 +82,7 @@ def _header(types: Any, shot: Shot, frame_id: str) -> Any:
 
 def _image_message(types: Any, shot: Shot) -> Any:
     height, width = shot.image.shape[:2]
-    return types['sensor_msgs/msg/Image'](
+    return types[_IMAGE](
         header=_header(types, shot, 'camera'),
         height=height,
         width=width,
@@ -96,12 +91,6 @@ def _image_message(types: Any, shot: Shot) -> Any:
         step=3 * width,
         data=np.ascontiguousarray(shot.image).reshape(-1),
     )
-
-
-def _compressed_message(types: Any, shot: Shot) -> Any:
-    _, data = cv2.imencode('.jpg', shot.image, [cv2.IMWRITE_JPEG_QUALITY, 92])
-    header = _header(types, shot, 'camera')
-    return types['sensor_msgs/msg/CompressedImage'](header=header, format='jpeg', data=data)
 
 
 def _info_message(types: Any, shot: Shot, camera: Camera) -> Any:
@@ -140,13 +129,3 @@ def _odometry_message(types: Any, shot: Shot, frame_id: str, at: Pose) -> Any:
         pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=unknown),
         twist=types['geometry_msgs/msg/TwistWithCovariance'](twist=twist, covariance=unknown),
     )
-
-
-def nearest_reference(
-    query_distances: npt.ArrayLike, reference_distances: npt.ArrayLike
-) -> npt.NDArray[np.int64]:
-    """Return for each query's distance, (Q,), the index of the nearest reference's distance."""
-    references = np.asarray(reference_distances, dtype=np.float64)
-    queries = np.asarray(query_distances, dtype=np.float64)
-    off = np.abs(queries[:, None] - references)
-    return np.asarray(off.argmin(axis=1), np.int64)

@@ -51,8 +51,8 @@ class Recording:
         self._path = path
         self._reading = reading
         self._storages, self.warnings = open_storage(path, reading)
-        self._topics = merge_topics(storage.topics for storage in self._storages)
-        chosen = choose_topic(path, self._topics, topic, IMAGE_TYPES, '--topic')
+        topics = merge_topics(storage.topics for storage in self._storages)
+        chosen = choose_topic(path, topics, topic, IMAGE_TYPES, '--topic')
         self.name = path.resolve().name
         self.topic = chosen.name
         self.type_name = chosen.type_name
@@ -80,13 +80,6 @@ class Recording:
                 )
             gray, color = gray_and_color(pixels, self._reading)
             yield Frame(message.stamp_ns, gray, self.topic, color=color)
-
-    def topics_of(self, types: tuple[str, ...]) -> list[str]:
-        return sorted(
-            topic.name
-            for topic in self._topics.values()
-            if topic.type_name in types and topic.count > 0
-        )
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield the image messages undecoded, as CDR, but for those too damaged for a stamp."""

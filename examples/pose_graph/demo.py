@@ -17,7 +17,7 @@ try:
 except ModuleNotFoundError as error:
     sys.exit(f"demo: {error.name} is not installed; in a clone, pip install '.[slam,ros,plot]'")
 from comparison import compare, draw_false, Trial, true_path, twice
-from convseq_ros.cli.demo_drives import make_empty
+from convseq_ros.cli.demo import make_empty
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.sources.recording import read_poses
