@@ -1,8 +1,10 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that tests run to their end."""
+"""Programs that tests run to their end, and what they wait for."""
 
+from collections.abc import Callable
 import subprocess
+import time
 from typing import Any
 
 
@@ -10,3 +12,11 @@ def run(*command: Any, **more: Any) -> subprocess.CompletedProcess[str]:
     """Return what a program said, and its exit code."""
     words = [*map(str, command)]
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
+
+
+def wait_for(condition: Callable[[], object], patience_s: float = 60.0) -> None:
+    """Look again and again until a condition holds; AssertionError if it never does."""
+    until_s = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < until_s, 'waited in vain'
+        time.sleep(0.002)

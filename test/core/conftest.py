@@ -27,3 +27,9 @@ def image() -> Callable[..., np.ndarray]:
 def described(image) -> Callable[..., Descriptor]:
     """Return a maker of descriptors of these images."""
     return lambda place, seed=0: describe(image(place, seed))
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Return where a map may be."""
+    return tmp_path / 'map.db'

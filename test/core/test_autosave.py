@@ -3,30 +3,44 @@
 """A growing map is persisted in its file, by one owner at a time."""
 
 import os
-import time
+import shutil
 
 from convseq_ros.core.map import autosave as module
+from convseq_ros.core.map import writer
 from convseq_ros.core.map.autosave import Autosave
+from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.errors import MapError
+from programs import wait_for
 import pytest
 
 from bench.torture.scenarios import APART, cells, drawn, ENCODING, grow, holds
 
 pytestmark = pytest.mark.once
 
-PATIENCE_S = 60.0
+MODES = slice(18, 20)  # of the file: how it is written and read
+JOURNAL, AHEAD = b'\1\1', b'\2\2'
 
 
 def own(path, **kwargs):
     return Autosave(path, ENCODING, APART, **kwargs)
 
 
-def wait_for(condition):
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.005)
+def grown(path, count=0):
+    owner = own(path)
+    grow(owner.reference_map, count)
+    owner.flush()
+    return owner
+
+
+def is_right(reference_map, count):
+    return len(reference_map) == count and all(
+        (reference_map.packed(index) == cells(index)).all() for index in range(count)
+    )
+
+
+def beside(path):
+    return sorted(one.name.removeprefix(path.name) for one in path.parent.iterdir())
 
 
 def told(autosave):
@@ -41,11 +55,6 @@ def told(autosave):
         return False
 
     return found
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / 'map.db'
 
 
 @pytest.fixture(autouse=True)
@@ -94,15 +103,13 @@ def test_where_nothing_can_be_written_is_said_at_the_start(path, what, monkeypat
 
 
 def test_a_full_disk_is_reported_once_and_the_rest_is_written_when_there_is_room(path):
-    autosave = own(path)
+    autosave = grown(path, 1)
     reference_map, database = autosave.reference_map, autosave._writer._database
 
     def resize_disk(pages):
         with autosave._writing:  # of two threads in one connection, one may miss its error
             database.rows(f'PRAGMA max_page_count = {pages}')
 
-    grow(reference_map, 1)
-    autosave.flush()
     resize_disk(6)
     grow(reference_map, 400)
     full = told(autosave)
@@ -130,18 +137,14 @@ def test_who_comes_second_is_told_at_the_start_and_the_first_loses_nothing(path)
     assert holds(path) == 3
     grow(first.reference_map, 1)
     first.close()
-    second = own(path)
-    grow(second.reference_map, 2)
-    second.close()
+    grown(path, 2).close()
     assert holds(path) == 6
 
 
 def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
     first = own(path)
     path.with_name('map.db-lock').unlink()
-    second = own(path)
-    grow(second.reference_map, 2)
-    second.close()
+    grown(path, 2).close()
     grow(first.reference_map, 3)
     with pytest.raises(MapError, match=r'another program added to this map .* start again'):
         first.flush()
@@ -151,9 +154,7 @@ def test_an_owner_whose_lock_was_deleted_says_so_and_changes_nothing(path):
 
 
 def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
-    autosave, other = own(path), tmp_path / 'other.db'
-    grow(autosave.reference_map, 1)
-    autosave.flush()
+    autosave, other = grown(path, 1), tmp_path / 'other.db'
     path.rename(tmp_path / 'away.db')
     save_map(drawn(5), other)
     other.rename(path)
@@ -167,3 +168,84 @@ def test_a_file_that_was_replaced_is_reported_and_left_alone(path, tmp_path):
     wait_for(lambda: autosave.committed == 2)
     autosave.close()
     assert holds(path) == 2
+
+
+@pytest.fixture
+def killed(path):
+    """Return a map whose owner ended when its places were in the log alone."""
+    if not os.fork():
+        writer.MapWriter.settle = lambda _: None
+        grown(path, 9)
+        os._exit(0)
+    os.wait()
+    assert beside(path) == ['', '-lock', '-shm', '-wal']
+    assert path.with_name('map.db-wal').stat().st_size > 9 * cells(0).nbytes
+    return path
+
+
+def test_reading_waits_for_no_commit(path):
+    owner, other = grown(path, 5), MapReader(path)
+    owner._writer._database.begin('EXCLUSIVE')
+    assert is_right(owner.reference_map, 5) and is_right(other.reference_map(), 5)
+    owner._writer._database.roll_back()
+    owner.close()
+
+
+def test_what_is_committed_is_in_the_file_alone_while_its_owner_lives(path, tmp_path):
+    owner = grown(path, 5)
+    assert path.read_bytes()[MODES] == AHEAD
+    assert path.with_name('map.db-wal').stat().st_size == 0
+    shutil.copy(path, tmp_path / 'copy.db')
+    assert is_right(open_map(tmp_path / 'copy.db'), 5)
+    owner.close()
+
+
+def test_who_reads_before_meanwhile_and_after_sees_all_that_is_there(path):
+    grown(path, 3).close()
+    before = MapReader(path)
+    owner = grown(path, 4)
+    meanwhile = MapReader(path)
+    assert is_right(before.reference_map(), 7) and is_right(meanwhile.reference_map(), 7)
+    owner.close()
+    assert path.with_name('map.db-wal').stat().st_size == 0
+    next_owner = grown(path, 2)
+    for reader in (before, meanwhile):
+        assert is_right(reader.reference_map(), 9)
+    next_owner.close()
+    del before, meanwhile, reader, owner, next_owner
+    grown(path).close()
+    assert beside(path) == [''] and is_right(open_map(path), 9)
+    assert path.read_bytes()[MODES] == JOURNAL
+
+
+@pytest.mark.parametrize('is_shared', [True, False])
+def test_a_log_that_a_crash_left_is_read_and_the_file_is_not_changed(killed, is_shared):
+    if not is_shared:  # as where nothing may be written
+        killed.with_name('map.db-shm').unlink()
+        killed.with_name('map.db-shm').mkdir()
+    content = killed.read_bytes()
+    assert is_right(open_map(killed), 9)
+    assert killed.read_bytes() == content
+
+
+def test_the_next_owner_goes_on_with_a_log_that_a_crash_left(killed):
+    grown(killed, 2).close()
+    assert beside(killed) == [''] and is_right(open_map(killed), 11)
+
+
+def test_a_file_system_that_shares_no_memory_has_a_journal(path):
+    path.with_name('map.db-shm').mkdir()
+    owner = grown(path, 5)
+    assert path.read_bytes()[MODES] == JOURNAL
+    grow(owner.reference_map, 4)
+    owner.close()
+    assert is_right(open_map(path), 9)
+
+
+@pytest.mark.parametrize('end', ['-journal', '-wal'])
+def test_a_pipe_with_the_name_of_a_journal_is_refused_at_once(path, end):
+    grown(path, 1).close()
+    os.mkfifo(f'{path}{end}')
+    for use in (open_map, grown):
+        with pytest.raises(MapError, match=f'{end}: is no file'):
+            use(path)

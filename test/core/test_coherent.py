@@ -8,7 +8,12 @@ from pathlib import Path
 from convseq_ros.config import EncodingConfig, MatchingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import ENTROPY
-from convseq_ros.core.encoding.regions import joined_regions, projected_regions, projection
+from convseq_ros.core.encoding.regions import (
+    global_descriptor,
+    joined_regions,
+    projected_regions,
+    projection,
+)
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
@@ -195,3 +200,63 @@ def test_references_added_before_the_map_has_doubled_change_no_other_score():
         reference_map.add(Place(index), pack_cells(references[index]))
     one.extract(query)
     assert np.array_equal(one.scores(features, np.arange(24)), before)
+
+
+def test_it_is_the_cosine_transform_of_the_leading_axes():
+    cells = describe(texture(0)).cells
+    image = projected_regions(cells).reshape(30, 30, 32)
+    found = global_descriptor(cells)
+    assert found.shape == (252,) and found.dtype == np.float16
+    expected = [
+        np.mean(
+            image[:, :, axis]
+            * (np.sqrt(2) ** ((down > 0) + (across > 0)))
+            * np.outer(
+                np.cos(np.pi * down * (np.arange(30) + 0.5) / 30),
+                np.cos(np.pi * across * (np.arange(30) + 0.5) / 30),
+            )
+        )
+        for down in range(6)
+        for across in range(6 - down)
+        for axis in range(12)
+    ]
+    assert found == pytest.approx(expected, abs=2e-4)
+
+
+def drawn_regions(seed, side=30):
+    return np.random.default_rng(seed).normal(size=(side * side, 32)).astype(np.float32)
+
+
+def shifted(regions, down, right, side=30):
+    image = regions.reshape(side, side, 32)
+    return np.roll(image, (down, right), (0, 1)).reshape(side * side, 32)
+
+
+def alike(query, *references, side=30):
+    others = np.array([region_blocks(one) for one in references], np.float64)
+    return global_similarity(widened(region_blocks(query), side), others)
+
+
+def test_blocks_are_the_sums_of_nine_regions():
+    found = region_blocks(drawn_regions(0)).reshape(10, 10, 32)
+    sums = drawn_regions(0).reshape(10, 3, 10, 3, 32).sum(axis=(1, 3))
+    assert found / 2**17 == pytest.approx(sums, abs=1e-5)
+    assert (found == np.rint(found)).all()
+
+
+@pytest.mark.parametrize('right', [12, -9, 3])
+def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
+    found, other = alike(drawn_regions(1), shifted(drawn_regions(1), 0, right), drawn_regions(2))
+    left = 1 - abs(right) / 30
+    assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
+
+
+def test_a_global_similarity_depends_on_no_other_reference():
+    references = [drawn_regions(seed) for seed in range(40)]
+    together = alike(drawn_regions(99), *references)
+    alone = [alike(drawn_regions(99), one)[0] for one in references]
+    assert np.array_equal(together, alone)
+
+
+def test_what_shows_nothing_is_like_nothing():
+    assert alike(np.zeros((900, 32), np.float32), drawn_regions(1))[0] == 0

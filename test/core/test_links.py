@@ -190,11 +190,6 @@ def made(count, *pairs):
     return reference_map
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / 'map.db'
-
-
 def own(path):
     return Autosave(path, ENCODING, KeyframeConfig())
 

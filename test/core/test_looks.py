@@ -26,11 +26,6 @@ ENCODING, SECOND, DAY = EncodingConfig(image_size_px=64), 10**9, 86_400 * 10**9
 ROUND = 3 * LOOK.stretch
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / 'map.db'
-
-
 def driven(lights, seed=0, missed=3):
     """Return a map of some rounds, of which only the first frames were not recognised."""
     rng = np.random.default_rng(seed)
