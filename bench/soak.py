@@ -44,6 +44,7 @@ _MOST_GROWTH = 1.0  # percent an hour
 _STEADY = 0.98  # correlation of places and time
 _PATIENCE_S = 30.0
 _GRAIN = 3.0  # standard deviation of what differs from lap to lap, gray levels
+_SPARE_PX = 512  # by which a field of noise is wider and higher than an image
 
 
 class Sample(NamedTuple):
@@ -127,6 +128,20 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     return float(100 * slope / start), float(1e3 * of_places)
 
 
+class _Grain:
+    """The noise of a camera, which never repeats: parts of one field, wherever chance puts them."""
+
+    def __init__(self, height: int, width: int) -> None:
+        self._random, self._size = np.random.default_rng(0), (height, width)
+        field = self._random.normal(0, _GRAIN, (height + _SPARE_PX, width + _SPARE_PX))
+        self._field = field.astype(np.int16)
+
+    def next(self) -> npt.NDArray[np.int16]:
+        """Return the noise of another image, (height, width), gray levels."""
+        (row, column), (height, width) = self._random.integers(0, _SPARE_PX, 2), self._size
+        return self._field[row : row + height, column : column + width]
+
+
 def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
     speed = (_TOWN.length_m - 1) / count * 10
     size = {'width_px': width_px, 'height_px': width_px * 3 // 4}
@@ -143,7 +158,7 @@ def _soak(
         frames = [Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)]
         config = make_config({'keyframe_overlap': overlap, 'image_size_px': size_px})
         build_map(frames, path, config)
-    noise = np.random.default_rng(0).normal(0, _GRAIN, (8, *lap[0].shape)).astype(np.int16)
+    grain = _Grain(*lap[0].shape)
     with robot(
         folder,
         mode=chosen.mode,
@@ -157,7 +172,7 @@ def _soak(
         begun_s = sampled_s = time.monotonic()
         until_s = begun_s + chosen.minutes * 60 if chosen.minutes else float('inf')
         while sent < (chosen.frames or float('inf')) and time.monotonic() < until_s:
-            gray = lap[sent % len(lap)] + noise[sent % len(noise)]
+            gray = lap[sent % len(lap)] + grain.next()
             stamp_ns += _PERIOD_NS
             one.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
             sent += 1
