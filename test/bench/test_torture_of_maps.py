@@ -8,7 +8,6 @@ import sys
 from programs import run
 import pytest
 
-from bench.torture.__main__ import main
 from bench.torture.attack import attacks
 from bench.torture.disk import compiler
 from bench.torture.scenarios import SCENARIOS
@@ -54,9 +53,3 @@ def test_the_torture_finds_out_who_lies(tmp_path):
     )
     told = done.stdout.splitlines()
     assert len(told) == 6 and sum('AssertionError' in line for line in told) > 2, done
-
-
-def test_an_attack_that_there_is_not_is_named_with_those_that_there_are(capsys):
-    with pytest.raises(SystemExit, match='2'):
-        main(['map_damage', 'map_bites'])
-    assert 'map_bites: no such attack; known are ' in capsys.readouterr().err

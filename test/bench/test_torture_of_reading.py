@@ -12,7 +12,6 @@ import time
 from programs import run
 import pytest
 
-from bench.soak import growth, Sample
 from bench.torture import forked, fuzz
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -68,18 +67,3 @@ def test_the_fuzzer_reports_what_breaks_a_decoder_and_keeps_the_input(tmp_path):
     for _, executions, problem in broken:
         kept = tmp_path / 'found' / problem.split('; ')[-1]
         assert executions < 100 and kept.read_bytes().startswith(b'!'), problem
-
-
-def test_growth_is_told_from_places():
-    def samples(leak_mb):
-        made = []
-        for minute in range(240):
-            places = min(minute, 60) * 100
-            resident_mb = 200 + 0.001 * places + leak_mb * minute / 60
-            made.append(Sample(minute * 60.0, 0, places, resident_mb, 9, 9, 1.0, 1.0))
-        return made
-
-    assert growth(samples(0.0)) == pytest.approx((0.0, 1.0), abs=0.01)
-    percent_an_hour, kb_a_place = growth(samples(20.0))
-    assert percent_an_hour == pytest.approx(10.0, abs=1.0)
-    assert kb_a_place == pytest.approx(1.0, abs=0.1)

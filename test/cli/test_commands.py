@@ -118,14 +118,6 @@ def test_parameters_come_from_a_ros_file_and_options_win(drive, map_path, tmp_pa
     assert {row['sequence_length'] for row in read_results(output)} == {'0', '5'}
 
 
-def test_the_printed_parameter_file_is_accepted(drive, map_path, tmp_path, capsys):
-    assert main(['config']) == 0
-    file = tmp_path / 'all.yaml'
-    file.write_text(capsys.readouterr().out)
-    arguments = ['replay', drive, '--map', map_path, '--output', tmp_path / 'r', '--config', file]
-    assert main([str(each) for each in arguments]) == 0
-
-
 @pytest.mark.parametrize('command', COMMANDS)
 def test_every_command_has_help(command, capsys):
     if command in ('play', 'watch'):  # these become another process

@@ -43,13 +43,6 @@ def test_a_table_is_printed_and_the_folder_written(street, capsys):
     assert (street.parent / 'out' / 'summary.csv').exists()
 
 
-def test_json_holds_the_summaries(street, capsys):
-    assert evaluate(street, street, '--method', 'cohog', '--json') == 0
-    (summary,) = json.loads(capsys.readouterr().out)
-    assert summary['accuracy_all'] == 1
-    assert summary['configuration']['image_size_px'] == 128
-
-
 def test_exports_of_several_people_are_put_in_one_table(street, capsys):
     folder = street.parent / 'mine'
     assert (

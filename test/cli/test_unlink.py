@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`convseq map unlink`, `remove --max-looks`, and what `convseq info` says of links."""
 
-import json
-
 from convseq_ros.cli import main
 from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.core.linking import not_linked
@@ -69,14 +67,6 @@ def test_a_place_without_a_link_is_one_line_and_nothing_changes(path, capsys):
     assert main(['map', 'unlink', str(path), '--place', '3']) == 1
     assert 'place 3 has no link' in capsys.readouterr().err
     assert path.read_bytes() == before
-
-
-def test_looks_beyond_a_number_go(path, capsys):
-    assert main(['map', 'remove', str(path), '--max-looks', '2', '--json']) == 0
-    assert json.loads(capsys.readouterr().out)[0]['references'] == 2 * ROUND
-    assert len(open_map(path)) == 2 * ROUND
-    assert main(['map', 'remove', str(path), '--max-looks', '1000']) == 1
-    assert 'outside 0 .. 100' in capsys.readouterr().err
 
 
 def test_a_merged_map_is_written_once_without_what_is_beyond_a_number(path, monkeypatch, capsys):

@@ -6,6 +6,7 @@ import importlib.util
 from pathlib import Path
 
 from convseq_ros.config import EncodingConfig, MatchingConfig
+from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.entropy import ENTROPY
 from convseq_ros.core.encoding.regions import (
@@ -190,18 +191,6 @@ def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
     assert found[True][1] < found[False][1] / 3
 
 
-def test_references_added_before_the_map_has_doubled_change_no_other_score():
-    references = [drawn(seed, 0.5) for seed in range(40)]
-    reference_map = map_of(*references[:24])
-    one, query = matcher(reference_map), described(drawn(3, 0.6))
-    features = one.extract(query)
-    before = one.scores(features, np.arange(24))
-    for index in range(24, 40):
-        reference_map.add(Place(index), pack_cells(references[index]))
-    one.extract(query)
-    assert np.array_equal(one.scores(features, np.arange(24)), before)
-
-
 def test_it_is_the_cosine_transform_of_the_leading_axes():
     cells = describe(texture(0)).cells
     image = projected_regions(cells).reshape(30, 30, 32)
@@ -251,12 +240,109 @@ def test_an_image_that_moved_a_few_blocks_to_the_side_is_still_alike(right):
     assert found == pytest.approx(left, abs=0.05) and found > other + 0.4
 
 
-def test_a_global_similarity_depends_on_no_other_reference():
-    references = [drawn_regions(seed) for seed in range(40)]
-    together = alike(drawn_regions(99), *references)
-    alone = [alike(drawn_regions(99), one)[0] for one in references]
-    assert np.array_equal(together, alone)
-
-
 def test_what_shows_nothing_is_like_nothing():
     assert alike(np.zeros((900, 32), np.float32), drawn_regions(1))[0] == 0
+
+
+def lit(seed):
+    """Return cells of a texture."""
+    return np.random.default_rng(seed).random((32, 32, 8), np.float32) ** 3
+
+
+def test_a_cell_loses_what_all_its_bins_have_and_is_saturated():
+    cells = np.array([1, 3, 1, 1, 1, 1, 1, 1], np.float32).reshape(1, 1, 8)
+    mean = 2 / 8
+    expected = [0, 2 / (2 + 6 * mean), 0, 0, 0, 0, 0, 0]
+    assert normalized(cells).ravel() == pytest.approx(expected, abs=1e-6)
+
+
+def test_neighbouring_cells_are_blended_with_weights_of_a_gaussian():
+    cells = np.zeros((5, 5, 8), np.float32)
+    cells[2, 2, 0] = 100
+    found = normalized(cells)[:, :, 0]
+    # Of x / (x + u), with u six times the mean, which blending does not change.
+    typical = 6 * 100 / cells.size
+    blended = found * typical / (1 - found)
+    beside = np.exp(-1 / (2 * 0.4**2))
+    middle, side = 1 / (1 + 2 * beside), beside / (1 + 2 * beside)
+    assert blended[2, 2] == pytest.approx(100 * middle**2, rel=2e-3)
+    assert blended[1, 2] == pytest.approx(100 * middle * side, rel=2e-3)
+    assert blended[2, 1] == pytest.approx(100 * middle * side, rel=2e-3)
+    assert blended[1, 1] == pytest.approx(100 * side**2, rel=4e-3)
+    assert not blended[0].any()
+
+
+def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
+    cells = 1000 * lit(0)
+    noise = np.random.default_rng(1).random((32, 32, 1), np.float32) * 300
+    assert normalized(cells + noise) == pytest.approx(normalized(cells), abs=1e-5)
+    assert normalized(cells * 8) == pytest.approx(normalized(cells), abs=1e-6)
+
+
+@pytest.mark.skipif(not available(), reason='no compiled kernels')
+@pytest.mark.parametrize('side', [1, 2, 7, 32])
+def test_compiled_normalisation_is_the_definition(side):
+    from convseq_ros.core.similarity.kernels.regions import normalized as compiled
+
+    for cells in (1000 * lit(0)[:side, :side], np.zeros((side, side, 8), np.float32)):
+        assert compiled(cells) == pytest.approx(normalized(cells), abs=1e-6)
+
+
+def same(cells):
+    return cells
+
+
+def stored(seed):
+    return projected_regions(unpack_cells(pack_cells(lit(seed))))
+
+
+def drawn_map(count, blank=()):
+    return map_of(*(lit(index) * (index not in blank) for index in range(count)))
+
+
+def test_the_background_is_subtracted_and_the_rest_has_unit_length():
+    regions = np.array([[3.0, 4.0], [1.0, 0.0]], np.float32)
+    background = np.array([[0.0, 4.0], [1.0, 1.0]], np.float32)
+    assert subtracted(regions, background).tolist() == [[1.0, 0.0], [0.0, -1.0]]
+    assert subtracted(regions, None) is regions
+
+
+def test_the_background_of_a_map_is_the_mean_of_its_references():
+    background = Background(drawn_map(20, blank=(3,)), same, projected_regions)
+    assert background.update_map()
+    expected = np.mean([stored(index) for index in range(20) if index != 3], axis=0)
+    assert background.of_map == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_small_map_has_no_background_and_a_growing_one_is_read_when_it_has_doubled():
+    reference_map = drawn_map(19)
+    background, updated = Background(reference_map, same, projected_regions), []
+    assert not background.update_map() and background.of_map is None
+    assert background.update(projected_regions(lit(0))) is None
+    for index in range(19, 90):
+        reference_map.add(Place(index), pack_cells(lit(index)))
+        if background.update_map():
+            updated.append(len(reference_map))
+    assert updated == [20, 40, 80]
+
+
+def test_the_drive_is_averaged_and_the_map_counts_as_5_frames():
+    background = Background(drawn_map(25), same, projected_regions)
+    background.update_map()
+    first, second = (
+        background.update(projected_regions(lit(100))),
+        background.update(projected_regions(lit(101))),
+    )
+    one, two = projected_regions(lit(100)), projected_regions(lit(101))
+    assert first == pytest.approx((one + 5 * background.of_map) / 6, abs=1e-6)
+    assert second == pytest.approx((one + two + 5 * background.of_map) / 7, abs=1e-6)
+
+
+def test_a_robot_that_hardly_moves_does_not_make_its_place_the_background():
+    background = Background(drawn_map(25), same, projected_regions)
+    background.update_map()
+    once = background.update(projected_regions(lit(100)))
+    for seed in range(50):
+        again = lit(100) + np.float32(0.02) * lit(seed)
+        assert np.array_equal(background.update(projected_regions(again)), once)
+    assert not np.array_equal(background.update(projected_regions(lit(101))), once)

@@ -8,7 +8,8 @@ from pathlib import Path
 import shutil
 import sys
 
-from convseq_ros.core import compiled
+from convseq_ros.config import make_config
+from convseq_ros.core import compiled, session
 import numpy as np
 from programs import run
 import pytest
@@ -141,3 +142,10 @@ def test_a_signal_while_an_argument_is_looked_at_is_no_wrong_argument():
         peak(1, Interrupted())
     with pytest.raises(ctypes.ArgumentError, match='expected contiguous int32'):
         peak(1, np.zeros(4))
+
+
+@pytest.mark.parametrize(('kernel', 'said'), [('auto', 'install gcc'), ('numpy', '')])
+def test_a_slow_session_says_why_unless_it_was_asked_for(monkeypatch, kernel, said):
+    monkeypatch.setattr(session, 'slow_path', lambda: 'no compiled kernels: install gcc')
+    made = session.Session(None, make_config({'mode': 'online', 'kernel': kernel}))
+    assert made.slow == (f'no compiled kernels: {said}' if said else '')

@@ -188,6 +188,15 @@ def test_what_is_lost_of_any_table_is_found(path, change_to, found):
     assert found in refusal(open_map, path)
 
 
+def test_a_map_whose_sessions_are_mixed_is_refused(path):
+    mixed = drawn(3)
+    mixed.begin_session(1)
+    for session in (1, 0):
+        mixed.add(Place(9, session=session), cells(9))
+    save_map(mixed, path)
+    assert 'places of one session lie apart' in refusal(open_map, path)
+
+
 HOT = """
 PRAGMA cache_size = 1;
 BEGIN;

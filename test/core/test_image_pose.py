@@ -119,22 +119,6 @@ def test_a_file_keeps_images_and_answers_as_memory_does(street, whole, tmp_path)
         assert one is None or one.position_m == other.position_m
 
 
-def test_nothing_is_read_where_nothing_was_kept(street, whole, tmp_path, monkeypatch):
-    asked, read = [], ReferenceMap.pictures
-
-    def pictures(own, indices, with_images=False):
-        asked.append(with_images)
-        return read(own, indices, with_images)
-
-    build_map(street[0][:12], path := tmp_path / 'map.sqlite', Config(keyframes=EVERY_FRAME))
-    monkeypatch.setattr(ReferenceMap, 'pictures', pictures)
-    opened = open_map(path)
-    assert measured(opened, street[1][7], 9) and asked and True not in asked
-    (picture,) = whole.pictures([3])
-    opened.add(replace(whole.places[3], session=0), picture.packed, image=picture.image)
-    assert opened.images.image(12, 64.0) is not None and True in asked
-
-
 EVERY = Config(keyframes=EVERY_FRAME)
 
 

@@ -9,7 +9,7 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
 from convseq_ros.core.graph.links import beyond, Link, LINKS, Links
-from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.linking import not_linked
 from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_new
 from convseq_ros.core.map.format import row_crc
@@ -194,25 +194,6 @@ def own(path):
     return Autosave(path, ENCODING, KeyframeConfig())
 
 
-def test_links_outlive_the_program_and_a_map_is_linked_once_all_places_were_looked_up(path):
-    whole = made(200, (50, 10), (150, 50), (120, 10))
-    assert not whole.is_linked
-    save_map(whole, path)
-    opened = open_map(path)
-    assert [*opened.links] == [(50, 10), (120, 10), (150, 10)] and not opened.is_linked
-    for index in range(200):
-        whole.links.add_first(index)
-    save_map(whole, path)
-    opened = open_map(path)
-    assert [*opened.links] == [*whole.links] and opened.is_linked and not opened.problem
-
-
-def test_a_map_without_links_opens_and_was_never_linked(path):
-    save_map(made(20), path)
-    opened = open_map(path)
-    assert not opened.is_linked and not len(opened.links) and not opened.problem
-
-
 def test_links_are_written_with_their_places_or_later_and_never_before(path):
     autosave = own(path)
     whole = autosave.reference_map
@@ -273,14 +254,6 @@ def test_a_million_links_of_places_that_are_not_there_are_counted_in_one_line(pa
     opened = open_map(path)
     assert [*opened.links] == [(12, 2)]
     assert opened.problem == f'{path}: 1000000 links are damaged and left out; all else works'
-
-
-def test_a_million_links_lead_to_one_anchor():
-    links, count = Links(SessionBounds().around), 10**6
-    for place in range(1, count):
-        links.add(place, place - 1)
-    assert links.anchor(count - 1) == 0 and len(links) == count - 1
-    assert len(links.looks(count - 1)) == count - LINKS.beside - 1
 
 
 def test_a_flipped_bit_costs_one_link_and_a_damaged_page_all_and_the_map_still_grows(path):
@@ -397,15 +370,6 @@ def test_laps_are_linked_alike_in_one_session_and_in_three(tmp_path, image):
         assert all(is_right(*pair) for pair in made.links)
         assert len(made.links) > 0.8 * (LAPS - 1) * LAP
     assert len(dict(one.links).keys() ^ dict(three.links).keys()) < 0.1 * LAPS * LAP
-
-
-def test_a_map_without_links_is_linked_afterwards(image):
-    bare = build_map(laps(image), None, config(), links=False)
-    assert not_linked(bare) == [range(len(bare))]
-    assert [*link_map(bare, config())] == [*range(len(bare))]
-    assert bare.is_linked and not not_linked(bare) and len(bare.links) > LAP / 2
-    assert all(is_right(*pair) for pair in bare.links)
-    assert [*link_map(bare, config())] == []
 
 
 def test_merging_links_maps_to_one_another_unless_told_otherwise(tmp_path, image):

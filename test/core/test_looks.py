@@ -14,7 +14,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.map_builder import build_map, MapBuilder
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Anchor, Candidate, Frame, Match, Reason, Status
-from convseq_ros.errors import ConfigError, MapError
+from convseq_ros.errors import MapError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -212,11 +212,6 @@ def test_build_map_keeps_every_keyframe_unless_asked(path, tmp_path, image):
     left = open_map(path)
     assert ROUND <= len(left) < 2 * ROUND
     assert len(left) == len(builder.reference_map) - builder.removed
-
-
-def test_a_mode_that_was_there_before_is_answered_with_what_to_set():
-    with pytest.raises(ConfigError, match='set online instead, and max_looks'):
-        make_config({'mode': 'lifelong'})
 
 
 def test_a_limit_of_looks_needs_links(tmp_path, capsys):

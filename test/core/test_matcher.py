@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The matcher: references, kernels and threads behind one interface."""
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 import os
 
@@ -153,17 +152,6 @@ def test_only_coherent_matching_tells_the_shift(made, way):
     matcher = made(drawn_map(3))
     query = matcher.extract(drawn(1))
     assert matcher.shift(query, 1) == ((0.0, 0.0) if way == 'coherent' else None)
-
-
-def test_two_matchers_may_work_at_once(made):
-    reference_map = drawn_map(40)
-
-    def scored(seed):
-        matcher = made(reference_map, 8, 2)
-        return matcher.scores(matcher.extract(drawn(seed)), np.arange(40)).argmax()
-
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(scored, range(8))) == list(range(8))
 
 
 @pytest.mark.parametrize('kernel', ['float32', 'int8'])

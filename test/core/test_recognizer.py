@@ -1,69 +1,236 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The whole pipeline on drawn images."""
+"""The recogniser, with keyframes, stops, dropped frames and jumps."""
 
-from convseq_ros.config import Config, EVERY_FRAME, make_config, with_values
+from dataclasses import replace
+
+from convseq_ros.config import (
+    EncodingConfig,
+    EVERY_FRAME,
+    KeyframeConfig,
+    make_config,
+    OnlineConfig,
+    with_values,
+)
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, Reason, Status
+from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
+import cv2
 import numpy as np
 import pytest
 
 STEP_NS = 100_000_000
-PLACES = 50
-PAPER = make_config({'matching': 'regional', 'search': 'exhaustive'})
-FIXED = with_values(PAPER, {'fixed_length': 3})
-
-
-def image(place):
-    rng = np.random.default_rng(place)
-    return np.kron(rng.integers(0, 256, (16, 20)), np.ones((6, 6))).astype(np.uint8) // 2 + (
-        rng.integers(0, 128, (96, 120), np.uint8)
-    )
+PLACES = 90
+SMALL = EncodingConfig(image_size_px=256)
+BY_TIME = KeyframeConfig(keyframe_interval_s=0.3)
+BY_WAY = KeyframeConfig(keyframe_distance_m=2.5)
+OWN = make_config(
+    {'image_size_px': 256, 'matching': 'coherent', 'search': 'shortlist', 'fixed_length': 4}
+)
+PAPER = with_values(OWN, {'matching': 'regional', 'search': 'exhaustive', 'fixed_length': 0})
+ONLINE = replace(OWN, online=OnlineConfig(mode='online', exclusion_s=1.0), keyframes=BY_TIME)
 
 
 @pytest.fixture(scope='module')
-def reference_map():
-    made = ReferenceMap(keyframes=EVERY_FRAME)
-    for place in range(PLACES):
-        made.add(Place(5000 + place), pack_cells(describe(image(place)).cells))
+def third_places(image):
+    """Return the packed cells of every third place."""
+    return [pack_cells(describe(image(place), SMALL).cells) for place in range(0, PLACES, 3)]
+
+
+def map_of(third_places, keyframes):
+    made = ReferenceMap(SMALL, keyframes=keyframes)
+    for index, packed in enumerate(third_places):
+        made.add(Place(index), packed)
     return made
 
 
-def run(recognizer, images, start_ns=0):
+def at(place):
+    return Pose((float(place), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=False):
+    """Return the answers to a drive, shown a little differently than in the map."""
     return [
-        recognizer.process(Frame(start_ns + index * STEP_NS, each))
-        for index, each in enumerate(images)
+        recognizer.process(
+            Frame(
+                start_ns + index * step_ns, image(place, 1), pose=at(place) if odometry else None
+            )
+        )
+        for index, place in enumerate(places)
     ]
 
 
-def test_a_drive_along_the_map_is_recognised_frame_by_frame(reference_map):
-    matches = run(PlaceRecognizer(reference_map, PAPER), [image(place) for place in range(5, 35)])
-    matched = [match for match in matches if match.reason is not Reason.WARMING_UP]
-    assert matches[0].reason is Reason.WARMING_UP and len(matched) > 5
-    for match in matched:
-        assert match.status is Status.ACCEPTED
-        assert match.accepted.reference_index == 5 + match.query_index
-        assert match.accepted.reference_stamp_ns == 5005 + match.query_index
-        assert match.pairs_scored == PLACES
+def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, image):
+    recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
+    slowly = np.repeat(np.arange(30, 48), 2).tolist()
+    places = [*slowly, *range(48, 60), *range(60, 88, 3)]
+    matches = show(recognizer, image, places, odometry=True)
+    asked = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES]
+    assert [match.best.reference_index for match in asked[4:]] == [*range(14, 30)]
+    assert all(match.accepted for match in asked[-6:])
 
 
-def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map):
-    recognizer = PlaceRecognizer(reference_map, FIXED)
-    run(recognizer, [image(place) for place in range(4)])
+def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(image):
+    grown = ReferenceMap(SMALL, keyframes=BY_WAY)
+    config = replace(ONLINE, keyframes=BY_WAY)
+    recognizer = PlaceRecognizer(grown, config)
+    show(recognizer, image, range(7), start_ns=10**12, odometry=True)
+    show(recognizer, image, range(6, 12), odometry=True)
+    assert recognizer.resets == 1 and recognizer.mapping.session_start == 3
+    assert [int(place.pose.position[0]) for place in grown.places] == [0, 3, 6, 6, 9]
+    assert all(grown.cells(index).any() for index in range(5))
+
+
+@pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
+def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
+    recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)
+    known = show(recognizer, image, range(30, 61))
+    assert known[-1].candidates
+    stamps_ns = [(31 + index) * STEP_NS for index in range(8)]
+    lost = [recognizer.process(Frame(stamp_ns, None, problem='cut')) for stamp_ns in stamps_ns]
+    assert {(match.status, match.reason) for match in lost} == {
+        (Status.SKIPPED, Reason.UNREADABLE)
+    }
+    assert not any(match.candidates or match.confidence for match in lost)
+
+
+MAPPED = 60
+
+
+@pytest.fixture(scope='module')
+def reference_map(image):
+    made = ReferenceMap(SMALL, keyframes=EVERY_FRAME)
+    for place in range(MAPPED):
+        made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
+    return made
+
+
+@pytest.fixture(scope='module')
+def drive(image):
+    """Return a way to show places, one a step; None is a frame that never comes."""
+
+    def show(recognizer, places, start_ns=0, seed=1):
+        return [
+            recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
+            for index, place in enumerate(places)
+            if place is not None
+        ]
+
+    return show
+
+
+def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map, drive):
+    recognizer = PlaceRecognizer(reference_map, OWN)
+    matches = drive(recognizer, [*range(10, 30), *[29] * 30, *range(30, 45)])
+    standing = matches[20:50]
+    assert matches[19].accepted.reference_index == 29
+    assert {(match.status, match.reason) for match in standing} == {
+        (Status.REJECTED, Reason.STATIONARY)
+    }
+    assert {match.best.reference_index for match in standing} == {29}
+    assert {match.pairs_scored for match in standing} == {0}
+    for place, match in enumerate(matches[50:], 30):
+        assert match.accepted.reference_index == place
+
+
+def test_the_paper_takes_equal_frames_as_they_come(reference_map, drive):
+    matches = drive(PlaceRecognizer(reference_map, PAPER), [20] * 16)
+    assert Reason.STATIONARY not in {match.reason for match in matches}
+    assert matches[-1].sequence_length == 15
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_frames_that_never_came_hold_their_places(reference_map, search, drive):
+    config = with_values(OWN, {'matching': 'coherent', 'search': search})
+    places = [None if place in (25, 26, 30, 38) else place for place in range(5, 50)]
+    shown = [place for place in places if place is not None]
+    matches = drive(PlaceRecognizer(reference_map, config), places)
+    for place, match in zip(shown[14:], matches[14:], strict=True):
+        assert match.accepted.reference_index == place
+
+
+def test_matches_come_at_the_stated_rate(reference_map, drive):
+    config = with_values(OWN, {'closure_interval_s': 1.0})
+    matches = drive(PlaceRecognizer(reference_map, config), range(5, 55))
+    accepted = [match.query_index for match in matches if match.accepted]
+    assert accepted == list(range(accepted[0], 50, 10))
+    assert {match.reason for match in matches[accepted[0] :]} == {
+        Reason.ACCEPTED,
+        Reason.COOL_DOWN,
+    }
+
+
+def test_the_shift_is_told_in_cells_pixels_and_as_a_turn(reference_map, image):
+    config = with_values(OWN, {'fixed_length': 1})
+    camera = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
+    moved = np.roll(image(20), -20, axis=1)
+    match = PlaceRecognizer(reference_map, config).process(Frame(0, moved, camera=camera))
+    assert match.best.reference_index == 20
+    assert match.best.shift == (0.0, 2.0) and match.shift_px == (0.0, 20.0)
+    assert match.relative_yaw_rad == pytest.approx(-0.2, abs=0.01)
+    unknown = PlaceRecognizer(reference_map, config).process(Frame(0, moved))
+    assert unknown.shift_px == (0.0, 20.0) and unknown.relative_yaw_rad is None
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+@pytest.mark.parametrize('matching', ['coherent', 'regional'])
+def test_after_a_reset_answers_are_those_of_a_fresh_start(reference_map, drive, matching, search):
+    config = with_values(OWN, {'matching': matching, 'search': search})
+    used, fresh = (PlaceRecognizer(reference_map, config) for _ in range(2))
+    drive(used, range(40, 60), seed=7)
+    used.reset()
+    again = drive(used, range(5, 35), start_ns=100 * STEP_NS)
+    first = drive(fresh, range(5, 35), start_ns=100 * STEP_NS)
+    assert [replace(match, query_index=0) for match in again] == [
+        replace(match, query_index=0) for match in first
+    ]
+    assert any(match.accepted for match in first)
+
+
+def test_a_camera_that_changes_size_and_rate_is_followed_through(reference_map, image):
+    """Smaller images from the middle on, then half as many: the places found stay right."""
+    recognizer, stamp_ns, found = PlaceRecognizer(reference_map, OWN), 0, {}
+    for place in range(5, 50):
+        stamp_ns += STEP_NS if place < 35 else 2 * STEP_NS
+        gray = image(place, 1)
+        if place >= 20:
+            gray = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        found[place] = recognizer.process(Frame(stamp_ns, gray)).best
+    right = [
+        best is not None and abs(best.reference_index - at) <= 2 for at, best in found.items()
+    ]
+    assert np.mean(right[5:]) >= 0.9
+
+
+@pytest.mark.parametrize('search', ['shortlist', 'exhaustive'])
+def test_a_drive_in_reverse_gear_is_recognised_and_sooner_if_it_was_expected(
+    reference_map, drive, search
+):
+    def accepted(both):
+        matching = replace(OWN.matching, both_directions=both, search=search)
+        config = replace(OWN, matching=matching)
+        matches = drive(PlaceRecognizer(reference_map, config), range(50, 10, -1))
+        return [match.accepted and match.accepted.reference_index for match in matches]
+
+    ahead, both = accepted(False), accepted(True)
+    assert both[3:] == list(range(47, 10, -1))
+    assert both.count(None) <= ahead.count(None)
+
+
+def test_a_longer_fixed_length_set_while_running_waits_for_its_frames(reference_map, drive):
+    recognizer = PlaceRecognizer(reference_map, with_values(PAPER, {'fixed_length': 3}))
+    drive(recognizer, range(4))
     recognizer.config = with_values(PAPER, {'fixed_length': 6})
-    matches = run(recognizer, [image(place) for place in range(4, 8)], start_ns=4 * STEP_NS)
+    matches = drive(recognizer, range(4, 8), start_ns=4 * STEP_NS)
     assert [match.reason for match in matches][:2] == [Reason.WARMING_UP] * 2
     assert matches[-1].accepted.reference_index == 7
+    assert {match.pairs_scored for match in matches[2:]} == {MAPPED}
 
 
-def test_a_map_that_shows_nothing_answers_without_a_match():
-    noise = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-    black = ReferenceMap()
+def test_a_map_that_shows_nothing_answers_without_a_match(image):
+    dark, black = np.zeros((64, 64), np.uint8), ReferenceMap(SMALL)
     for index in range(3):
-        dark = np.zeros((64, 64), np.uint8)
-        black.add_frame(Frame(index + 1, dark), describe(dark), 0)
-    match = PlaceRecognizer(black, Config()).process(Frame(10**9, noise))
-    assert match.accepted is None
+        black.add_frame(Frame(index + 1, dark), describe(dark, SMALL), 0)
+    assert PlaceRecognizer(black, OWN).process(Frame(10**9, image(0))).accepted is None

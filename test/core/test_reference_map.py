@@ -6,9 +6,8 @@ from threading import Thread
 
 from convseq_ros.config import Config, EncodingConfig, OnlineConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.online import OnlineMap
-from convseq_ros.core.map.place import pack_cells, Picture, Place, shown, thumbnail, unpack_cells
+from convseq_ros.core.map.place import pack_cells, Picture, Place, shown, thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import cv2
@@ -27,21 +26,6 @@ def cells(seed):
 class Stored:
     def pictures(self, indices, _with_images=False):
         return [Picture(cells(1000 + index), b'stored') for index in indices]
-
-
-def test_what_is_added_is_there():
-    reference_map = ReferenceMap(ENCODING)
-    places = [Place(2**62, 'a', POSE), Place(-5), Place(7, 'b.png')]
-    for index, place in enumerate(places):
-        reference_map.add(place, cells(index), b'%d' % index)
-    assert list(reference_map.places) == places == reference_map.places[:]
-    assert reference_map.places[-1] == places[2] and reference_map.places[1:] == places[1:]
-    assert (reference_map.packed(1) == cells(1)).all() and reference_map.thumbnail(2) == b'2'
-    for index in range(3):
-        assert (
-            reference_map.global_descriptors[index]
-            == global_descriptor(unpack_cells(cells(index)))
-        ).all()
 
 
 @pytest.mark.parametrize('index', [-1, 1])

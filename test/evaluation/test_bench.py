@@ -5,13 +5,11 @@
 import csv
 import json
 
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
-from convseq_ros.results import COLUMNS, ResultWriter
-from convseq_ros.sources.folder import ImageFolder
+from convseq_ros.results import COLUMNS
 import cv2
 import numpy as np
 import pytest
@@ -70,21 +68,6 @@ def test_a_folder_holds_what_it_promises(street, quick, tmp_path):
     ]
     assert float(table[0]['accuracy_all']) == summary['accuracy_all']
     assert not list(output.rglob('*.part'))
-
-
-def test_the_recogniser_answers_as_one_that_reads_the_images(street, quick, tmp_path):
-    run(street, quick, tmp_path / 'out', 'convseq')
-    _, reference = street.open().drives(quick.encoding)
-    recognizer = PlaceRecognizer(reference.reference_map, quick)
-    with ResultWriter(tmp_path / 'replay.csv') as writer:
-        for frame in ImageFolder(street.folder / 'query'):
-            writer.write(recognizer.process(frame), 0.0)
-    replayed = rows(tmp_path / 'replay.csv')
-    evaluated = rows(tmp_path / 'out' / 'street' / 'convseq' / 'frames.csv')
-    # The map was built twice: its sessions have other ids.
-    same = {*COLUMNS} - {'duration_ms', 'anchor_session'}
-    for one, other in zip(replayed, evaluated, strict=True):
-        assert {name: one[name] for name in same} == {name: other[name] for name in same}
 
 
 def test_with_half_of_the_map_removed_unknown_places_are_counted_as_such(street, quick, tmp_path):

@@ -151,26 +151,6 @@ def test_the_comparison_counts_what_each_way_keeps():
     assert trials[3, True].median_m < trials[3, False].median_m
 
 
-def test_the_demo_tells_errors_of_all_ways_and_of_streets_driven_twice():
-    pytest.importorskip('rclpy', reason='the demo needs ROS')
-    from convseq_ros.core.types import Pose as TruePose
-    from demo import _errors, _table
-
-    odometry, truth = square(side=20, laps=2, turn=math.pi / 2 + 0.08, length=1.03)
-    closures = [Closure((80 + at) * SECOND, at * SECOND) for at in range(0, 80, 5)]
-    halves = {at: at // (20 * SECOND) * math.pi / 4 for at in truth}
-    poses = {
-        at: TruePose((*place, 0.0), (0.0, 0.0, math.sin(halves[at]), math.cos(halves[at])))
-        for at, place in truth.items()
-    }
-    errors = _errors(odometry, closures, optimise(odometry, closures), poses)
-    before = errors['odometry alone']
-    after = errors['those that GNC kept, iSAM2']
-    assert before[0] > 2.0 and after[0] < 0.4 * before[0] and after[1] < 0.4 * before[1]
-    assert after == pytest.approx(errors['closures of vpr_node, GNC'], abs=0.01)
-    assert 'passed twice' in _table(errors, compare(odometry, closures, truth, COUNTS, 1), 16)
-
-
 def test_the_picture_leaves_out_a_closure_outside_the_odometry(tmp_path):
     pytest.importorskip('matplotlib')
     from picture import draw_picture

@@ -65,14 +65,6 @@ def test_drops_are_told_with_their_cause_and_the_end_sums_up(
     assert '5 dropped since the start' in told[-1][1]
 
 
-def test_a_node_that_saw_nothing_says_nothing_of_it(quick, told, vpr, map_path, client):
-    node = vpr(map_path=map_path)
-    client.wait_for(lambda: node._ready)
-    node.context.try_shutdown()
-    client.wait_for(lambda: not node._worker._thread.is_alive())
-    assert not any('frames' in text for _, text in told)
-
-
 def match(index):
     return Match(index, index, Status.SKIPPED, Reason.WARMING_UP)
 

@@ -105,17 +105,6 @@ def test_numbers_go_on_when_the_map_changes(setup, image, gray):
     setup.results.close()
 
 
-def test_a_map_that_cannot_be_written_is_counted_and_frames_are_answered(
-    setup, image, gray, monkeypatch
-):
-    monkeypatch.setattr(Session, 'save', Mock(side_effect=MapError('map.db: disk full')))
-    setup.handle(image(gray, 1), 0)
-    assert (setup.statistics.unkept, setup.statistics.failed) == (1, 0)
-    assert setup.statistics.processed == len(setup.published) == 1
-    assert 'disk full' in setup.logger.error.call_args.args[0]
-    setup.results.close()
-
-
 def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     old = setup.recognition.session
     monkeypatch.setattr(Session, 'close', Mock(side_effect=MapError('map.db: disk full')))

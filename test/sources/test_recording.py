@@ -172,12 +172,6 @@ def test_stamped_poses_are_read(recorder, kind):
     assert read_poses(path, '') == [(42, Pose((7.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)))]
 
 
-def test_only_unusable_poses_are_an_error(recorder):
-    path = recorder.write('mcap file', [('/odom', 1, recorder.odometry(float('inf'), 1))])
-    with pytest.raises(SourceError, match='finite'):
-        read_poses(path, '/odom')
-
-
 def test_a_folder_of_bags_without_metadata_is_read_in_natural_order(recorder, tmp_path, pictures):
     folder = tmp_path / 'split'
     folder.mkdir()

@@ -214,22 +214,3 @@ def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, bot
         # Half a place is rounded to an even one, so tails end at another place.
         assert found[swapped] == pytest.approx(mass, abs=1e-3)
         assert left == pytest.approx(elsewhere, abs=1e-3)
-
-
-@settings(max_examples=40)
-@given(
-    st.lists(st.integers(1, 9), min_size=2, max_size=4),
-    st.booleans(),
-    st.sampled_from([None, 1.0]),
-)
-def test_without_links_mass_stays_in_its_session(a_map, lengths, both, step_m):
-    whole = a_map(*lengths, step_m=step_m)
-    place = lengths[0] + lengths[1] // 2  # of the second session
-    belief = sure_of(Belief(whole, MotionModel(whole, both, 0.3)), place)
-    first, end = whole.bounds.span(place)
-    for x in range(6):
-        belief.motion.move(of_roll_pitch_yaw((2.0 * x, 0.0, 0.0), 0.0, 0.0, 0.0), 0)
-        belief.predict(len(whole))
-        mass, _ = masses(belief, len(whole))
-        own = mass[first : min(end, len(whole))].sum()
-        assert mass.sum() == pytest.approx(own, abs=1e-5)  # what was elsewhere at first
