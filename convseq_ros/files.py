@@ -3,16 +3,20 @@
 """Small files that a stranger may have made: what they declare is checked first."""
 
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, MISSING
 from functools import partial
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, TypeVar
 
-from convseq_ros.errors import ConfigError, one_line, pip_install, SourceError
+from convseq_ros.errors import ConfigError, ConvseqError, one_line, pip_install, SourceError
+from convseq_ros.parameter import refuse_unknown
 from convseq_ros.reading_config import AS_TEXT, AS_YAML, ReadingConfig
 from convseq_ros.regular_file import read_bytes, refuse_irregular
 import numpy as np
 import numpy.typing as npt
+
+Record = TypeVar('Record')
 
 
 def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[str, Any]:
@@ -58,6 +62,50 @@ def _plain(loader: Any, path: Path) -> Any:
         return loader.get_single_data()
     finally:
         loader.dispose()
+
+
+def made_record(kind: type[Record], content: Any, where: str, base: Path = Path()) -> Record:
+    """
+    Return a dataclass with the values of a mapping, whose relative paths start at `base`.
+
+    ConfigError if a value is missing, does not suit its field, or has none.
+    """
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'{where} is not a list of `key: value`')
+    known = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
+    refuse_unknown(content, known, f'{where}: unknown key')
+    for name, item in known.items():
+        if item.default is MISSING and item.default_factory is MISSING and name not in content:
+            raise ConfigError(f'{where}: says no {name}; add it')
+    values = {
+        name: _suited(known[name].type, value, f'{where}: {name}', base)
+        for name, value in content.items()
+    }
+    try:
+        return kind(**values)
+    except ConvseqError as error:
+        raise ConfigError(f'{where}: {error}') from None
+
+
+def _suited(kind: Any, value: Any, where: str, base: Path) -> Any:
+    """Return a value in the type of a field; ConfigError if it is of another."""
+    for one in get_args(kind) or (kind,):
+        if is_dataclass(one):
+            return made_record(one, value, where, base)  # type: ignore[arg-type]
+        if one is Path:
+            if get_origin(kind) is not Mapping:
+                return base / str(value)
+            if isinstance(value, Mapping):
+                return {str(name): base / str(file) for name, file in value.items()}
+    if kind is str:
+        return ' '.join(str(value).split())
+    if kind is bool and isinstance(value, bool):
+        return value
+    number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**62
+    if not number or kind not in (int, float) or kind(value) != value:
+        expected = 'true or false' if kind is bool else 'a number of the right kind'
+        raise ConfigError(f'{where}: {value!r} is not {expected}')
+    return kind(value)
 
 
 def read_array(path: Path, reading: ReadingConfig = ReadingConfig()) -> npt.NDArray[Any]:

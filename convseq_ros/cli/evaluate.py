@@ -34,8 +34,6 @@ def describe(parser: argparse.ArgumentParser) -> None:
         'past')
     parser.add_argument('--criterion', choices=CRITERIA, default='score',
         help='what curves are drawn over (score)')
-    parser.add_argument('--exclude-recent', type=int, metavar='N', help='latest frames that are '
-        'no loop closure, for a drive against its own past')
     parser.add_argument('--keep', type=float, metavar='SHARE', help='for the open protocol, keep '
         'the first so much of the map, such as .7, instead of the first, the last and the middle '
         'half in turn')
@@ -56,8 +54,6 @@ def run(chosen: argparse.Namespace) -> int:
     config = chosen_config(chosen, EVERY_FRAME.spacing)
     if not chosen.sets:
         raise ConfigError(f'no data set; give a YAML file or one of {", ".join(ready_made())}')
-    if chosen.exclude_recent is not None and chosen.exclude_recent < 0:
-        raise ConfigError(f'--exclude-recent: {chosen.exclude_recent} is below 0')
     asked = chosen.protocol or (CLOSED if chosen.keep is None else OPEN,)
     if chosen.keep is not None and not (0 < chosen.keep < 1 and OPEN in asked):
         raise ConfigError(
@@ -66,9 +62,8 @@ def run(chosen: argparse.Namespace) -> int:
     plan = Plan(
         methods=tuple(chosen.method or (*DEFAULT_METHODS, PUBLISHED)),
         protocols=tuple(dict.fromkeys(asked)),
-        criterion=chosen.criterion,
-        exclude_recent=chosen.exclude_recent,
         keep=chosen.keep,
+        criterion=chosen.criterion,
         export=chosen.export,
         argv=tuple(sys.argv),
     )

@@ -3,7 +3,7 @@
 """Methods on data sets: everything that `convseq evaluate` does, as one function."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from convseq_ros.config import Config, flatten
@@ -32,9 +32,8 @@ class Plan:
     # closed, open and past, for sets with a reference; past: each of its drives against its own
     # past, forwards and backwards, where nothing is revisited.
     protocols: tuple[str, ...] = (CLOSED,)
-    criterion: str = 'score'  # what curves are drawn over: score, margin or confidence
-    exclude_recent: int | None = None  # overrides the sets, for drives against their own past
     keep: float | None = None  # share of the map, from its start, that `open` keeps
+    criterion: str = 'score'  # what curves are drawn over: score, margin or confidence
     export: Path | None = None  # folder for one JSON file a method and set
     argv: tuple[str, ...] = ()  # the command, for the record
 
@@ -59,8 +58,6 @@ def evaluate(
             raise ConfigError(f'{name}: two data sets of this name; rename one')
     cards: list[Scorecard] = []
     for data_set in data_sets:
-        if plan.exclude_recent is not None:
-            data_set = replace(data_set, exclude_recent=plan.exclude_recent)
         protocols: tuple[str, ...] = plan.protocols
         if data_set.online:
             protocols = (ONLINE,)

@@ -3,19 +3,16 @@
 """A data set: a query, a reference and a truth, named by a small YAML file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 import re
-from typing import Any
 
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation.simulated import read_simulated, SimulatedDrive
-from convseq_ros.files import read_yaml
-from convseq_ros.parameter import refuse_unknown
+from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.files import made_record, read_yaml
 from convseq_ros.reading_config import ReadingConfig
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
-_MOST = 2**31 - 1  # of any number: frames or metres
 TRUTH_KINDS = ('identity', 'table', 'poses', 'none')
 
 
@@ -30,6 +27,15 @@ class Part:
     simulated: SimulatedDrive | None = None  # images that are drawn; there is no path then
     backwards: bool = False  # the last image comes first
 
+    def __post_init__(self) -> None:
+        if (self.path != Path()) == (self.simulated is not None):
+            raise ConfigError('has no path; add where its images are, or simulated')
+        if len(self.topic.split()) > 1:
+            raise ConfigError(
+                f'topic: {self.topic!r} names several cameras, and a data set has one; make a set '
+                'for each, or recognise with all of them by convseq replay'
+            )
+
     def __str__(self) -> str:
         return 'drawn' if self.simulated else str(self.path)
 
@@ -38,11 +44,21 @@ class Part:
 class TruthSource:
     """Where the truth is, and how far off an answer may be."""
 
-    kind: str  # one of `TRUTH_KINDS`; `none` says that no place is seen twice
+    kind: str = ''  # one of `TRUTH_KINDS`; `none` says that no place is seen twice
     path: Path | None = None
     tolerance: int = 0  # frames
     radius_m: float = 0.0  # for poses
     first_index: int = 0  # the number that a table gives to the first image
+
+    def __post_init__(self) -> None:
+        if self.kind not in TRUTH_KINDS:
+            raise ConfigError(f'kind {self.kind!r} is not one of {", ".join(TRUTH_KINDS)}')
+        if min(self.tolerance, self.radius_m, self.first_index) < 0:
+            raise ConfigError('tolerance, radius_m and first_index are not below 0')
+        if self.kind == 'table' and self.path is None:
+            raise ConfigError('table has no path; add its file')
+        if self.kind == 'poses' and not self.radius_m:
+            raise ConfigError('poses has no radius_m; add how many metres are right')
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +74,15 @@ class DataSet:
     title: str = ''
     where: str = ''  # where the images belong, for people
     source: str = ''  # where they come from
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r'[\w.-]+', self.name) or self.name.startswith('.'):
+            raise ConfigError(f'name {self.name!r} is no folder name; use letters, digits, . _ -')
+        if self.online and self.truth.kind == 'identity':
+            raise ConfigError(
+                'truth identity needs a reference; against its own past every frame would be its '
+                'own answer; give a table, poses or none'
+            )
 
     @property
     def online(self) -> bool:
@@ -108,91 +133,5 @@ def open_data_set(
 
 def read_data_set(path: Path, base: Path, reading: ReadingConfig = ReadingConfig()) -> DataSet:
     """Return what a YAML file says, its relative paths starting at `base`."""
-    content = _mapping(read_yaml(path, reading), path, 'the file', DataSet)
-    name = str(content.get('name', path.stem))
-    if not re.fullmatch(r'[\w.-]+', name) or name.startswith('.'):
-        raise ConfigError(f'{path}: name {name!r} is no folder name; use letters, digits, . _ -')
-    for needed in ('query', 'truth'):
-        if needed not in content:
-            raise ConfigError(f'{path}: says no {needed}; add it')
-    reference = content.get('reference')
-    published = {
-        str(label): base / str(file)
-        for label, file in _mapping(content.get('published', {}), path, 'published').items()
-    }
-    data_set = DataSet(
-        name=name,
-        query=_part(content['query'], path, base, 'query'),
-        reference=None if reference is None else _part(reference, path, base, 'reference'),
-        truth=_truth(content['truth'], path, base),
-        exclude_recent=_number(content.get('exclude_recent', 20), int, path, 'exclude_recent'),
-        published=published,
-        title=str(content.get('title', name)),
-        where=' '.join(str(content.get('where', '')).split()),
-        source=' '.join(str(content.get('source', '')).split()),
-    )
-    if data_set.online and data_set.truth.kind == 'identity':
-        raise ConfigError(
-            f'{path}: truth identity needs a reference; against its own past every frame would '
-            'be its own answer; give a table, poses or none'
-        )
-    return data_set
-
-
-def _part(content: Any, path: Path, base: Path, name: str) -> Part:
-    said = _mapping(content, path, name, Part)
-    drawn = said.get('simulated')
-    if ('path' in said) == (drawn is not None):
-        raise ConfigError(f'{path}: {name} has no path; add where its images are, or simulated')
-    backwards = said.get('backwards', False)
-    if not isinstance(backwards, bool):
-        raise ConfigError(f'{path}: {name}: backwards: {backwards!r} is not true or false')
-    topic = str(said.get('topic', ''))
-    if len(topic.split()) > 1:
-        raise ConfigError(
-            f'{path}: {name}: topic: {topic!r} names several cameras, and a data set has one; '
-            'make a set for each, or recognise with all of them by convseq replay'
-        )
-    return Part(
-        base / str(said['path']) if drawn is None else Path(),
-        topic,
-        str(said.get('odom', '')),
-        _number(said.get('count', 0), int, path, f'{name}: count'),
-        None if drawn is None else read_simulated(_mapping(drawn, path, name), path),
-        backwards,
-    )
-
-
-def _truth(content: Any, path: Path, base: Path) -> TruthSource:
-    said = _mapping(content, path, 'truth', TruthSource)
-    kind = str(said.get('kind', ''))
-    if kind not in TRUTH_KINDS:
-        raise ConfigError(f'{path}: truth kind {kind!r} is not one of {", ".join(TRUTH_KINDS)}')
-    if kind == 'table' and 'path' not in said:
-        raise ConfigError(f'{path}: truth table has no path; add its file')
-    radius_m = _number(said.get('radius_m', 0), float, path, 'radius_m')
-    if kind == 'poses' and not radius_m:
-        raise ConfigError(f'{path}: truth poses has no radius_m; add how many metres are right')
-    return TruthSource(
-        kind,
-        base / str(said['path']) if 'path' in said else None,
-        _number(said.get('tolerance', 0), int, path, 'tolerance'),
-        radius_m,
-        _number(said.get('first_index', 0), int, path, 'first_index'),
-    )
-
-
-def _mapping(content: Any, path: Path, what: str, record: Any = None) -> Mapping[str, Any]:
-    """Return a mapping whose keys are fields of a record, if there is one; else ConfigError."""
-    if not isinstance(content, Mapping):
-        raise ConfigError(f'{path}: {what} is not a list of `key: value`')
-    if record:
-        refuse_unknown(content, [item.name for item in fields(record)], f'{path}: unknown key')
-    return content
-
-
-def _number(value: Any, kind: Any, path: Path, name: str) -> Any:
-    fitting = isinstance(value, int | float) and not isinstance(value, bool)
-    if not fitting or not 0 <= value <= _MOST or kind(value) != value:
-        raise ConfigError(f'{path}: {name}: {value!r} is not a number of the right kind')
-    return kind(value)
+    content = {'name': path.stem, **read_yaml(path, reading)}
+    return made_record(DataSet, {'title': content['name'], **content}, str(path), base)

@@ -3,7 +3,7 @@
 """One drive, ready to be matched: its images on demand, and what was computed of each."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 import hashlib
 import json
@@ -40,7 +40,7 @@ class Images:
     def sha256(self) -> str:
         """Of the list of images (see `content_digest`), or of what they are drawn by."""
         if self.simulated:
-            facts = json.dumps(self.simulated.content, sort_keys=True)
+            facts = json.dumps(asdict(self.simulated), sort_keys=True)
             return hashlib.sha256(facts.encode()).hexdigest()
         try:
             return content_digest(self.path)

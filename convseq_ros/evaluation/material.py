@@ -25,7 +25,6 @@ class Material:
     query: Images
     reference: Images  # the same for a drive against its own past
     truth: Truth  # for a drive against its own past, those right answers that are past
-    way_m: npt.NDArray[np.float64] | None = None  # (Q,), way up to each query, if known
     _drives: dict[EncodingConfig, tuple[Drive, Drive]] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -63,12 +62,7 @@ def open_material(
             f'{data_set.name}: the truth gives no query a right reference; nothing could be '
             'measured (for a drive without revisits, say truth: {kind: none})'
         )
-    return replace(
-        material,
-        truth=truth,
-        way_m=_way_m(data_set, drives[0], reading),
-        _drives={encoding: drives},
-    )
+    return replace(material, truth=truth, _drives={encoding: drives})
 
 
 def _images(part: Part, data_set: DataSet, reading: ReadingConfig) -> Images:
@@ -111,16 +105,3 @@ def _positions(
     track = PoseTrack(read_poses(part.path, part.odom, reading))
     poses = [track.at(stamp_ns) for stamp_ns in drive.stamps_ns]
     return np.array([pose.position if pose else (np.nan,) * 3 for pose in poses])
-
-
-def _way_m(
-    data_set: DataSet, query: Drive, reading: ReadingConfig
-) -> npt.NDArray[np.float64] | None:
-    """Return the way up to each frame, (N,), where poses or the drawing give it."""
-    if simulated := data_set.query.simulated:
-        return np.array([simulated.drive.distance_m(index) for index in range(len(query))])
-    if data_set.truth.kind != 'poses':
-        return None
-    positions = _positions(data_set, data_set.query, query, 'query', reading)
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return np.concatenate(([0.0], np.nancumsum(steps)))

@@ -44,7 +44,6 @@ class Outcome:
     pairs: PairScores  # of single frames
     frame_ms: float | None  # median time of a frame, if it was measured
     durations_ms: Sequence[float] | None  # the same of every frame, with the whole map
-    way_m: npt.NDArray[np.float64] | None  # (Q,), way up to each frame, if known
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,6 @@ def ask(
         pairs,
         _frame_ms(answers, pairs, protocol),
         answers[0].durations_ms if protocol != OPEN else None,
-        material.way_m,
     )
 
 

@@ -135,27 +135,22 @@ def decisions(verdicts: Verdicts) -> dict[str, float | None]:
 
 
 def first_closures(
-    verdicts: Verdicts,
-    halves: Sequence[str],
-    way: npt.ArrayLike | None = None,
-    taken: metrics.Flags | None = None,
-) -> dict[str, float | None]:
+    verdicts: Verdicts, halves: Sequence[str], taken: metrics.Flags | None = None
+) -> dict[str, int | None]:
     """
-    Return how far after its first known frame each run has its first right closure.
+    Return how many frames after its first known one each run has its first right closure.
 
-    There is one run of Q frames for each part of the map that was kept, named by `halves` (M,).
-    The unit is a frame, or that of `way` (Q,), such as metres. Closures are the answers that are
-    accepted, or those `taken` (M,). None without a right closure; a part of which no frame is
-    known is left out.
+    There is one run for each part of the map that was kept, named by `halves` (M,). Closures are
+    the answers that are accepted, or those `taken` (M,). None without a right closure; a part of
+    which no frame is known is left out.
     """
     right = verdicts.correct & (verdicts.accepted if taken is None else taken)
-    waits = dict[str, float | None]()
+    waits = dict[str, int | None]()
     for half in dict.fromkeys(halves):
         here = np.array([one == half for one in halves])
         known, found = (np.flatnonzero(flags[here]) for flags in (verdicts.known, right))
-        at = np.arange(here.sum()) if way is None else np.asarray(way)
         if len(known):
-            waits[half] = (at[found[0]] - at[known[0]]).item() if len(found) else None
+            waits[half] = int(found[0] - known[0]) if len(found) else None
     return waits
 
 
@@ -221,9 +216,6 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
         len(verdicts.matched), lambda chosen: figures(verdicts.of(chosen), criterion)
     )
     recalls = metrics.recall_at(outcome.sequence_scores, outcome.right, RECALL_COUNTS)
-    metres = None
-    if outcome.way_m is not None:
-        metres = first_closures(verdicts, outcome.halves, outcome.way_m)
     counts = Counter(lengths.tolist())
     sure = verdicts.values['confidence']
     told = verdicts.matched & ~np.isnan(sure)
@@ -250,7 +242,6 @@ def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:
         },
         **decisions(verdicts),
         'frames_to_first_closure': first_closures(verdicts, outcome.halves),
-        'metres_to_first_closure': metres,
         'mean_k': float(lengths.mean()) if len(lengths) else None,
         'k_distribution': {str(length): counts[length] for length in sorted(counts)},
         'pairs_per_frame': float(np.mean([match.pairs_scored for match in outcome.matches])),

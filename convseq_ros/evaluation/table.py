@@ -47,22 +47,16 @@ def check_figures(summary: Mapping[str, Any]) -> None:
     names = [name for name in HEADINGS if name not in texts]
     names += ['accuracy_matched_low', 'accuracy_matched_high']
     found = [summary.get(name) for name in names]
-    for name in ('frames_to_first_closure', 'metres_to_first_closure'):
-        found += (summary.get(name) or {}).values()
+    found += (summary.get('frames_to_first_closure') or {}).values()
     for one in found:
         if isinstance(one, str) or (one is not None and not math.isfinite(one)):
             raise ValueError(f'{one!r} is no figure')
 
 
 def first_closures(summary: Mapping[str, Any]) -> str:
-    """Return frames, and metres if known, to the first right closure, of every part of the map."""
+    """Return how many frames it is to the first right closure, for every part of the map."""
     frames = summary.get('frames_to_first_closure') or {}
-    metres = summary.get('metres_to_first_closure') or {}
-    return ', '.join(
-        ('-' if count is None else str(count))
-        + (f' ({metres[half]:g} m)' if metres.get(half) is not None else '')
-        for half, count in frames.items()
-    )
+    return ', '.join('-' if count is None else str(count) for count in frames.values())
 
 
 def best_of(rows: Sequence[Mapping[str, Any]], name: str) -> float | None:

@@ -91,7 +91,6 @@ def test_figures_that_cannot_be_compared_are_refused_in_one_line(
         (['elsewhere'], 'elsewhere: no data set'),
         (['corridor', '--data-root', '/nowhere'], 'corridor: /nowhere/corridor/query is missing'),
         (['SET', '--method', 'magic'], "method 'magic' is not one of"),
-        (['SET', '--exclude-recent', '-1'], '--exclude-recent: -1 is below 0'),
         (['SET', '--min-margin', '2'], 'min_margin: 2.0 is outside'),
     ],
 )

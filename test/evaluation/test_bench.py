@@ -94,7 +94,6 @@ def test_the_first_part_of_the_map_can_be_kept(street, quick, tmp_path):
     (one,) = run(street, quick, tmp_path / 'out', 'convseq', protocols=('open',), keep=0.7)
     assert (one['queries'], one['known']) == (24, 17 + 1)
     assert list(one['frames_to_first_closure']) == ['first']
-    assert one['metres_to_first_closure'] is None
     frames = rows(tmp_path / 'out' / 'street-open' / 'convseq' / 'frames.csv')
     assert all(int(row['best_index'] or 0) < 17 for row in frames)
     (found,) = read_run(tmp_path / 'out')

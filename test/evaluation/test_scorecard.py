@@ -60,7 +60,6 @@ def test_decisions_are_counted_over_known_places():
 
 def test_waits_for_the_first_right_closure_count_from_the_first_known_frame_of_each_half():
     assert first_closures(verdicts(), [''] * 5) == {'': 1}
-    assert first_closures(verdicts(), [''] * 5, [0, 2.5, 3, 4, 5]) == {'': 2.5}
     # The second half knows its first frame, whose answer is a slip, and no other.
     assert first_closures(verdicts(), ['first'] * 3 + ['last'] * 2) == {'first': 1, 'last': None}
     assert first_closures(verdicts(known=np.zeros(5, bool)), [''] * 5) == {}

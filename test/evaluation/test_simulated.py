@@ -12,7 +12,8 @@ from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.recognition import recognize
-from convseq_ros.evaluation.simulated import read_simulated
+from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.files import made_record
 import numpy as np
 import pytest
 
@@ -36,7 +37,7 @@ def test_a_drawn_set_needs_no_files_and_is_the_same_every_time(street, quick):
 
 def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
     one, same, other = (
-        Images(tmp_path, simulated=read_simulated({'street': 1, 'seed': seed}, tmp_path)).sha256
+        Images(tmp_path, simulated=SimulatedDrive(street=1, seed=seed)).sha256
         for seed in (1, 1, 2)
     )
     assert one == same != other
@@ -45,7 +46,7 @@ def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
 @pytest.mark.parametrize(
     ('said', 'problem'),
     [
-        ({'strete': 3}, "unknown parameter 'strete'; did you mean street"),
+        ({'strete': 3}, "unknown key 'strete'; did you mean street"),
         ({'noise': 'much'}, "noise: 'much' is not a number"),
         ({'num_frames': 2.5}, 'num_frames: 2.5 is not a number'),
         ({'light': 'dusk'}, "light: 'dusk' is not one of"),
@@ -55,14 +56,14 @@ def test_what_is_drawn_is_part_of_its_checksum(tmp_path):
 )
 def test_a_drive_that_makes_no_sense_is_refused(tmp_path, said, problem):
     with pytest.raises(ConfigError, match=problem) as caught:
-        read_simulated(said, tmp_path / 'set.yaml')
+        made_record(SimulatedDrive, said, 'set.yaml')
     assert '\n' not in str(caught.value) and 'set.yaml' in str(caught.value)
 
 
 @pytest.mark.parametrize('query', ['{}', '{path: query, simulated: {}}'])
 def test_a_drive_is_read_or_drawn(street, query):
     street.write(f'query: {query}\nreference: {{path: reference}}\ntruth: {{kind: none}}')
-    with pytest.raises(ConfigError, match='query has no path'):
+    with pytest.raises(ConfigError, match='query: has no path'):
         street.open()
 
 
