@@ -129,7 +129,7 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
 
 
 class _Grain:
-    """The noise of a camera, which never repeats: parts of one field, wherever chance puts them."""
+    """The noise of a camera, which never repeats: parts of one field, put there by chance."""
 
     def __init__(self, height: int, width: int) -> None:
         self._random, self._size = np.random.default_rng(0), (height, width)

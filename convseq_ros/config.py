@@ -224,11 +224,7 @@ class OnlineConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class KeyframeConfig(Checked):
-    """
-    Which frames become places, of a map that is built or that grows.
-
-    Frames that are matched with a map are as far apart: a map that is opened says how far.
-    """
+    """Which frames become places; frames matched with a map are as far apart as it says."""
 
     keyframe_interval_s: float = parameter(
         0.0, 'Minimum time between two keyframes.', unit='s', low=0.0, high=3600.0,

@@ -38,11 +38,7 @@ def work_alone() -> None:
 
 
 def run(module: str, code: int, text: str = '') -> int:
-    """
-    Import a module, which may take long, and return what its `main` returns.
-
-    `code` and `text` are those of a process that a signal ends before it is handed over.
-    """
+    """Import a module, which may take long, and return what its `main` returns."""
     stand(code, text)
     # Whoever became this process by `execve` had them wait.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)

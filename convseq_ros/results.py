@@ -1,10 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The result table: one row for every frame read, in order, for the node and the commands.
-
-And other files of results, which are complete or absent.
-"""
+"""The result table, a row for every frame, and files that are complete or absent."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

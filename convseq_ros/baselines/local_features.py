@@ -51,12 +51,7 @@ def root_sift(gray: npt.NDArray[np.uint8]) -> Keypoints:
 
 
 def inliers(query: Keypoints, reference: Keypoints) -> int:
-    """
-    Return how many keypoints agree with the best fundamental matrix; 0 for fewer than 12.
-
-    Matches are nearest neighbours by both images, clearly nearer than the second; RANSAC keeps
-    those within 2 px of their epipolar line.
-    """
+    """Return how many keypoints agree with the best fundamental matrix; 0 for fewer than 12."""
     if min(len(query.points_px), len(reference.points_px)) < FEWEST:
         return 0
     pairs = mutual_matches(query.descriptors, reference.descriptors)

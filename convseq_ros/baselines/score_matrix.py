@@ -18,12 +18,7 @@ def read_scores(
     lower_is_better: bool = False,
     reading: ReadingConfig = ReadingConfig(),
 ) -> npt.NDArray[np.float32]:
-    """
-    Return the pair scores in a .npy file, float32 of shape (queries, references).
-
-    Higher is more similar: distances, for which `lower_is_better`, change their sign. SourceError
-    if the file cannot be read, has another shape, or holds NaN or infinity.
-    """
+    """Return the pair scores in a .npy file, (queries, references), higher is more similar."""
     scores = _read(path, reading)
     if scores.shape != (queries, references):
         found = ' x '.join(map(str, scores.shape))

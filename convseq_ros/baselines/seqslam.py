@@ -43,13 +43,7 @@ def differences(
 def enhanced(
     difference: npt.NDArray[np.float32], window: int = _CONTRAST_WINDOW
 ) -> npt.NDArray[np.float32]:
-    """
-    Return how far each of some `differences` (Q, R) is below those of neighbouring references.
-
-    The unit is the local standard deviation: (Q, R), higher is more similar. Half of the `window`,
-    R_window in the paper, lies on either side; fewer at the ends of the map.
-
-    """
+    """Return by how many deviations each difference (Q, R) is below those of its neighbours."""
     reach = window // 2
     count = difference.shape[1]
     index = np.arange(count)

@@ -41,12 +41,7 @@ def learnt_centres(images: Sequence[Rows], count: int = CENTRES) -> Rows:
 
 
 def vlad(rows: Rows, centres: Rows) -> Rows:
-    """
-    Return one vector (k d,) for the descriptors (n, d) of an image, of unit length; or all 0.
-
-    What lies beyond each centre is summed up, scaled to unit length for each, and the roots of
-    these numbers are scaled again.
-    """
+    """Return one vector (k d,) of unit length, or all 0, for descriptors (n, d) of an image."""
     sums, own = np.zeros_like(centres), nearest(rows, centres)
     np.add.at(sums, own, rows - centres[own])
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)

@@ -50,11 +50,7 @@ def _distances(descriptors: Signs, centres: Signs) -> npt.NDArray[np.float32]:
 
 
 class Vocabulary:
-    """
-    Words learnt from the descriptors (n, 32) of some images, a tree of 10 branches and 4 levels.
-
-    `idf` (W,) is the weight of each word: the log of how few of these images have it.
-    """
+    """Words learnt from descriptors (n, 32) of images, and `idf` (W,), how rare each word is."""
 
     def __init__(
         self, images: Sequence[Bits], branches: int = BRANCHES, levels: int = LEVELS

@@ -14,14 +14,7 @@ _BLOCK_CELLS = 2
 
 
 def whole_image_hog(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """
-    Return the descriptor (34596,) of a grey image (H, W), to be compared by cosine.
-
-    The image is resized to 512 x 512. Cells have 16 px, 9 unsigned bins, and blocks 2 x 2 cells at
-    a stride of one cell: the sizes of VPR-Bench's HOG, computed by scikit-image. ConvseqError if
-    scikit-image is missing.
-
-    """
+    """Return scikit-image's HOG (34596,) of a grey image, 512 x 512, sized as in VPR-Bench."""
     try:
         from skimage.feature import hog
     except ImportError:

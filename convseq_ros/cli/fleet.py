@@ -241,11 +241,7 @@ def maps_in(folder: Path) -> list[Path]:
 
 
 def _link(chosen: argparse.Namespace) -> int:
-    """
-    Link all maps as if merged, a session a job; print what was found, and make what is asked for.
-
-    Sessions are looked up at the same time: none knows what another one was linked to meanwhile.
-    """
+    """Link all maps as if merged, a session a job; print what was found, and make the outputs."""
     paths, slices = list[Path](), list[SessionSlice]()
     for path in maps_in(chosen.map):
         try:

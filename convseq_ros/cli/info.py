@@ -105,11 +105,7 @@ def in_short(facts: dict[str, Any]) -> str:
 
 
 def describe_map(path: Path, reference_map: ReferenceMap) -> dict[str, Any]:
-    """
-    Return counts, time span, and the length of the drives' paths through the poses.
-
-    Keyframes that are linked show one place.
-    """
+    """Return counts, time span, and the length of the drives; linked keyframes show one place."""
     places, links = list(reference_map.places), [*reference_map.links.each()]
     of_session = {number: [*some] for number, some in groupby(places, attrgetter('session'))}
     sessions = [

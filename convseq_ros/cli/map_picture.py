@@ -81,12 +81,7 @@ def _draw_drives(axes: Any, whole: ReferenceMap, points: Points) -> None:
 
 
 def laid_out(whole: ReferenceMap) -> Points:
-    """
-    Return points whose distances are about those along drives and links, in steps of a drive.
-
-    It is multidimensional scaling by landmarks (de Silva and Tenenbaum 2004), for each component
-    of the graph; components lie side by side.
-    """
+    """Return points by multidimensional scaling with landmarks (de Silva and Tenenbaum 2004)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components, dijkstra
 

@@ -128,12 +128,7 @@ def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
 
 
 def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) -> list[str]:
-    """
-    Return Python's arguments to play a recording of one image topic, or a folder of images.
-
-    It begins once a node listens; `rate` is how many seconds of the recording are in a second;
-    `odom` and `camera_info` are topics that are played as well, empty for none.
-    """
+    """Return Python's arguments to play a recording, and topics beside its images, to a node."""
     what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
     topics = ['--odom', odom, '--camera-info', camera_info]
     return [*what, *topics, '--wait-subscribers', _NODE_STARTS_S]
@@ -143,11 +138,7 @@ def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) 
 def running(
     name: str, arguments: Sequence[str], folder: Path, end_s: float
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """
-    Run Python until the block ends; then ask the process to end as Ctrl-C does.
-
-    Its log is `<name>.log` in a folder. It has `end_s` to end before it is killed.
-    """
+    """Run Python, with a log `<name>.log`, until the block ends; then end it as Ctrl-C does."""
     with (folder / f'{name}.log').open('wb') as log:
         process = subprocess.Popen(
             [sys.executable, *arguments],

@@ -45,13 +45,7 @@ def evaluate(
     output: Path,
     report: Report = lambda _: None,
 ) -> list[Summary]:
-    """
-    Run every method on every set, write the run folder, and return the summaries in order.
-
-    `config` holds the core's parameters for all methods that do not bring their own; `report` gets
-    a line of text for each step. ConvseqError if a set, whose names must differ, a method or an
-    option is wrong.
-    """
+    """Run every method on every set, write the run folder, and return the summaries in order."""
     names = [data_set.name for data_set in data_sets]
     for name in names:
         if names.count(name) > 1:

@@ -117,12 +117,7 @@ def ready_made() -> list[str]:
 def open_data_set(
     text: str, data_root: Path = Path(), reading: ReadingConfig = ReadingConfig()
 ) -> DataSet:
-    """
-    Return the data set that a user names; ConfigError if there is none, or it makes no sense.
-
-    `text` is a YAML file, whose relative paths start at the file, or the name of a ready-made set,
-    whose relative paths start at `data_root`.
-    """
+    """Return the set of a YAML file, or a ready-made one by name; ConfigError if there is none."""
     path = Path(text)
     if path.suffix.lower() in ('.yaml', '.yml'):
         return read_data_set(path, path.parent, reading)

@@ -113,11 +113,7 @@ class Drive:
 
 
 def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
-    """
-    Describe every image of a drive, by the model of the encoding if it names one.
-
-    SourceError if images cannot be read, ModelError if the model cannot be used.
-    """
+    """Describe every image of a drive, by the model of the encoding if it names one."""
     model = open_model(Config(encoding=encoding, reading=images.reading))
     blank = blank_descriptor(encoding)
     if model:

@@ -25,12 +25,7 @@ SequenceScorer = Callable[[Sequence[Row | None]], npt.NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class PairScores:
-    """
-    What a method gives: at least a row of scores for each of Q queries.
-
-    All else is optional: what it costs, its own way to score a sequence, and its own decision.
-    Without the latter every best candidate is accepted, and thresholds on the scores are tried.
-    """
+    """What a method gives: scores and perhaps its costs, its sequences and its own decision."""
 
     scores: Scores  # (Q, R), higher is more similar; NaN where a pair was not scored
     encode_ms: float | None = None  # median time to describe an image, if known
@@ -43,12 +38,7 @@ class PairScores:
 
 
 class GivenScores(Matcher):
-    """
-    Stands in for a matcher where pair scores are known already.
-
-    `rows` has NaN where there is no score; a row without any shows nothing. `frame` is the row of
-    the frame that comes next, and must be set before it comes.
-    """
+    """Stands in for a matcher; `frame` is the row of the frame that comes next."""
 
     def __init__(self, rows: Scores) -> None:
         self.kernel, self.exact, self.frame = 'given', True, 0
@@ -118,12 +108,7 @@ def rank_references(
     scorer: SequenceScorer | None = None,
     partial_windows: bool = False,
 ) -> SequenceScores:
-    """
-    Return the sequence scores of every frame with every reference.
-
-    `lengths` holds k of each frame, 0 for none. Rows of uninformative frames are passed over.
-    Windows may leave the map if `partial_windows`, as those of the belief may.
-    """
+    """Return sequence scores of every frame with every reference; `lengths` are their k, or 0."""
     scorer = scorer or partial(sequence_scores, partial=partial_windows)
     shown = drive.informative & np.isfinite(rows).any(axis=1)
     usable = [row if there else None for row, there in zip(rows, shown, strict=True)]

@@ -1,10 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Exact figures of merit: every score that occurs is a threshold, equal scores are one step.
-
-A figure that does not exist, such as the recall of nothing, is None.
-"""
+"""Exact figures of merit: every score is a threshold. None for what does not exist."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -58,11 +58,7 @@ _PEERS = {
 
 
 def peer_scores(material: Material, name: MethodName, reading: ReadingConfig) -> PairScores:
-    """
-    Return what a peer says: `orb-bow`, DBoW2 with ORB, or `sift-vlad`, both as DLoopDetector.
-
-    Words or centres are learnt of the whole map, or of the pictures of `vocabulary=FOLDER`.
-    """
+    """Return what DBoW2 with ORB, `orb-bow`, or `sift-vlad` says, decided as by DLoopDetector."""
     try:
         alpha = float(name.options.get('alpha', ALPHA))
     except ValueError:

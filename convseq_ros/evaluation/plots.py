@@ -46,12 +46,7 @@ def take_texts_literally(figure: Any) -> None:
 
 
 def save(figure: Any, *paths: Path, **options: Any) -> None:
-    """
-    Write a figure in the format that each name ends with: png, svg or pdf.
-
-    A file is complete or absent. It has no date, so the same figure gives the same file.
-    `options` are those of `savefig`.
-    """
+    """Write a figure as what each name ends with: png, svg or pdf, the same each time."""
     from matplotlib import rc_context
 
     take_texts_literally(figure)
@@ -100,12 +95,7 @@ def show_truth(axes: Any, truth: npt.NDArray[np.bool_]) -> None:
 def show_matches(
     axes: Any, matches: npt.NDArray[np.int_], verdicts: npt.NDArray[np.str_], size: float
 ) -> None:
-    """
-    Draw a dot for each match, or for every n-th where there are very many.
-
-    `matches` (N, 2) are query and reference, `verdicts` (N,) 'right', 'wrong' or 'rejected',
-    `size` is the width of a dot in points.
-    """
+    """Draw a dot, `size` points wide, for each match (N, 2), or every n-th of very many."""
     step = max(1, -(-len(matches) // MOST_DOTS))
     edge = {'markeredgecolor': EDGE, 'markeredgewidth': 0.6 * (len(matches) < DENSE)}
     for verdict in reversed(VERDICT_COLORS):

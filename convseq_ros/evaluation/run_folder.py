@@ -171,13 +171,7 @@ def write_exports(folder: Path, summaries: Iterable[Mapping[str, Any]]) -> None:
 
 
 def read_exports(paths: Iterable[Path], reading: ReadingConfig) -> list[Mapping[str, Any]]:
-    """
-    Return what `write_exports` wrote, set by set.
-
-    SourceError if a file is none, its protocol is of another version, or two files of one set are
-    not of the same images: such figures cannot be compared.
-
-    """
+    """Return what `write_exports` wrote, set by set; SourceError if it cannot be compared."""
     found: dict[str, list[Mapping[str, Any]]] = {}
     for path in paths:
         try:

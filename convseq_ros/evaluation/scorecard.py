@@ -117,12 +117,7 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
 
 
 def decisions(verdicts: Verdicts) -> dict[str, float | None]:
-    """
-    Return what the method's own decisions are worth.
-
-    `accepted`, of which `accepted_right`, `slips` and `false_closures`; `accepted_recall`: right
-    ones among all queries that have an answer.
-    """
+    """Return how many answers the method stands by, and how many of these are right."""
     right = verdicts.accepted & verdicts.correct
     slips = verdicts.accepted & verdicts.slip
     return {

@@ -46,12 +46,7 @@ def same_index(queries: int, references: int, tolerance: int) -> Truth:
 def listed(
     pairs: npt.NDArray[np.int64], shape: tuple[int, int], tolerance: int, where: str
 ) -> Truth:
-    """
-    Return the truth that a list of pairs states, for Q queries and R references.
-
-    `pairs` has shape (P, 2) or (P, 3): query, reference and perhaps the tolerance of this pair.
-    `where` names the file. SourceError if a pair names a frame that does not exist.
-    """
+    """Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError for no frame."""
     right = np.zeros(shape, np.bool_)
     for query, reference, *own in pairs.tolist():
         for kind, index, count in (('query', query, shape[0]), ('reference', reference, shape[1])):

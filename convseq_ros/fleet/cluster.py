@@ -55,13 +55,7 @@ class Cluster:
 
 @contextmanager
 def connected(cluster: Cluster) -> Iterator[Any]:
-    """
-    Yield a `distributed.Client` of a cluster; workers of this machine end with it.
-
-    FleetError if Dask is not installed, the address is none or needs TLS, it lacks certificates,
-    no scheduler answers, or its workers lack this version of the package.
-
-    """
+    """Yield a `distributed.Client` of a cluster; workers of this machine end with it."""
     try:
         import dask
         import distributed
@@ -179,12 +173,7 @@ def _refuse_foreign(client: Any, scheduler: str) -> None:
 def done(
     client: Any, work: Callable[..., Any], jobs: Mapping[str, tuple[Any, ...]]
 ) -> Iterator[tuple[str, Any]]:
-    """
-    Yield the name of each job, as it is done, with what the work returned or the ConvseqError.
-
-    Jobs are the arguments of the work. Those of a worker that dies go to another; FleetError for
-    one whose workers die again and again.
-    """
+    """Yield the name of each job that is done, and what the work returned, or the ConvseqError."""
     from distributed import as_completed, KilledWorker
 
     futures = {client.submit(_tried, work, job, pure=False): name for name, job in jobs.items()}

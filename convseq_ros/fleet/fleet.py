@@ -73,11 +73,7 @@ class _Worker:
     problem: str = ''  # why it is not asked any more
 
     def ask(self, timeout_s: float, method: str, what: tuple[Any, ...]) -> Any:
-        """
-        Return the answer, of another worker if this one dies; None if they die again and again.
-
-        FleetError if it takes longer than the timeout.
-        """
+        """Return the answer, of another worker if this one dies; None if they all do."""
         until = time.monotonic() + timeout_s
         for _ in range(0 if self.problem else _TRIES):
             try:

@@ -16,13 +16,7 @@ from convseq_ros.fleet.fleet import Fleet
 
 
 class FleetSession:
-    """
-    Recognises places in all maps of a fleet, exactly as in one map merged from them.
-
-    `sources` name the cameras, if there are several, and `describe` is the model of the maps, as
-    of `Session`.
-    FleetError if the configuration asks for what a fleet cannot do, or no map can be opened.
-    """
+    """Recognises places in all maps of a fleet, exactly as in one map merged from them."""
 
     def __init__(
         self,

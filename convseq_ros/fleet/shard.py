@@ -1,11 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-What a worker does of a fleet: it holds some maps, its shards, and answers for them together.
-
-What it lacks of a drive it is told again. So a worker that has just begun answers as one that has
-known the whole drive.
-"""
+"""What a worker does: it holds some maps, its shards, and answers for them together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

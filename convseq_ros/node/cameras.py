@@ -20,12 +20,7 @@ _FEWEST = 2  # images that the middleware may hold, however large: one comes whi
 
 
 class ImageSubscription:
-    """
-    Subscribes to `image`, after remapping, or another topic, and keeps up the subscription.
-
-    A topic whose name ends in /compressed carries compressed images. `on_image` receives each
-    message, and its topic, in the executor's thread, for which `depth` messages may wait.
-    """
+    """Subscribes to a topic of images, which are compressed if its name ends in /compressed."""
 
     def __init__(
         self,

@@ -60,12 +60,7 @@ def answer_message(
     frame_id: str,
     model_ms: float = 0.0,
 ) -> DiagnosticArray:
-    """
-    Return the row of the result table, as names and values, with the ids of map and session.
-
-    `reference_map` is that of the candidates, `frame_id` the frame of its poses. If it has a
-    `descriptor_model`, that took `model_ms` of the time.
-    """
+    """Return the row of the result table, as names and values, with the ids of map and session."""
     values = {**row(match, duration_ms), 'map_id': reference_map.map_id}
     if reference_map.encoding.descriptor_model:
         values['model_ms'] = round(model_ms, 3)

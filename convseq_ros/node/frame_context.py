@@ -33,12 +33,7 @@ _LOG_PERIOD_S = 10.0
 
 
 class Waiting:
-    """
-    Has an image wait for a message of its moment, in the worker's thread.
-
-    It waits for `wait_s` only, and after three images that waited in vain none waits before a
-    message comes again.
-    """
+    """Has an image wait for a message of its moment; not if three have waited in vain."""
 
     def __init__(self, wait_s: float) -> None:
         self.wait_s = wait_s
@@ -125,12 +120,7 @@ class Odometry:
 
 
 class DepthImages:
-    """
-    Listens to a topic of depth images that are registered to the camera; to none if it is empty.
-
-    `unreadable` counts depth images that could not be decoded, `missing` images without one since
-    the first came.
-    """
+    """Listens to depth images, if there is a topic; counts what is unreadable or missing."""
 
     def __init__(self, node: Node, topic: str, wait_s: float, reading: ReadingConfig) -> None:
         self.unreadable = self.missing = 0
@@ -166,12 +156,7 @@ class DepthImages:
 
 
 class FrameContext:
-    """
-    Listens to `odom`, `camera_info` and a topic of depth; all are optional.
-
-    `topics` are those of images, resolved, if there are several cameras: `camera` and `depth` are
-    then of the first.
-    """
+    """Listens to `odom`, and to `camera_info` and depth of the first of the cameras' `topics`."""
 
     def __init__(
         self, node: Node, config: NodeConfig, reading: ReadingConfig, topics: Sequence[str]

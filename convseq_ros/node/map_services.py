@@ -32,12 +32,7 @@ _POLL_S = 0.05
 
 
 class MapServices:
-    """
-    Offers `~/load_map` and `~/save_map`.
-
-    Maps are exchanged in the worker's thread, between two frames. `config` returns the present
-    configuration; `save_path` is where `~/save_map` writes, empty if there is no such place.
-    """
+    """Offers `~/load_map` and `~/save_map`; maps are exchanged between two frames."""
 
     def __init__(
         self,

@@ -70,11 +70,7 @@ def map_info_message(reference_map: ReferenceMap, posed: int, frame_id: str) -> 
 
 
 def path_message(reference_map: ReferenceMap, frame_id: str) -> Path:
-    """
-    Return the poses of the newest drive that has any, with their stamps, thinned out to 5000.
-
-    A path is drawn as one line, and no line leads from one drive to the next.
-    """
+    """Return the poses of the newest drive that has any, thinned out to 5000, as one line."""
     poses = [
         PoseStamped(
             header=Header(stamp=stamp_from_ns(place.stamp_ns), frame_id=frame_id),

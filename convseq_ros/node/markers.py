@@ -49,12 +49,7 @@ class MatchMarkers:
         query: Pose | None,
         frame_id: str,
     ) -> None:
-        """
-        Draw what changed; the map may have grown, or be another one.
-
-        `estimate` is where the match says that the camera is, `query` where it is in the map's
-        frame, `frame_id`, without the match.
-        """
+        """Draw what changed; `query` is where the camera is in the map, apart from the match."""
         is_another = reference_map is not self._map
         if is_another:
             self._closures.clear()
@@ -96,11 +91,7 @@ def closure_markers(
 
 
 def places_marker(header: Header, places: Sequence[Place]) -> Marker:
-    """
-    Return a dot for every place with a pose, thinned out to 5000, as large as fits.
-
-    Each session of the map has its own colour; the first is grey.
-    """
+    """Return a dot for every place with a pose, thinned out to 5000, coloured by session."""
     step = max(1, math.ceil(len(places) / _MOST_PLACES))
     shown = [place for place in places[::step] if place.pose]
     positions = [place.pose.position for place in shown if place.pose]

@@ -33,11 +33,7 @@ class Cue(NamedTuple):
 
 @dataclass(eq=False)
 class Playlist:
-    """
-    The images of a source, from `start_s` on, with the messages of other topics between them.
-
-    SourceError if one of these topics is not there.
-    """
+    """The images of a source from `start_s` on, with messages of other topics between them."""
 
     source: Source
     path: Path
@@ -57,11 +53,7 @@ class Playlist:
         return 0
 
     def __iter__(self) -> Iterator[Cue]:
-        """
-        Yield the cues; the first image follows what the others said in the second before.
-
-        SourceError if there is no image, or it is damaged further on.
-        """
+        """Yield the cues; the first image follows what the others said in the second before."""
         images = self._images()
         begin_ns: int | None = None
         for first in images:

@@ -21,11 +21,7 @@ _REMEDIES = {
 
 
 class ProgressLog:
-    """
-    Logs every 10 s and at the end what was done, and every 5 s, if need be, what was dropped.
-
-    `drops` returns how many frames were dropped since the start, by cause; see `Worker.drops`.
-    """
+    """Logs every 10 s and at the end what was done, and every 5 s what was dropped, by cause."""
 
     def __init__(
         self, node: Node, statistics: Statistics, drops: Callable[[], Mapping[str, int]]

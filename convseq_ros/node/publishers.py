@@ -68,12 +68,7 @@ _KINDS = {
 
 
 class MatchPublishers:
-    """
-    The topics of results; a message is made only if somebody subscribes to its topic.
-
-    `config` may be replaced between two frames; `odometry_frame` returns the frame in which poses
-    of frames are given.
-    """
+    """The topics of results; a message is made only if somebody subscribes to its topic."""
 
     def __init__(self, node: Node, config: NodeConfig, odometry_frame: Callable[[], str]) -> None:
         self.config = config

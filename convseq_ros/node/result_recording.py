@@ -18,13 +18,7 @@ _NODE = '/vpr_node'
 
 
 class ResultRecording:
-    """
-    Writes an mcap file of the node's topics about frames; use it as a context manager.
-
-    Messages are the node's own, stamped and logged at the time of their frames. What a node says
-    of itself, as on /diagnostics, is not there. The file appears under its name when it is
-    complete.
-    """
+    """Writes an mcap file of the node's topics about frames, stamped at their time."""
 
     def __init__(self, path: Path) -> None:
         self._file = complete_or_absent(path)

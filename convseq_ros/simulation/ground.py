@@ -16,11 +16,7 @@ _PAINT: Colour = (208, 214, 216)
 def paint_ground(
     rng: np.random.Generator, sheet: Sheet, shadows: list[tuple[float, float, float, float]]
 ) -> None:
-    """
-    Paint a stretch of road on a sheet whose z is 0 at the right edge, 2 GROUND_HALF_M at the left.
-
-    `shadows` are (x, z, length, width), metres, of what lies in the shade of things there.
-    """
+    """Paint a road from its right edge, with shadows (x, z, length, width), metres."""
     length, middle = sheet.width_m, GROUND_HALF_M
     shape = sheet.image.shape[:2]
     sheet.box(0, 0, length, 2 * middle, (86, 110, 104))

@@ -63,12 +63,7 @@ _HANGING = furniture.paint_hanging_sign
 
 
 class Layout:
-    """
-    Places everything of one stretch, which begins at `index` times `STRETCH_M`.
-
-    `lamps_seed` is of the street whose lamps these are, if they are another's; `own` another seed,
-    and the share of surfaces that are painted by it.
-    """
+    """Places everything of one stretch; `lamps_seed` and `own` (seed, share) are of a twin."""
 
     def __init__(
         self,

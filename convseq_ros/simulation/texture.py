@@ -30,11 +30,7 @@ class Texture:
 
 
 class Sheet:
-    """
-    A surface painted in metres, x to the right and z up from the lower left corner.
-
-    `resolution` is in pixels per metre; `glowing` keeps what shines by itself, too.
-    """
+    """A surface painted in metres, x to the right and z up from the lower left corner."""
 
     def __init__(
         self, width_m: float, height_m: float, resolution: float, glowing: bool = False

@@ -61,12 +61,7 @@ class View:
         return picture
 
     def draw(self, x: float, y: float, heading_rad: float) -> Image:
-        """
-        Return what is seen from a position, (height, width, 3), BGR.
-
-        `x` and `y` are metres along the street and to the left of its middle; a heading of 0 looks
-        along the street, positive ones to the left.
-        """
+        """Return what is seen, BGR, from x along the street and y to the left of its middle."""
         self._x, self._y = x, y
         self._cos, self._sin = math.cos(heading_rad), math.sin(heading_rad)
         self._canvas = self._background.copy()

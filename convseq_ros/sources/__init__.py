@@ -99,13 +99,7 @@ def open_each_camera(
     reading: ReadingConfig = ReadingConfig(),
     **poses: Any,
 ) -> list[Source]:
-    """
-    Open what `open_annotated` does, once for each of the topics if there are several.
-
-    `camera_info` then names as many, or none; `depth` is of the first, and `odom` or `poses` hold
-    for each.
-    SourceError if the numbers differ, or a topic is there twice.
-    """
+    """Open what `open_annotated` does for each of the topics; depth is of the first."""
     names, infos = topics.split() or [''], camera_info.split()
     if len(names) == 1:
         infos = [camera_info]
@@ -133,11 +127,7 @@ def _refuse_topic(path: Path, what: str, topic: str) -> None:
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """
-    Return the recordings, videos and folders of pictures that lie in a folder, bag2 before bag10.
-
-    SourceError if it cannot be read, there are none, or it is itself a recording or of pictures.
-    """
+    """Return the recordings, videos and folders of pictures in a folder, bag2 before bag10."""
     refuse_irregular(folder)
     try:
         found = sorted(folder.iterdir(), key=natural_key)

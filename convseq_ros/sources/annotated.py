@@ -32,12 +32,7 @@ class Source(Protocol):
 
 @dataclass(eq=False)
 class AnnotatedFrames:
-    """
-    The frames of a source with their poses, depth images and the camera that took them.
-
-    `pose_at` and `depth_at` take a frame's number and its stamp in nanoseconds; they return None
-    where nothing is known. `camera_of` takes the first readable image's height and width.
-    """
+    """The frames of a source with their poses, depth images and the camera that took them."""
 
     source: Source
     pose_at: PoseAt | None

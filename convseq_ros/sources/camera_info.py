@@ -82,12 +82,7 @@ _MODELS = {'fisheye': 'equidistant'}  # of other names for the same
 
 
 def camera_from_info(message: Any) -> Camera | None:
-    """
-    Return what a sensor_msgs/CameraInfo says of its camera; None if it is not calibrated.
-
-    K and the distortion D are taken; P, of a rectified image, if K is zero. Region of interest and
-    binning count. SourceError if a value is impossible.
-    """
+    """Return the camera of a CameraInfo, by P if K is zero; None if it is not calibrated."""
     k, p = [float(value) for value in message.k], [float(value) for value in message.p]
     fx, fy, cx, cy = (k[0], k[4], k[2], k[5]) if any(k) else (p[0], p[5], p[2], p[6])
     width, height = int(message.width), int(message.height)

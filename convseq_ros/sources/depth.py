@@ -33,11 +33,7 @@ def nearest(stamped: Iterable[tuple[int, Any]], stamp_ns: int) -> Any | None:
 
 
 def decode_depth(message: Any, reading: ReadingConfig = ReadingConfig()) -> Depth:
-    """
-    Return the depth image of a sensor_msgs/Image: 16UC1 in millimetres, or 32FC1 in metres.
-
-    ImageError if it is of another encoding, empty, too large, or shorter than it says.
-    """
+    """Return the depth image of a sensor_msgs/Image, 16UC1 (mm) or 32FC1 (m); or ImageError."""
     kind = _KINDS.get(message.encoding)
     if kind is None:
         raise ImageError(
@@ -54,11 +50,7 @@ def metres(numbers: npt.NDArray[Any]) -> Depth:
 
 
 class DepthFolder:
-    """
-    Depth images of a folder, 16 bit and in millimetres: the first is the first frame's, and so on.
-
-    SourceError if there is none. One that cannot be read gives its frame no depth.
-    """
+    """Depth images of a folder, 16 bit, millimetres: the first is the first frame's."""
 
     def __init__(self, path: Path, reading: ReadingConfig, warnings: list[str]) -> None:
         self._pictures = pictures_in(path)

@@ -115,11 +115,7 @@ def pixels_of(message: Any, pixel_bytes: int, reading: ReadingConfig) -> Pixels:
 
 
 def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """
-    Return the image (H, W, 3) of a sensor_msgs/CompressedImage, a JPEG or PNG: blue, green, red.
-
-    ImageError if the format is compressedDepth or the data are damaged, too large or neither.
-    """
+    """Return the image (H, W, 3), blue, green, red, of a CompressedImage; or ImageError."""
     if 'compressedDepth' in message.format:
         raise ImageError(
             f'format: {message.format!r} is a depth image; choose the topic of the colour camera'
@@ -131,12 +127,7 @@ def compressed_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) ->
 
 
 def picture_pixels(data: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:
-    """
-    Return an encoded picture, (H, W, 3) blue, green, red, as stored: no EXIF rotation is applied.
-
-    ImageError if the data are cut short, damaged, of an unknown kind, or declare too many pixels;
-    they are not decoded then.
-    """
+    """Return an encoded picture (H, W, 3) as stored; ImageError, if too large undecoded."""
     return _uint8(decoded(data, _READ_FLAGS, reading))
 
 

@@ -1,10 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-An mcap file, whole or damaged, read from its start to its end, one chunk at a time.
-
-A chunk that is cut counts up to the cut; if compressed, up to its last whole block.
-"""
+"""An mcap file, whole or damaged, read from its start up to where it breaks, by chunks."""
 
 from collections.abc import Iterator
 from io import BytesIO

@@ -42,12 +42,7 @@ class PoseTrack:
         return self._stamps[-1] if self._stamps else None
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
-        """
-        Append a pose.
-
-        One that is no newer than the last is left out; one that is older by over a second is a
-        jump of the clock, before which all is forgotten.
-        """
+        """Append a pose that is newer; one that is over a second older is a jump of the clock."""
         late_ns = self._stamps[-1] - stamp_ns if self._stamps else -1
         if late_ns > _CLOCK_JUMP_NS:
             self._stamps.clear()
@@ -60,12 +55,7 @@ class PoseTrack:
             del self._stamps[: -self._kept], self._poses[: -self._kept]
 
     def at(self, stamp_ns: int) -> Pose | None:
-        """
-        Return the pose at a time.
-
-        None before the first, in a gap that is too long, and later than a tenth of a second after
-        the last; until then, the last two go on as they were.
-        """
+        """Return the pose at a time, up to .1 s after the last; None where it is unknown."""
         after = bisect_left(self._stamps, stamp_ns)
         if after < len(self._stamps) and self._stamps[after] == stamp_ns:
             return self._poses[after]

@@ -143,12 +143,7 @@ def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingC
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
-    """
-    Return the first camera that a recording describes which is calibrated.
-
-    The topic, of type sensor_msgs/CameraInfo, may be left out if there is only one. SourceError if
-    there is no such topic, no calibrated camera on it, or the recording is damaged.
-    """
+    """Return the first calibrated camera of a topic, or of the only one; SourceError if none."""
     chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
@@ -169,11 +164,7 @@ def messages_of(
     option: str,
     reading: ReadingConfig = ReadingConfig(),
 ) -> tuple[str, Iterator[RawMessage]]:
-    """
-    Return the name of a topic of a recording, chosen by `choose_topic`, and its messages in order.
-
-    SourceError if there is no such topic; while iterating, if the recording is damaged.
-    """
+    """Return the name of a topic, chosen by `choose_topic`, and its messages in order."""
     storages, _ = open_storage(path, reading)
     topics = merge_topics(storage.topics for storage in storages)
     chosen = choose_topic(path, topics, topic, types, option)

@@ -57,12 +57,7 @@ def merge_topics(tables: Iterable[Mapping[str, Topic]]) -> dict[str, Topic]:
 def choose_topic(
     path: Path, topics: Mapping[str, Topic], wanted: str, types: tuple[str, ...], option: str
 ) -> Topic:
-    """
-    Return the wanted topic, or, if the name is empty, the only one of some types with messages.
-
-    SourceError if the choice is not clear: it names the recording and lists the right topics, one
-    a line, ready to paste behind the `option` by which a user asks for one, such as '--topic'.
-    """
+    """Return the wanted topic, or the only one of some types; SourceError lists them, to paste."""
     fitting = [topic for topic in topics.values() if topic.type_name in types and topic.count > 0]
     if not fitting:
         kind = ' or '.join(name.split('/')[-1] for name in types)

@@ -80,12 +80,7 @@ def svg(figure: Any, label: str) -> str:
 
 
 def write_figures(runs: Sequence[Shown], folder: Path) -> None:
-    """
-    Write the charts of every set and method, .png, .svg and .pdf.
-
-    They are called `<set>-curves`, `<set>-reliability`, and `<set>-<method>-matrix` and
-    `-lengths`, those that there are. ConvseqError if matplotlib is not installed.
-    """
+    """Write the charts of every set and method, .png, .svg and .pdf."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in dict.fromkeys(one.run.set for one in runs):
         own = [one for one in runs if one.run.set == name]

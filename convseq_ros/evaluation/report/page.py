@@ -28,11 +28,7 @@ _PROTOCOLS = {
 
 
 def write_report(runs: Sequence[Shown], output: Path) -> None:
-    """
-    Write the page of some runs; frames among the pairs are thinned out if there are very many.
-
-    ConvseqError if matplotlib is not installed.
-    """
+    """Write the page of some runs; of very many frames, some are left out among the pairs."""
     by_set: dict[str, list[Shown]] = {}
     for one in runs:
         by_set.setdefault(one.run.set, []).append(one)
