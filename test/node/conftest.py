@@ -311,3 +311,28 @@ def image() -> Callable[..., Any]:
         return image_message(gray, Header(stamp=stamp_from_ns(stamp_ns), frame_id='camera'))
 
     return make
+
+
+@pytest.fixture
+def show(client, street, image) -> Callable[..., int]:
+    """Return a way to show places of the street, None for an unknown one; it tells the index."""
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import Int32
+
+    noise = np.random.default_rng(99).integers(0, 256, (50, *street[0].shape), np.uint8)
+    heard: list[Any] = []
+    cameras: list[Any] = []
+    shown: list[int | None] = []
+
+    def show(*places: int | None) -> int:
+        if not cameras:
+            heard.append(client.listen(Int32, '/vpr_node/match_index'))
+            cameras.append(client.camera(Image))
+        for place in places:
+            shown.append(place)
+            gray = noise[len(shown)] if place is None else street[place]
+            cameras[0].publish(image(gray, len(shown) * SECOND))
+            client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
+        return heard[0][-1].data
+
+    return show

@@ -11,12 +11,14 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import CANDIDATE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from nav_msgs.srv import LoadMap
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Float64MultiArray, Int32, Int64MultiArray
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
 SECOND = 1_000_000_000
 LATER_S = 1000
@@ -57,6 +59,44 @@ def test_the_second_round_closes_the_loop_and_the_map_is_on_disk(
     client.wait_for(lambda: own in [message.status[0].message for message in diagnostics])
     node.context.try_shutdown()
     client.wait_for(lambda: len(open_map(path)) == 20, 'the file to be complete')
+
+
+def test_whoever_looks_late_sees_all_closures_and_then_what_is_new(
+    client, vpr, street, image, tmp_path
+):
+    node, shown = vpr(map_path=tmp_path / 'new.db', odom_wait_s=5.0, **ONLINE), []
+    odom, camera = client.camera(Odometry, '/odom'), client.camera(Image)
+
+    def show(*places):
+        for place in places:
+            message, stamp_s = Odometry(), LATER_S + len(shown)
+            message.header.stamp.sec, message.pose.pose.position.x = stamp_s, float(place)
+            message.pose.pose.orientation.w = 1.0
+            odom.publish(message)
+            camera.publish(image(street[place], stamp_s * SECOND))
+            shown.append(place)
+        client.wait_for(lambda: node._statistics.processed == len(shown))
+
+    def seen(drawn, place):
+        drawn.clear()
+        show(place)
+        client.wait_for(lambda: drawn)
+        return {marker.ns: marker for marker in drawn[0].markers}
+
+    show(*range(12), *range(10))
+    drawn = client.listen(MarkerArray, '/vpr_node/markers')
+    client.wait_until_known_to('/vpr_node')
+    everything = seen(drawn, 20)
+    assert everything.keys() == {'match', 'loop_nodes', 'loop_edges', 'places'}
+    edges = [(point.x, point.y) for point in everything['loop_edges'].points]
+    assert edges == [(float(place), 0.0) for place in range(10) for _ in range(2)]
+    assert len(everything['places'].points) >= 20
+    assert everything['match'].action == Marker.DELETE
+    assert seen(drawn, 21).keys() == {'match'}
+    assert seen(drawn, 11).keys() == {'match', 'loop_nodes', 'loop_edges'}
+    client.listen(MarkerArray, '/vpr_node/markers')
+    client.wait_until_known_to('/vpr_node')
+    assert seen(drawn, 22).keys() == everything.keys()
 
 
 def test_the_places_of_yesterday_are_recognised_but_close_no_loop_of_today(

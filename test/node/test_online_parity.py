@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""In online mode too, with odometry and camera_info, the node answers as `convseq replay`."""
+"""What the node says is what `convseq replay` says, in a table and in a recording."""
 
 import signal
 
@@ -11,10 +11,13 @@ pytest.importorskip('rosbags')
 from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.types import Camera, Pose
-from convseq_ros.results import read_results
-from convseq_ros.simulation.drive import Shot
+from convseq_ros.results import COLUMNS, read_results
+from convseq_ros.simulation.drive import Drive, Shot
 from convseq_ros.simulation.recording import write_recording
+from convseq_ros.simulation.street import Street
+from convseq_ros.sources.storage import open_storage
 import cv2
+from drives import shots_of
 import numpy as np
 
 START_NS = 1_700_000_000_000_000_000
@@ -96,3 +99,38 @@ def test_the_node_answers_as_replay_and_makes_the_same_map(
     # Turned left by 40 px of a focal length of 300 px.
     assert all(yaw == pytest.approx(0.133, abs=0.02) for yaw in yaws)
     assert all(place.pose for place in maps[1].places)
+
+
+pytest.importorskip('rosbags')
+
+
+@pytest.fixture(scope='module')
+def mapped(tmp_path_factory):
+    """Return a drive and its map, with poses."""
+    folder = tmp_path_factory.mktemp('mapped')
+    shots = shots_of(Street(60.0, seed=3), Drive(num_frames=30, width_px=160, height_px=120))
+    write_recording(folder / 'drive', shots)
+    assert main(['build-map', str(folder / 'drive'), str(folder / 'm.db'), '--odom', '/odom']) == 0
+    return folder
+
+
+def test_the_recording_tells_what_the_table_does(mapped, tmp_path):
+    drive = [str(mapped / 'drive'), '--map', str(mapped / 'm.db'), '--output']
+    assert main(['replay', *drive, str(tmp_path / 'x.mcap')]) == 0
+    assert main(['replay', *drive, str(tmp_path / 'x.csv')]) == 0
+    ((storage,), warnings) = open_storage(tmp_path / 'x.mcap')
+    assert not warnings and not storage.damage
+    told = []
+    for message in storage.messages('/vpr_node/answer'):
+        answer = message.decode()
+        assert message.log_time_ns == message.header_stamp_ns
+        told.append({pair.key: pair.value for pair in answer.status[0].values})
+    rows = read_results(tmp_path / 'x.csv')
+    same = [name for name in COLUMNS if name != 'duration_ms']
+    assert [{name: one[name] for name in same} for one in told] == [
+        {name: one[name] for name in same} for one in rows
+    ]
+    accepted = sum(row['status'] == 'accepted' for row in rows)
+    counts = {name: topic.count for name, topic in storage.topics.items()}
+    assert accepted and counts['/vpr_node/pose'] == counts['/vpr_node/loop_closure'] == accepted
+    assert counts['/vpr_node/debug_image'] == counts['/vpr_node/markers'] == 30

@@ -9,36 +9,14 @@ from convseq_ros.node import localization
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.srv import LoadMap
-import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import Image
-from std_msgs.msg import Int32
 from std_srvs.srv import SetBool, Trigger
 
 SECOND = 1_000_000_000
 BELIEF = {'matching': 'coherent'}
 UNKNOWN = None
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-@pytest.fixture
-def show(client, street, image):
-    """Return a way to show places of the street, or an unknown one, each with an answer."""
-    heard, camera, shown = [], [], []
-    noise = np.random.default_rng(99).integers(0, 256, (50, *street[0].shape), np.uint8)
-
-    def show(*places):
-        if not camera:
-            heard.append(client.listen(Int32, '/vpr_node/match_index'))
-            camera.append(client.camera(Image))
-        for place in places:
-            shown.append(place)
-            gray = noise[len(shown)] if place is UNKNOWN else street[place]
-            camera[0].publish(image(gray, len(shown) * SECOND))
-            client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
-
-    return show
 
 
 @pytest.fixture

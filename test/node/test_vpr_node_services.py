@@ -11,27 +11,10 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
-from std_msgs.msg import Int32, UInt32
+from std_msgs.msg import UInt32
 from std_srvs.srv import SetBool, Trigger
 
 SECOND = 1_000_000_000
-
-
-@pytest.fixture
-def drive(client, street, image):
-    """Return a way to show one place of the street and get the index that is answered."""
-    heard, camera, shown = [], [], []
-
-    def show(place, stamp_s=None):
-        if not camera:
-            heard.append(client.listen(Int32, '/vpr_node/match_index'))
-            camera.append(client.camera(Image))
-        shown.append(stamp_s or len(shown) + 1)
-        camera[0].publish(image(street[place], shown[-1] * SECOND))
-        client.wait_for(lambda: len(heard[0]) == len(shown), 'an answer')
-        return heard[0][-1].data
-
-    return show
 
 
 def set_parameter(client, name, value):
@@ -40,12 +23,12 @@ def set_parameter(client, name, value):
     return answer.results[0]
 
 
-def test_without_a_map_the_node_waits_for_one(client, vpr, drive, map_path):
+def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path):
     node = vpr(fixed_length=1)
-    assert drive(3) == -1
+    assert show(3) == -1
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
-    assert drive(3) == 3
+    assert show(3) == 3
     client.wait_for(lambda: node._statistics.reasons == {'no_map': 1, 'accepted': 1})
 
 
@@ -59,13 +42,13 @@ def test_without_a_map_the_node_waits_for_one(client, vpr, drive, map_path):
     ],
 )
 def test_a_map_that_cannot_be_loaded_leaves_the_old_one(
-    client, vpr, drive, map_path, tmp_path, monkeypatch, url, result
+    client, vpr, show, map_path, tmp_path, monkeypatch, url, result
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'foreign.db').write_text('something else')
     vpr(map_path=map_path, fixed_length=1)
     assert client.call(LoadMap, '/vpr_node/load_map', map_url=url).result == result
-    assert drive(3) == 3
+    assert show(3) == 3
 
 
 def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_path, tmp_path):
@@ -90,7 +73,7 @@ def test_a_map_is_saved_where_the_parameter_says(client, vpr, street_map, map_pa
     ],
 )
 def test_a_map_that_cannot_be_saved_is_one_line(
-    client, vpr, drive, map_path, tmp_path, monkeypatch, name, told
+    client, vpr, show, map_path, tmp_path, monkeypatch, name, told
 ):
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'notes.txt').write_text('precious')
@@ -103,11 +86,11 @@ def test_a_map_that_cannot_be_saved_is_one_line(
     assert name in answer.message and told in answer.message
     assert '\n' not in answer.message
     assert (tmp_path / 'pipe').is_fifo() and (tmp_path / 'notes.txt').read_text() == 'precious'
-    assert drive(3) == 3
+    assert show(3) == 3
 
 
 def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
-    client, vpr, drive, map_path, tmp_path, monkeypatch, capfd
+    client, vpr, show, map_path, tmp_path, monkeypatch, capfd
 ):
     vpr(map_path=map_path, save_map_path=tmp_path / 'copy.db', fixed_length=1)
 
@@ -119,7 +102,7 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
     assert client.call(Trigger, '/vpr_node/save_map').message == 'a surprise'
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=str(map_path))
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
-    assert drive(3) == 3
+    assert show(3) == 3
     assert capfd.readouterr().err.count('ValueError: a surprise') == 2
 
 
@@ -129,35 +112,35 @@ def test_no_map_cannot_be_saved(client, vpr, tmp_path):
     assert (answer.success, answer.message) == (False, 'there is no map to save')
 
 
-def test_reset_starts_the_sequence_anew(client, vpr, drive, map_path):
+def test_reset_starts_the_sequence_anew(client, vpr, show, map_path):
     vpr(map_path=map_path)
-    assert [drive(place) for place in (1, 2, 3)] == [-1, 2, 3]
+    assert [show(place) for place in (1, 2, 3)] == [-1, 2, 3]
     assert client.call(Trigger, '/vpr_node/reset').success
-    assert [drive(place) for place in (4, 5)] == [-1, 5]
+    assert [show(place) for place in (4, 5)] == [-1, 5]
 
 
 def test_a_disabled_node_ignores_frames_and_starts_anew_when_enabled(
-    client, vpr, drive, map_path, street, image
+    client, vpr, show, map_path, street, image
 ):
     node = vpr(map_path=map_path)
-    assert [drive(place) for place in (1, 2)] == [-1, 2]
+    assert [show(place) for place in (1, 2)] == [-1, 2]
     assert client.call(SetBool, '/vpr_node/set_enabled', data=False).message == 'disabled'
     camera = client.camera(Image)
     camera.publish(image(street[3], 50 * SECOND))
     client.wait_for(lambda: node._statistics.received == 3)
     assert client.call(SetBool, '/vpr_node/set_enabled', data=True).message == 'enabled'
-    assert [drive(place) for place in (4, 5)] == [-1, 5]
+    assert [show(place) for place in (4, 5)] == [-1, 5]
     client.wait_for(lambda: node._statistics.processed == 4)
 
 
-def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, drive, map_path):
+def test_a_dynamic_parameter_takes_effect_with_the_next_frame(client, vpr, show, map_path):
     vpr(map_path=map_path, fixed_length=1)
     lengths = client.listen(UInt32, '/vpr_node/sequence_length')
-    assert drive(1) == 1
+    assert show(1) == 1
     assert set_parameter(client, 'fixed_length', 2).successful
-    assert drive(2) == 2
+    assert show(2) == 2
     assert set_parameter(client, 'min_margin', 1).successful
-    assert drive(3) == -1
+    assert show(3) == -1
     assert not set_parameter(client, 'queue_size', 3).successful
     client.wait_for(lambda: len(lengths) == 3)
     assert [message.data for message in lengths] == [1, 2, 2]

@@ -1,12 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Images go in, the places of the map come out; each test runs the real node's process."""
+"""Images go in, the places of the map come out, on each topic and in one message."""
 
 import signal
 
+from convseq_ros.core.map.reader import open_map
 from convseq_ros.node.conversions import CANDIDATE, stamp_from_ns, stamp_to_ns
-from convseq_ros.results import read_results
+from convseq_ros.results import COLUMNS, read_results
 import cv2
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 import numpy as np
@@ -14,11 +16,11 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, Int64MultiArray, UInt32
-from visualization_msgs.msg import MarkerArray
 
 SECOND = 1_000_000_000
 LATER_NS = 1000 * SECOND
 NUM_FRAMES = 20
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 KINDS = {
     'match_index': Int32,
     'match_score': Float32,
@@ -115,20 +117,61 @@ def test_the_debug_image_is_made_for_whoever_looks(client, vpr, map_path, street
     assert np.frombuffer(pictures[-1].data, np.uint8).std() > 10
 
 
-def test_whoever_looks_sees_the_way_of_the_map_and_closures(client, vpr, map_path, street, image):
-    vpr(map_path=map_path, fixed_length=1)
-    late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    paths = client.listen(Path, '/vpr_node/reference_path', late)
-    drawn = client.listen(MarkerArray, '/vpr_node/markers')
+def test_whoever_looks_sees_the_way_of_the_map(client, vpr, map_path):
+    vpr(map_path=map_path)
+    paths = client.listen(Path, '/vpr_node/reference_path', LATCHED)
     client.wait_for(lambda: paths, 'the path that was published at the start')
     assert [each.pose.position.x for each in paths[0].poses] == list(range(25))
+
+
+SECOND = 1_000_000_000
+
+
+def test_every_frame_has_an_answer_that_is_its_row(client, vpr, show, map_path, tmp_path):
+    table = tmp_path / 'live.csv'
+    node = vpr(map_path=map_path, result_file=table)
+    answers = client.listen(DiagnosticArray, '/vpr_node/answer')
+    show(*range(8))
+    client.wait_for(lambda: len(answers) == 8)
+    node.context.try_shutdown()
+    client.wait_for(table.exists)
+    rows = read_results(table)
+    reference_map = open_map(map_path)
+    stamps_ns = [stamp_to_ns(one.header.stamp) for one in answers]
+    assert stamps_ns == [index * SECOND for index in range(1, 9)]
+    for message, row in zip(answers, rows, strict=True):
+        found = client.values_of(message)
+        assert {name: found[name] for name in COLUMNS} == row
+        assert message.status[0].message == row['reason']
+        assert found['map_id'] == reference_map.map_id
+        assert not row['best_index'] or found['session_id'] == reference_map.sessions[0].id
+    anchors = {row['anchor_session'] for row in rows if row['reason'] == 'accepted'}
+    assert anchors == {reference_map.sessions[0].id}
+
+
+def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
+    node = vpr(map_path=map_path)
+    client.wait_for(lambda: node._ready)
+    told = client.listen(DiagnosticArray, '/vpr_node/map_info', LATCHED)
+    client.wait_for(lambda: told)
+    message = told[0]
+    found = client.values_of(message)
+    assert found['map_id'] == open_map(map_path).map_id
+    assert (found['places'], found['with_pose'], found['sessions']) == ('25', '25', '1')
+    assert message.status[0].message == '25 places, 25 with a pose'
+
+
+def test_numbers_of_queries_count_frames_that_were_dropped(
+    client, vpr, street, image, map_path, held, tmp_path
+):
+    node = vpr(map_path=map_path, queue_size=2)
+    answers = client.listen(DiagnosticArray, '/vpr_node/answer')
     camera = client.camera(Image)
-    camera.publish(image(street[4], LATER_NS))
-    camera.publish(image(street[6], LATER_NS + SECOND))
-    client.wait_for(lambda: len(drawn) == 2)
-    first, second = ({marker.ns: marker for marker in each.markers} for each in drawn)
-    assert len(first['places'].points) == 25
-    assert [point.x for point in second['loop_nodes'].points] == [4, 6]
-    assert second['match'].pose.position.x == 6
-    assert 'places' not in second
-    assert {marker.header.frame_id for marker in first.values()} == {'map'}
+    for index in range(8):
+        camera.publish(image(street[index], index * SECOND + 1))
+        client.wait_for(lambda index=index: node._statistics.received == index + 1)
+    client.wait_for(lambda: node._worker.dropped == 5)
+    held.set()
+    client.wait_for(lambda: len(answers) == 3)
+    assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
+    assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
