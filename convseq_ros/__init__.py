@@ -18,7 +18,7 @@ Stamps are integer nanoseconds; images are uint8 arrays of shape (height, width)
 from importlib import import_module
 from typing import Any
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 __all__ = ['Config', 'Frame', 'Match', 'PlaceRecognizer', 'build_map', 'open_map']
 
 _HOMES = {
