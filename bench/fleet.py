@@ -28,7 +28,7 @@ from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.types import Status
 from convseq_ros.fleet import shard
 from convseq_ros.fleet.cluster import Cluster, connected, done
-from convseq_ros.fleet.session import FleetSession
+from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import cv2
@@ -92,14 +92,14 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         empty_mb = max(client.run(resident_mb).values())
         client.run(open_thin, first, each)
         started_s = time.monotonic()
-        session = FleetSession(client, [first, *paths], Config(), 300.0)
+        session = Fleet(client, [first, *paths], Config(), 300.0)
         opened_s = time.monotonic() - started_s
         took_ms, right, accepted = [], 0, 0
         for index, gray in enumerate(material.read_queries(folder)):
             if index == WARM:
                 busy_s = client.run(time.process_time), time.process_time()
             start_s = time.perf_counter()
-            match = session.recognizer.process(Frame(index * 10**8, gray))
+            match = session.cameras.first.process(Frame(index * 10**8, gray))
             took_ms.append(1e3 * (time.perf_counter() - start_s))
             if match.status is Status.ACCEPTED and match.best:
                 accepted += 1
@@ -108,7 +108,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         count, here_s = len(took_ms) - WARM, time.process_time() - busy_s[1]
         workers_s = [then - busy_s[0][one] for one, then in client.run(time.process_time).items()]
         return {
-            'places': session.fleet.count,
+            'places': session.count,
             'maps': chosen.maps,
             'workers': chosen.workers,
             'opened_s': opened_s,

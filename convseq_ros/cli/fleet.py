@@ -32,8 +32,8 @@ from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.session import warm_up
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, done
+from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.fleet.link import serve
-from convseq_ros.fleet.session import FleetSession
 from convseq_ros.onnx_model import open_model
 from convseq_ros.sources import recordings_in
 from convseq_ros.sources.folder import natural_key
@@ -209,26 +209,25 @@ def _replay(chosen: argparse.Namespace) -> int:
     with connected(replace(_chosen_cluster(chosen), are_threads=True)) as client:
         sources, config = chosen.topic.split(), chosen_config(chosen)
         model = open_model(config)
-        session = FleetSession(client, paths, config, sources=sources, describe=model)
+        fleet = Fleet(client, paths, config, sources=sources, describe=model)
 
         def tell() -> None:
-            for line in session.missing:
+            for line in fleet.missing:
                 if line not in told:
                     warn(f'{line}; the other maps answer')
-            told.update(session.missing)
+            told.update(fleet.missing)
 
         tell()
-        for one in session.cameras.each:
+        for one in fleet.cameras.each:
             warm_up(one)
-        summary = replay_chosen(chosen, session.cameras, chosen.maps, tell)
-    fleet = session.fleet
+        summary = replay_chosen(chosen, fleet.cameras, chosen.maps, tell)
     if chosen.json:
-        about = {'output': str(chosen.output), 'slow': session.slow, 'missing': session.missing}
+        about = {'output': str(chosen.output), 'slow': fleet.slow, 'missing': fleet.missing}
         print(json.dumps(about | summary))
     else:
-        lost = f', {len(session.missing)} of {len(paths)} maps missing' if session.missing else ''
+        lost = f', {len(fleet.missing)} of {len(paths)} maps missing' if fleet.missing else ''
         print(f'{chosen.maps}: {fleet.count} places of {len(fleet.offsets)} maps{lost}')
-        print(f'{chosen.output}: {in_words(summary, session.slow)}')
+        print(f'{chosen.output}: {in_words(summary, fleet.slow)}')
     return 0
 
 

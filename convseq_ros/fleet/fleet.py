@@ -3,16 +3,20 @@
 """A fleet of maps that workers hold, seen as one map."""
 
 from bisect import bisect_right
-from collections import deque, OrderedDict
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, count
 from pathlib import Path
 import time
 from typing import Any
 
-from convseq_ros.core.encoding.first_stage import vector_length
+from convseq_ros.config import Config
+from convseq_ros.core.cameras import Cameras
+from convseq_ros.core.compiled import slow_path
+from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.sessions import MapSession
@@ -57,8 +61,6 @@ class FleetScores:
 
 _TRIES = 3  # of a question, each with a new worker
 _LOOKED_AT_EVERY_S = 0.25  # whether a worker lives, while it is waited for
-# Places whose pictures are remembered, without and with kept images: 20 MB, and 2 or more.
-_KEPT = {False: 1024, True: 64}
 
 
 @dataclass(eq=False, slots=True)
@@ -102,30 +104,52 @@ class _Worker:
                     raise
 
 
-@dataclass(eq=False)
 class Fleet:
     """
-    Maps that the workers of a `distributed.Client` hold, in the order given.
+    Recognises places in all maps of a fleet, exactly as in one map merged from them.
 
-    What cannot be opened, or fails later, is `missing`, by its path and with the reason; the rest
-    answers. `reference_map` is the map that they make together, with their links. FleetError if
-    nothing can be opened, or a question takes longer than `timeout_s`.
+    Workers of a `distributed.Client` hold the maps, in the order given. What cannot be opened, or
+    fails later, is `missing`; the rest answers. `sources` name the cameras, if there are several,
+    and `describe` is the model of the maps, as of `Session`. FleetError if the configuration asks
+    for what a fleet cannot do, nothing can be opened, or a question takes longer than `timeout_s`.
     """
 
-    client: Any
-    paths: Sequence[Path]
-    timeout_s: float = 60.0
-    missing: dict[str, str] = field(default_factory=dict)
+    def __init__(
+        self,
+        client: Any,
+        paths: Sequence[Path],
+        config: Config,
+        timeout_s: float = 60.0,
+        sources: Sequence[str] = (),
+        describe: Describe | None = None,
+    ) -> None:
+        config = with_first_stage(config, describe)
+        if config.matching.search != 'shortlist':
+            raise FleetError('search exhaustive: a fleet answers by shortlist; leave it out')
+        if config.online.mode != 'preloaded':
+            mode = config.online.mode
+            raise FleetError(f'mode {mode}: maps of a fleet do not grow; leave it out')
+        self._client, self.paths, self.timeout_s = client, paths, timeout_s
+        self._missing = dict[str, str]()
+        self._open()
+        coarse = partial(self.scores, config.matching.both_directions)
+        self.cameras = Cameras(self.reference_map, config, sources, coarse, describe)
+        self.slow = '' if config.matching.kernel == 'numpy' else slow_path()
 
-    def __post_init__(self) -> None:
+    @property
+    def missing(self) -> list[str]:
+        """Which maps do not answer, and why, a line each."""
+        return [*self._missing.values()]
+
+    def _open(self) -> None:
         names, sizes = [], []
         for path in self.paths:
             names.append(str(path.resolve()))
             sizes.append(path.stat().st_size if path.is_file() else 1)
         # Where none is up at this moment, whichever starts first gets them all.
-        addresses = sorted(self.client.scheduler_info(n_workers=-1)['workers']) or ['']
+        addresses = sorted(self._client.scheduler_info(n_workers=-1)['workers']) or ['']
         self._workers = [
-            _Worker(self.client, some, where)
+            _Worker(self._client, some, where)
             for some, where in zip(
                 _shared_out(names, sizes, len(addresses)), addresses, strict=False
             )
@@ -136,17 +160,17 @@ class Fleet:
         for answer in self._ask_all('about', [()] * len(self._workers)):
             found, lost = answer or ({}, {})
             abouts |= found
-            self.missing |= lost
+            self._missing |= lost
         abouts = {path: abouts[path] for path in names if path in abouts}
         for name in [*abouts][1:]:
             if reason := _unlike(abouts[name], next(iter(abouts.values()))):
-                self.missing[name] = f'{name}: {reason}'
+                self._missing[name] = f'{name}: {reason}'
                 del abouts[name]
         for name in [name for name, about in abouts.items() if not about.count]:
-            self.missing[name] = f'{name}: has no places'
+            self._missing[name] = f'{name}: has no places'
             del abouts[name]
         if not abouts:
-            why = next(iter(self.missing.values()), 'no map has a place')
+            why = next(iter(self._missing.values()), 'no map has a place')
             raise FleetError(f'no map of {len(names)} can be opened: {why}')
         starts = accumulate((about.count for about in abouts.values()), initial=0)
         *self._starts, self.count = starts
@@ -163,8 +187,9 @@ class Fleet:
         for about in abouts.values():
             places.take(about.columns, len(sessions))
             sessions += about.sessions
-        read = _Pictures(self.pictures)
-        made = ReferenceMap(first.encoding, places, read, first.keyframes, sessions=sessions)
+        made = ReferenceMap(
+            first.encoding, places, self.pictures, first.keyframes, sessions=sessions
+        )
         for path, about in abouts.items():
             for place, anchor in about.links:
                 made.links.add(self.offsets[path] + place, self.offsets[path] + anchor)
@@ -176,14 +201,14 @@ class Fleet:
 
     def ask(self, question: Question) -> Answer:
         offsets = [
-            {path: self.offsets[path] for path in worker.paths if path not in self.missing}
+            {path: self.offsets[path] for path in worker.paths if path not in self._missing}
             for worker in self._workers
         ]
         found = self._ask_all('answer', [(question, some) for some in offsets])
         return merged([one for one in found if one is not None], question)
 
-    def pictures(self, indices: Sequence[int], with_images: bool = False) -> dict[int, Picture]:
-        """Return what is large of places, by their numbers; blank of a shard that is missing."""
+    def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
+        """Return what is large of places; blank of a shard that is missing."""
         paths, asked = [*self.offsets], dict[str, list[int]]()
         for index in indices:
             asked.setdefault(paths[bisect_right(self._starts, index) - 1], []).append(index)
@@ -200,10 +225,10 @@ class Fleet:
         for path, some in asked.items():
             reply = replies.get(path, f'{path}: its worker is gone')
             if isinstance(reply, str):
-                self.missing.setdefault(path, reply)
+                self._missing.setdefault(path, reply)
                 reply = [Picture(np.zeros(self.reference_map.cell_shape, np.float16))] * len(some)
             found |= zip(some, reply, strict=True)
-        return found
+        return [found[index] for index in indices]
 
     def _ask_all(self, method: str, what: Sequence[tuple[Any, ...]]) -> list[Any]:
         return self._ask_some(method, [*zip(self._workers, what, strict=True)])
@@ -220,29 +245,8 @@ class Fleet:
         for worker, _ in asked:
             if worker.problem:
                 for path in worker.paths:
-                    self.missing.setdefault(path, f'{path}: {worker.problem}')
+                    self._missing.setdefault(path, f'{path}: {worker.problem}')
         return found
-
-
-class _Pictures:
-    """Reads pictures; the last that were asked for, and with images, are remembered."""
-
-    def __init__(self, read: Callable[[Sequence[int], bool], dict[int, Picture]]) -> None:
-        self._read = read
-        self._kept = {whole: OrderedDict[int, Picture]() for whole in _KEPT}
-
-    def __call__(self, indices: Sequence[int], with_images: bool) -> list[Picture]:
-        kept = self._kept[with_images]
-        found = {index: kept[index] for index in indices if index in kept}
-        missing = [index for index in dict.fromkeys(indices) if index not in kept]
-        if missing:
-            found |= self._read(missing, with_images)
-        for index, one in found.items():
-            kept[index] = one
-            kept.move_to_end(index)
-        while len(kept) > _KEPT[with_images]:
-            kept.popitem(last=False)
-        return [found[index] for index in indices]
 
 
 def _unlike(one: About, first: About) -> str | None:

@@ -16,7 +16,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError, FleetError
 from convseq_ros.fleet.cluster import checked_address, Cluster, connected
-from convseq_ros.fleet.session import FleetSession
+from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.onnx_model import open_model
 
 Tell = Callable[[Match, float, PlaceRecognizer], None]  # an answer and the milliseconds it took
@@ -101,7 +101,7 @@ class FleetLink:
                 self._waiting.clear()
                 self._news.wait_for(lambda: self._is_ending, _AGAIN_S)
 
-    def _opened(self, client: Any) -> FleetSession:
+    def _opened(self, client: Any) -> Fleet:
         paths = client.get_dataset(_NAME, default=None)
         if not paths:
             raise FleetError(
@@ -109,12 +109,12 @@ class FleetLink:
             )
         opened = [Path(path) for path in paths]
         model = open_model(self._config)
-        session = FleetSession(client, opened, self._config, sources=self._sources, describe=model)
-        session.fleet.timeout_s = self._timeout_s
-        return session
+        fleet = Fleet(client, opened, self._config, sources=self._sources, describe=model)
+        fleet.timeout_s = self._timeout_s
+        return fleet
 
-    def _answer(self, session: FleetSession) -> None:
-        cameras = session.cameras
+    def _answer(self, fleet: Fleet) -> None:
+        cameras = fleet.cameras
         self.problem = ''
         while True:
             with self._news:
@@ -127,7 +127,7 @@ class FleetLink:
                 cameras.reset()
             started = time.perf_counter()
             match = cameras.process(frame)
-            if len(session.missing) == len(session.fleet.paths):
-                raise FleetError(f'no map answers: {session.missing[0]}')
+            if len(fleet.missing) == len(fleet.paths):
+                raise FleetError(f'no map answers: {fleet.missing[0]}')
             self.answered += 1
             self._tell(match, 1e3 * (time.perf_counter() - started), cameras.of(frame.source))

@@ -5,7 +5,7 @@
 from convseq_ros.cli import main
 from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.fleet.session import FleetSession
+from convseq_ros.fleet.fleet import Fleet
 import pytest
 from two_cameras import COUNT, DEPTH, record_two_cameras, TOPICS
 
@@ -44,7 +44,7 @@ def test_maps_are_those_of_build_map(maps, tmp_path):
 
 def test_workers_send_images_and_depths(maps, client):
     _, made, one = maps
-    session, merged = FleetSession(client, sorted(made.glob('*.db')), Config()), open_map(one)
+    session, merged = Fleet(client, sorted(made.glob('*.db')), Config()), open_map(one)
     asked = [0, COUNT, 3 * COUNT - 1, 2 * COUNT]
     whole = session.cameras.first.reference_map.pictures(asked, True)
     assert [(each.image, each.depths) for each in whole] == [

@@ -16,7 +16,7 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import FleetError
 from convseq_ros.fleet.cluster import Cluster, connected
-from convseq_ros.fleet.session import FleetSession
+from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.results import read_results
 import pytest
 
@@ -55,12 +55,12 @@ def test_looks_that_are_linked_in_a_map_are_so_in_a_fleet(drives, client, tmp_pa
     one, parts = tmp_path / 'one' / 'one.db', [str(path) for path in paths]
     one.parent.mkdir()
     assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
-    session, merged = FleetSession(client, [*map(Path, paths)], Config()), open_map(one)
-    linked = [*session.fleet.reference_map.links]
+    session, merged = Fleet(client, [*map(Path, paths)], Config()), open_map(one)
+    linked = [*session.reference_map.links]
     assert linked == [*merged.links] and len(linked) > FRAMES // 2
-    assert [*session.fleet.reference_map.places] == [*merged.places]
+    assert [*session.reference_map.places] == [*merged.places]
     expected = answers_of(PlaceRecognizer(merged, Config()), again)
-    assert answers_of(session.recognizer, again) == expected
+    assert answers_of(session.cameras.first, again) == expected
 
 
 def listening():
@@ -81,20 +81,20 @@ def test_workers_of_the_same_process_answer_alike(drives, expected, answers_of):
     with connected(Cluster(workers=2, are_threads=True)) as client:
         assert client.scheduler.address.startswith('inproc://')
         assert {address.rpartition(':')[0] for address in listening()} <= {'127.0.0.1'}
-        session = FleetSession(client, sorted(maps.glob('*.db')), Config())
-        assert answers_of(session.recognizer, again) == expected
+        session = Fleet(client, sorted(maps.glob('*.db')), Config())
+        assert answers_of(session.cameras.first, again) == expected
 
 
 def test_a_worker_that_dies_in_the_middle_loses_nothing(drives, client, expected, answers_of):
     maps, _, again = drives
-    session = FleetSession(client, sorted(maps.glob('*.db')), Config())
+    session = Fleet(client, sorted(maps.glob('*.db')), Config())
 
     def kill(number):
         if number in (8, 20):
             pids = client.run(os.getpid)
             os.kill(pids[min(pids)], signal.SIGKILL)
 
-    assert answers_of(session.recognizer, again, kill) == expected
+    assert answers_of(session.cameras.first, again, kill) == expected
     assert session.missing == []
 
 
@@ -128,14 +128,11 @@ def test_a_map_that_is_damaged_later_is_left_out_from_then_on(
     maps, _, again = drives
     folder = tmp_path / 'some'
     shutil.copytree(maps, folder)
-    session, damaged = (
-        FleetSession(client, sorted(folder.glob('*.db')), Config()),
-        folder / 'map_1.db',
-    )
+    session, damaged = (Fleet(client, sorted(folder.glob('*.db')), Config()), folder / 'map_1.db')
     content = bytearray(damaged.read_bytes())
     content[len(content) // 4 :] = bytes(len(content) - len(content) // 4)
     damaged.write_bytes(content)
-    said = answers_of(session.recognizer, again)
+    said = answers_of(session.cameras.first, again)
     assert len(session.missing) == 1 and str(damaged) in session.missing[0]
     accepted = {one[2][0].reference_index for one in said if one[1] == 'accepted'}
     assert accepted and accepted <= {*range(2 * FRAMES, 3 * FRAMES)}
@@ -146,10 +143,10 @@ def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
     assert 'no map in it (*.db)' in capsys.readouterr().err
     (tmp_path / 'a.db').write_bytes(b'nothing')
     with pytest.raises(FleetError, match=r'no map of 1 can be opened: .*a\.db'):
-        FleetSession(client, [tmp_path / 'a.db'], Config())
+        Fleet(client, [tmp_path / 'a.db'], Config())
 
 
 @pytest.mark.parametrize(('name', 'value'), [('search', 'exhaustive'), ('mode', 'online')])
 def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
     with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
-        FleetSession(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
+        Fleet(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
