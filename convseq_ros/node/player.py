@@ -3,11 +3,15 @@
 """Publishes a recording or a folder of pictures to a live topic, with /clock."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import heapq
+from itertools import chain
 import math
 from pathlib import Path
+import struct
 import sys
 import time
+from typing import NamedTuple
 
 from convseq_ros.process import hand_over, run_node, settle_logs, stand
 
@@ -15,11 +19,12 @@ if __name__ == '__main__':
     # Before NumPy, OpenCV and rclpy are imported, which takes a second.
     run_node('convseq_ros.node.player')
 
-from convseq_ros.errors import ConvseqError
-from convseq_ros.node.conversions import stamp_from_ns
-from convseq_ros.node.playlist import CAMERA_INFO, Cue, IMAGE, ODOM, Playlist
+from convseq_ros.errors import ConvseqError, SourceError
+from convseq_ros.node.conversions import image_message, stamp_from_ns
 from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources import open_source, Source
+from convseq_ros.sources.recording import messages_of, Recording
+from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES, RawMessage, STAMP_END
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration
@@ -30,6 +35,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 _TICK_S = 0.01
 # Fast DDS sends what is larger than this in fragments, acknowledged at once; what is smaller is
@@ -39,8 +45,72 @@ _DEPTH_FRAGMENTED, _UNACKNOWLEDGED = 100, 50
 _DEPTH_WHOLE = 1000
 _ACKNOWLEDGE_S, _ACKNOWLEDGE_POLL_S = 10.0, 0.2
 _COMPRESSED = '/compressed'
-_SIDES = {ODOM: Odometry, CAMERA_INFO: CameraInfo}
+_IMAGE = 'image'
+_SIDES = {'odom': (Odometry, ODOMETRY_TYPES), 'camera_info': (CameraInfo, CAMERA_TYPES)}
+_LEAD_NS = 1_000_000_000  # in which other topics are played before the first image
 _SIDES_WAIT_S, _SIDES_ACKNOWLEDGE_S = 2.0, 4.0
+
+
+class Cue(NamedTuple):
+    """A message, when it is due (nanoseconds, time of the recording), and what it is."""
+
+    stamp_ns: int
+    what: str
+    message: bytes | Image
+
+
+def images_of(source: Source) -> Iterator[Cue]:
+    if isinstance(source, Recording):
+        for message in source.messages():
+            yield Cue(message.stamp_ns, _IMAGE, _stamped(message))
+        return
+    for frame in source:
+        if frame.gray is not None:
+            image = image_message(frame.gray, Header(stamp=stamp_from_ns(frame.stamp_ns)))
+            yield Cue(frame.stamp_ns, _IMAGE, image)
+
+
+def cues_of(
+    source: Source, start_s: float, sides: dict[str, Iterator[RawMessage]]
+) -> Iterator[Cue]:
+    """Yield the images from a second on, and, from a second before the first, what is beside."""
+    images = images_of(source)
+    begin_ns: int | None = None
+    for first in images:
+        begin_ns = begin_ns or first.stamp_ns + round(start_s * 1e9)
+        if first.stamp_ns >= begin_ns:
+            break
+    else:
+        raise SourceError(f'{source.name}: no images from --start {start_s:g} s on')
+    rest = (cue for cue in images if cue.stamp_ns >= begin_ns)
+    beside = [_beside(what, sides[what], first.stamp_ns - _LEAD_NS) for what in sides]
+    yield from heapq.merge(*beside, chain((first,), rest), key=lambda cue: cue.stamp_ns)
+
+
+def _beside(what: str, messages: Iterator[RawMessage], begin_ns: int) -> Iterator[Cue]:
+    """Yield the messages from a time on, and the last before it, which may still hold."""
+    last: Cue | None = None
+    for message in messages:
+        if len(message.cdr) < STAMP_END:
+            continue
+        cue = Cue(message.stamp_ns, what, _stamped(message))
+        if cue.stamp_ns >= begin_ns:
+            yield from (one for one in (last, cue) if one)
+            last = None
+        else:
+            last = cue
+    if last:
+        yield last
+
+
+def _stamped(message: RawMessage) -> bytes:
+    """Return a message; a stamp of zero, which ROS takes for none, is filled in."""
+    if message.header_stamp_ns:
+        return message.cdr
+    cdr = bytearray(message.cdr)
+    stamp = stamp_from_ns(message.stamp_ns)
+    struct.pack_into('<iI' if cdr[1] & 1 else '>iI', cdr, 4, stamp.sec, stamp.nanosec)
+    return bytes(cdr)
 
 
 class Player(Node):
@@ -57,15 +127,14 @@ class Player(Node):
             topic += _COMPRESSED
         best_effort = options.best_effort
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        sides = {what: getattr(options, what) for what in _SIDES if getattr(options, what)}
-        self._playlist = Playlist(
-            source, options.recording, sides, options.start, chosen_reading(options)
-        )
-        self._large = self._playlist.first_size > _FRAGMENTED_BYTES
+        sides = self._messages_beside()
+        first = next((cue.message for cue in images_of(source)), b'')
+        size = len(first if isinstance(first, bytes) else first.data)
+        self._large = size > _FRAGMENTED_BYTES
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
         # Images last: who hears of them has heard of the others.
         self._sides: dict[str, Publisher] = {
-            what: self.create_publisher(_SIDES[what], what, _DEPTH_WHOLE) for what in sides
+            what: self.create_publisher(_SIDES[what][0], what, _DEPTH_WHOLE) for what in sides
         }
         self._images: Publisher = self.create_publisher(
             CompressedImage if compressed else Image,
@@ -75,6 +144,15 @@ class Player(Node):
         self._clock_topic: Publisher = self.create_publisher(
             Clock, '/clock', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
+
+    def _messages_beside(self) -> dict[str, Iterator[RawMessage]]:
+        """Return the messages of other topics that are played; SourceError if one is not there."""
+        chosen, reading, found = self._options, chosen_reading(self._options), {}
+        for what, (_, types) in _SIDES.items():
+            if topic := getattr(chosen, what):
+                sought = topic, types, '--' + what.replace('_', '-'), reading
+                found[what] = messages_of(chosen.recording, *sought)[1]
+        return found
 
     def play(self) -> None:
         """Publish until the end and until all has arrived; ConvseqError if that fails."""
@@ -104,8 +182,8 @@ class Player(Node):
 
     def _play_once(self) -> None:
         sent, now_ns = 0, None
-        for cue in self._playlist:
-            is_image = cue.what == IMAGE
+        for cue in cues_of(self._source, self._options.start, self._messages_beside()):
+            is_image = cue.what == _IMAGE
             if is_image and self._sent and not sent:
                 now_ns = self._time_from(cue.stamp_ns)
             elif is_image and not sent:
@@ -125,7 +203,7 @@ class Player(Node):
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
-        if cue.what != IMAGE:
+        if cue.what != _IMAGE:
             self._sides[cue.what].publish(cue.message)
             return
         self._images.publish(cue.message)
@@ -182,13 +260,9 @@ def parser() -> argparse.ArgumentParser:
     # fmt: off
     result.add_argument('--image-topic', default='/image', metavar='NAME', help='topic to publish '
         'on; compressed images go to NAME/compressed (default: /image)')
-    for what in _SIDES:
-        result.add_argument(
-            '--' + what.replace('_', '-'),
-            default='',
-            metavar='TOPIC',
-            help=f'also publish this {_SIDES[what].__name__} topic of the recording, on `{what}`',
-        )
+    for what, (kind, _) in _SIDES.items():
+        result.add_argument('--' + what.replace('_', '-'), default='', metavar='TOPIC',
+            help=f'also publish this {kind.__name__} topic of the recording, on `{what}`')
     result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
         help='speed (default: 1)')
     result.add_argument('--start', type=_seconds, default=0.0, metavar='S',
