@@ -1,7 +1,9 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The package as its three users meet it: pip, pip with ROS, and colcon."""
+"""The package as its users meet it: pip, pip with ROS, colcon, and the six names in Python."""
 
+import ast
+from dataclasses import replace
 from importlib import metadata
 import os
 from pathlib import Path
@@ -14,14 +16,66 @@ import sysconfig
 import xml.etree.ElementTree as xml
 
 import convseq_ros
+from convseq_ros import build_map, Config, Frame, open_map, PlaceRecognizer
+from convseq_ros.config import EncodingConfig
+from convseq_ros.core.matcher import DescriptorMatcher, Features
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from drives import shots_of
+import numpy as np
 from programs import run
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+FOLDERS = 'bench', 'convseq_ros', 'examples', 'launch', 'scripts', 'test'
+HEADER = ['# Copyright 2026 The convseq_ros authors', '# SPDX-License-Identifier: Apache-2.0']
+OPTIONAL = (
+    'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'rosbags', 'skimage', 'tqdm', 'yaml',
+    'zstandard',
+)  # fmt: skip
+# Refuses the first argument's packages, then imports every module of ours outside node/.
+IMPORT_WITHOUT = """
+import importlib, pkgutil, sys
+
+absent = set(sys.argv[1].split(','))
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top in absent or top.endswith(('_interfaces', '_msgs', '_srvs')):
+            raise ImportError(name + ' is absent in this test')
+
+assert not absent & sys.modules.keys()
+sys.meta_path.insert(0, Absent())
+import convseq_ros
+
+for module in pkgutil.walk_packages(convseq_ros.__path__, 'convseq_ros.'):
+    if module.name.endswith('._native'):
+        continue  # a library for ctypes, not a module
+    if module.name.split('.')[1] != 'node' and not module.name.endswith('__main__'):
+        importlib.import_module(module.name)
+        print(module.name)
+"""
+
+
+def test_everything_but_the_node_imports_without_ros_and_optional_libraries():
+    absent = ('rclpy', 'ament_index_python', *OPTIONAL)
+    result = run(sys.executable, '-c', IMPORT_WITHOUT, ','.join(absent))
+    assert result.returncode == 0, result.stderr
+    assert {'convseq_ros.config', 'convseq_ros.core.types'} <= set(result.stdout.split())
+
+
+def tells_of_itself(path: Path) -> bool:
+    text = path.read_text()
+    return text.splitlines()[:2] == HEADER and bool(ast.get_docstring(ast.parse(text)))
+
+
+def test_a_file_says_whose_it_is_and_what_it_does():
+    files = [path for folder in FOLDERS for path in (REPOSITORY / folder).rglob('*.py')]
+    assert not [path for path in (REPOSITORY / 'setup.py', *files) if not tells_of_itself(path)]
+
+
 SCRIPTS = Path(sysconfig.get_path('scripts'))
 # ROS 2 Jazzy packages, and rosdep keys that apt serves on Ubuntu 24.04.
 KNOWN_KEYS = set(
@@ -209,3 +263,54 @@ def test_the_robot_block_of_the_readme_works(workspace):
 def test_nothing_of_the_repository_but_the_package_is_installed():
     tops = {file.parts[0] for file in metadata.files('convseq_ros') or () if file.suffix == '.py'}
     assert tops <= {'convseq_ros', '..'}  # the second is a launch file in share
+
+
+SECOND = 1_000_000_000
+SMALL = Config(encoding=EncodingConfig(image_size_px=128))
+
+
+def drive(seed: int) -> list[Frame]:
+    """Return frames of places that have nothing in common, with noise by a seed."""
+    places = np.random.default_rng(0).integers(0, 200, (30, 96, 128), np.uint8)
+    noise = np.random.default_rng(seed).integers(0, 30, places.shape, np.uint8)
+    return [Frame(index * SECOND, gray) for index, gray in enumerate(places + noise)]
+
+
+class Correlation(DescriptorMatcher):
+    """The pair score that docs/tutorials/own_network.md shows."""
+
+    places = None
+
+    def extract(self, descriptor):
+        return Features(descriptor.cells, descriptor.cells)
+
+    def scores_of(self, asked):
+        return [np.array([self.score(one.exact, at) for at in places]) for one, places in asked]
+
+    def score(self, query, index):
+        return max(0.0, np.corrcoef(query.ravel(), self.places.cells(index).ravel())[0, 1])
+
+
+def test_a_pair_score_of_ones_own_reads_the_places_of_a_map_file(tmp_path):
+    build_map(drive(1), tmp_path / 'map.db', SMALL)
+    street = Correlation.places = open_map(tmp_path / 'map.db')
+    config = replace(SMALL, acceptance=replace(SMALL.acceptance, acceptance_rule='margin'))
+    recognizer = PlaceRecognizer(street, config, matcher=Correlation(street))
+    last = [recognizer.process(frame) for frame in drive(2)][-1].accepted
+    assert last is not None and last.reference_index == 29
+
+
+def test_the_six_names_are_all_that_is_public():
+    assert sorted(convseq_ros.__all__) == sorted(
+        ['Config', 'Frame', 'Match', 'PlaceRecognizer', 'build_map', 'open_map']
+    )
+    assert set(convseq_ros.__all__) <= set(dir(convseq_ros))
+    assert all(name in convseq_ros.__doc__ for name in convseq_ros.__all__)
+    with pytest.raises(AttributeError, match='no attribute'):
+        _ = convseq_ros.nothing_of_the_kind
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = 'import sys, convseq_ros; print({"numpy", "cv2", "yaml"} & sys.modules.keys())'
+    result = run(sys.executable, '-c', code)
+    assert result.stdout.strip() == 'set()', result.stderr

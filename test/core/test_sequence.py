@@ -1,16 +1,21 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence length, and sequence scores at any velocity, whole and partial."""
+"""Sequence length, sequence scores at any velocity, and what is rescored exactly."""
 
+from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
 from unittest.mock import patch
 
-from convseq_ros.config import SequenceConfig
+from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.decision.motion import MOTION
+from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.map.sessions import SessionBounds
 from convseq_ros.core.sequence import diagonals
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,11 +25,14 @@ import pytest
 from test.golden.restatement import length_at
 
 RULE = SequenceConfig()
-# Runs of frames that let a sequence grow, or just not.
-RUN = st.tuples(st.sampled_from([0.0, 0.4, 0.6, 0.89, 0.9, 1.0]), st.integers(1, 30))
-RUNS = st.lists(RUN, max_size=3).map(
-    lambda runs: [one for one, count in runs for _ in range(count)]
-)
+
+
+def runs(*values):
+    """Return runs of frames that let a sequence grow, or just not."""
+    run = st.tuples(st.sampled_from(values), st.integers(1, 30))
+    return st.lists(run, max_size=3).map(
+        lambda some: [one for one, count in some for _ in range(count)]
+    )
 
 
 def frame(entropy=0.6, informative=True):
@@ -42,9 +50,10 @@ def frames(count, entropy=0.6):
     return [frame(entropy) for _ in range(count)]
 
 
-@given(RUNS, RUNS)
+# Sums of these entropies are exact, in whatever order.
+@given(runs(0.0, 0.4, 0.89, 0.9, 1.0), runs(0.0, 0.375, 0.625, 1.0))
 def test_lengths_are_those_of_the_paper_restated(similar, entropies):
-    similar, entropies = [1.0, *similar], [0.6, *entropies]
+    similar, entropies = [1.0, *similar], [0.625, *entropies]
     newest = min(len(similar), len(entropies)) - 1
     similar, entropies = similar[: newest + 1], entropies[: newest + 1]
     # The restatement has the newest frame last.
@@ -125,3 +134,69 @@ def test_scores_are_those_of_the_definition(compiled, partial, rows, velocity, b
 def test_a_diagonal_meets_a_reference_for_each_frame_ahead_or_backwards():
     assert diagonal(4, 2.0) == [0, 2, 4, 6] and diagonal(4, -2.0) == [0, -2, -4, -6]
     assert diagonal(5, 0.5) == [0, 1, 1, 2, 2] and diagonal(5, -0.5) == [0, -1, -1, -2, -2]
+
+
+REFERENCES = 40
+NOTHING = blank_descriptor(EncodingConfig())
+SHOWN = replace(NOTHING, cells=NOTHING.cells + 1, salient=~NOTHING.salient)
+
+
+class Approximate:
+    """A matcher whose scores are off by up to 0.005, as those of 8-bit kernels are."""
+
+    exact = False
+
+    def __init__(self, scores):
+        self.rescored, self._frames = [], count()
+        self._exact = scores
+        error = np.random.default_rng(1).uniform(-0.005, 0.005, scores.shape)
+        self._approximate = (scores + error).astype(np.float32)
+
+    def extract(self, _descriptor):
+        """Return what stands for the features of a frame: its number."""
+        return SimpleNamespace(frame=next(self._frames), arranged=None)
+
+    def scores_of(self, asked):
+        return [self._approximate[query.frame, indices] for query, indices in asked]
+
+    def exact_scores_of(self, asked):
+        self.rescored += [(query.frame, index) for query, some in asked for index in some.tolist()]
+        return [self._exact[query.frame, indices] for query, indices in asked]
+
+
+def append(buffer, descriptor=SHOWN):
+    buffer.append(descriptor, REFERENCES, most=10)
+
+
+def filled(scores):
+    matcher = Approximate(scores)
+    buffer = QueryBuffer(matcher)
+    for _ in range(len(scores)):
+        append(buffer)
+        buffer.score(len(buffer), np.arange(REFERENCES))
+    return matcher, buffer
+
+
+def drawn(seed, frames=1):
+    return np.random.default_rng(seed).normal(0.1, 0.01, (frames, REFERENCES)).astype(np.float32)
+
+
+@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize('frames', [1, 4])
+def test_the_best_is_the_exactly_best(seed, frames):
+    scores = drawn(seed, frames)
+    _, buffer = filled(scores)
+    found = buffer.best_scores(frames, np.arange(REFERENCES))
+    ends = np.arange(frames - 1, REFERENCES)
+    expected = np.mean([scores[frames - 1 - back, ends - back] for back in range(frames)], axis=0)
+    assert found[: frames - 1].tolist() == [-np.inf] * (frames - 1)
+    assert found.argmax() == ends[expected.argmax()]
+    assert found.max() == pytest.approx(expected.max(), abs=1e-7)
+
+
+def test_no_more_than_eight_are_rescored_and_none_twice():
+    matcher, buffer = filled(drawn(3))
+    for _ in range(3):
+        buffer.best_scores(1, np.arange(REFERENCES))
+    assert len(matcher.rescored) == len(set(matcher.rescored))
+    assert 8 <= len(matcher.rescored) < 16

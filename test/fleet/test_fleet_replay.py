@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A fleet of maps answers as one map would that was made of all."""
+"""A fleet of maps, of two cameras as well, answers as one map would that was made of all."""
 
 import gc
 import json
@@ -19,6 +19,7 @@ from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.fleet.fleet import Fleet
 from convseq_ros.results import read_results
 import pytest
+from two_cameras import COUNT, DEPTH, record_two_cameras, TOPICS
 
 FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
@@ -150,3 +151,49 @@ def test_a_fleet_without_a_map_says_why(client, tmp_path, capsys):
 def test_what_a_fleet_cannot_do_is_refused(client, drives, name, value):
     with pytest.raises(FleetError, match=f'{name} {value}: .*; leave it out'):
         Fleet(client, sorted(drives[0].glob('*.db')), make_config({name: value}))
+
+
+CAMERAS = '--topic', ' '.join(TOPICS)
+KEPT = '--keep-images-px', '40', '--depth', DEPTH, '--keyframe-overlap', '1'
+
+
+@pytest.fixture(scope='module')
+def maps(tmp_path_factory, scheduler):
+    """Return a folder of recordings, one of their maps, and one map merged from these."""
+    pytest.importorskip('rosbags')
+    folder, made = tmp_path_factory.mktemp('recorded'), tmp_path_factory.mktemp('made')
+    for number in range(2):
+        record_two_cameras(folder / f'drive_{number}', 1000 * number)
+    wanted = 'fleet', 'build', str(folder), '-o', str(made), '--scheduler', scheduler
+    assert main([*wanted, *CAMERAS, *KEPT]) == 0
+    one = tmp_path_factory.mktemp('one') / 'one.db'
+    parts = [str(path) for path in sorted(made.glob('*.db'))]
+    assert main(['map', 'merge', *parts, '-o', str(one), '--no-links']) == 0
+    return folder, made, one
+
+
+def test_maps_are_those_of_build_map(maps, tmp_path):
+    folder, made, _ = maps
+    own = tmp_path / 'own.db'
+    assert main(['build-map', str(folder / 'drive_1'), str(own), *CAMERAS, *KEPT]) == 0
+    own, built = open_map(own), open_map(made / 'drive_1.db')
+    assert [one.name for one in own.sessions] == [one.name for one in built.sessions]
+    assert [*own.places] == [*built.places] and len(own) == 2 * COUNT
+    kept = [
+        [(one.image, one.depths) for one in each.pictures(range(len(own)), True)]
+        for each in (own, built)
+    ]
+    assert kept[0] == kept[1] and all(image for image, _ in kept[0])
+
+
+def test_workers_send_images_and_depths(maps, client):
+    _, made, one = maps
+    session, merged = Fleet(client, sorted(made.glob('*.db')), Config()), open_map(one)
+    asked = [0, COUNT, 3 * COUNT - 1, 2 * COUNT]
+    whole = session.cameras.first.reference_map.pictures(asked, True)
+    assert [(each.image, each.depths) for each in whole] == [
+        (each.image, each.depths) for each in merged.pictures(asked, True)
+    ]
+    assert all(each.image for each in whole)
+    assert [each.depths is not None for each in whole] == [True, False, True, True]
+    assert not session.cameras.first.reference_map.pictures(asked)[0].image

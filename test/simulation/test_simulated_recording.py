@@ -1,14 +1,17 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is written is what was drawn."""
+"""What is written is what was drawn; odometry drifts as much as it says."""
 
+from dataclasses import replace
 import math
 
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.odometry import Drift, Odometer, with_odometry
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
-from convseq_ros.sources.recording import read_camera
+from convseq_ros.sources.recording import read_camera, read_poses
 import numpy as np
 import pytest
 
@@ -71,3 +74,79 @@ def test_the_camera_is_described_for_every_image(tmp_path, shots):
     assert infos[0].k.reshape(3, 3) == pytest.approx(
         np.array(((focal, 0, 32), (0, focal, 24), (0, 0, 1)))
     )
+
+
+NONE = Drift(scale=0.0, yaw_bias_deg=0.0, noise_m=0.0, yaw_noise_deg=0.0)
+
+
+def pose(x, y, yaw):
+    return Pose((x, y, 0.0), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+
+
+def yaw_of(pose):
+    return 2 * math.atan2(pose.orientation[2], pose.orientation[3])
+
+
+def straight(drift, metres=100):
+    odometer = Odometer(drift)
+    return [odometer.moved_to(pose(float(x), 0.0, 0.0)) for x in range(metres + 1)]
+
+
+def test_without_drift_it_is_the_truth_seen_from_the_start():
+    odometer = Odometer(NONE)
+    odometer.moved_to(pose(5.0, 3.0, math.pi / 2))
+    moved = odometer.moved_to(pose(4.0, 5.0, math.pi))
+    assert moved.position == pytest.approx((2.0, 1.0, 0.0))
+    assert yaw_of(moved) == pytest.approx(math.pi / 2)
+
+
+def test_the_scale_lengthens():
+    end = straight(Drift(scale=0.02, yaw_bias_deg=0.0, noise_m=0.0, yaw_noise_deg=0.0))[-1]
+    assert end.position == pytest.approx((102.0, 0.0, 0.0))
+
+
+def test_the_bias_turns_to_the_left_as_much_as_it_says():
+    end = straight(Drift(scale=0.0, yaw_bias_deg=5.0, noise_m=0.0, yaw_noise_deg=0.0))[-1]
+    assert math.degrees(yaw_of(end)) == pytest.approx(5.0)
+    radius = 100 / math.radians(5.0)
+    assert end.position[0] == pytest.approx(radius * math.sin(math.radians(5.0)), abs=0.01)
+    assert end.position[1] == pytest.approx(radius * (1 - math.cos(math.radians(5))), abs=0.1)
+
+
+def test_the_noise_is_as_large_as_it_says():
+    drift = Drift(scale=0.0, yaw_bias_deg=0.0, noise_m=0.05, yaw_noise_deg=2.0)
+    ends = [straight(replace(drift, seed=seed))[-1] for seed in range(300)]
+    along = np.array([end.position[0] - 100 for end in ends])
+    turned = np.degrees([yaw_of(end) for end in ends])
+    assert turned.std() == pytest.approx(2.0, rel=0.15)
+    assert abs(turned.mean()) < 0.4
+    assert along.std() == pytest.approx(0.05 * 10, rel=0.2)
+
+
+@pytest.mark.parametrize('name', ['noise_m', 'yaw_noise_deg', 'seed'])
+def test_a_negative_noise_is_refused_by_name(name):
+    with pytest.raises(ConvseqError, match=name):
+        Drift(**{name: -1})
+
+
+def test_a_recording_holds_odometry_and_truth_in_frames_of_their_own(tmp_path):
+    rosbags = pytest.importorskip('rosbags.highlevel')
+    drive = Drive(num_frames=3, width_px=64, height_px=48, heading_deg=80.0)
+    shots = list(with_odometry(draw(Street(100.0, 2), drive), Drift(seed=1)))
+    write_recording(tmp_path / 'drive', shots)
+    for topic, poses in (
+        ('/odom', [shot.odometry for shot in shots]),
+        ('/ground_truth', [s.pose for s in shots]),
+    ):
+        read = read_poses(tmp_path / 'drive', topic)
+        assert [stamp for stamp, _ in read] == [shot.stamp_ns for shot in shots]
+        for (_, one), other in zip(read, poses, strict=True):
+            assert one.position == pytest.approx(other.position)
+            assert one.orientation == pytest.approx(other.orientation)
+    assert shots[0].odometry.position == (0.0, 0.0, 0.0)
+    with rosbags.AnyReader([tmp_path / 'drive']) as reader:
+        frames = {
+            connection.topic: reader.deserialize(data, connection.msgtype).header.frame_id
+            for connection, _, data in reader.messages()
+        }
+    assert (frames['/odom'], frames['/ground_truth']) == ('odom', 'map')

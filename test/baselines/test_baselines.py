@@ -1,13 +1,23 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of words, VLAD and loop detection, beside second implementations of their stages."""
+"""SeqSLAM, HOG, bags of words and VLAD, by hand and beside second implementations."""
 
 from itertools import pairwise
 
 from convseq_ros.baselines.local_features import COUNT, inliers, mutual_matches, orb, root_sift
 from convseq_ros.baselines.loop_detector import detect, Detection, islands
+from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
+from convseq_ros.baselines.seqslam import (
+    differences,
+    enhanced,
+    patch_normalized,
+    trajectory_scores,
+)
 from convseq_ros.baselines.vlad import learnt_centres, means, nearest, vlad
 from convseq_ros.baselines.vocabulary import bag_scores, signs, Vocabulary
+from convseq_ros.baselines.whole_image_hog import whole_image_hog
+from convseq_ros.errors import SourceError
+from convseq_ros.evaluation.methods import cosine_scores
 import cv2
 from hypothesis import given, strategies
 import numpy as np
@@ -132,3 +142,111 @@ def test_every_reference_is_in_one_island(references):
     found = islands(dict.fromkeys(references, 1.0))
     assert sum(one.score for one in found) == len(references)
     assert all(later.first - one.last > 3 for one, later in pairwise(found))
+
+
+def saved(tmp_path, array):
+    np.save(tmp_path / 'a.npy', array)
+    return tmp_path / 'a.npy'
+
+
+def test_the_cosine_of_a_vector_is_one_with_itself_and_zero_with_nothing():
+    rows = np.array([[3, 4], [0, 0], [-6, -8]], np.float32)
+    assert cosine_scores(rows[:1], rows).tolist() == [[1, 0, -1]]
+
+
+@pytest.mark.parametrize(
+    ('array', 'problem'),
+    [
+        (np.zeros((3, 2)), r'3 x 2 scores for 2 queries and 3 references.*; transpose it'),
+        (np.zeros((4, 4)), '4 x 4 scores for 2 queries'),
+        (np.zeros(6), '6 scores for 2'),
+        (np.array([[0, np.nan, 0], [0, 0, 0]]), r'NaN or infinity, first at \[0, 1\]'),
+        (np.array([[0, 0, 0], [0, 0, np.inf]]), r'NaN or infinity, first at \[1, 2\]'),
+        (np.array([['a'] * 3] * 2), 'not a .npy file of plain numbers'),
+    ],
+)
+def test_a_matrix_that_does_not_fit_is_refused_in_one_line(tmp_path, array, problem):
+    with pytest.raises(SourceError, match=problem) as caught:
+        read_scores(saved(tmp_path, array), 2, 3)
+    assert '\n' not in str(caught.value)
+
+
+def test_pickles_and_texts_are_refused(tmp_path):
+    with (tmp_path / 'p.npy').open('wb') as file:  # what says that a pickle follows
+        header = {'descr': '|O', 'fortran_order': False, 'shape': (1,)}
+        np.lib.format.write_array_header_1_0(file, header)
+    (tmp_path / 't.npy').write_text('hello')
+    for name in ('p.npy', 't.npy'):
+        with pytest.raises(SourceError, match=r'not a file of plain numbers'):
+            read_scores(tmp_path / name, 1, 1)
+    with pytest.raises(SourceError, match='No such file'):
+        read_scores(tmp_path / 'absent.npy', 1, 1)
+
+
+def test_descriptors_have_one_row_for_each_image(tmp_path):
+    path = saved(tmp_path, np.arange(12.0).reshape(3, 2, 2))
+    assert read_descriptors(path, 3).shape == (3, 4)
+    with pytest.raises(SourceError, match=r'shape \(3, 2, 2\) for 4 images'):
+        read_descriptors(path, 4)
+
+
+def test_hog_knows_an_image_again_and_tells_it_from_others():
+    generator = np.random.default_rng(0)
+    image, other = (generator.integers(0, 256, (60, 80), np.uint8) for _ in range(2))
+    rows = np.stack([whole_image_hog(one) for one in (image, image // 2, other)])
+    assert rows.shape == (3, 31 * 31 * 36)
+    scores = cosine_scores(rows[:1], rows)[0]
+    assert scores[0] == pytest.approx(1)
+    assert scores[1] > 0.98 > scores[2]
+
+
+SMALL = (32, 64)
+
+
+def test_every_patch_has_mean_zero_and_deviation_one():
+    image = np.random.default_rng(0).integers(0, 256, SMALL, np.uint8)
+    patches = patch_normalized(image).reshape(4, 8, 8, 8)
+    assert np.abs(patches.mean(axis=(1, 3))).max() < 1e-5
+    assert np.abs(patches.std(axis=(1, 3)) - 1).max() < 1e-5
+
+
+def test_differences_are_signed_numbers_and_do_not_wrap_round():
+    dark = np.zeros(SMALL, np.uint8)
+    dark[:, ::2] = 10
+    bright = np.zeros(SMALL, np.uint8)
+    bright[:, 1::2] = 10
+    one, other = patch_normalized(dark)[None], patch_normalized(bright)[None]
+    assert differences(one, other)[0, 0] == pytest.approx(2.0)
+    assert differences(one, other) == differences(other, one)
+    assert differences(one, one)[0, 0] == 0
+
+
+def test_enhancement_is_the_deviation_from_the_neighbours():
+    row = np.array([[5, 5, 1, 5, 5]], np.float32)
+    similarity = enhanced(row, window=4)
+    assert similarity[0].argmax() == 2
+    assert similarity[0, 2] == pytest.approx((row.mean() - 1) / row.std())
+    assert not enhanced(np.full((2, 8), 3, np.float32)).any()
+
+
+@pytest.mark.parametrize('velocity', [0.8, 1.0, 1.2])
+def test_a_trajectory_is_found_at_its_velocity(velocity):
+    rows = []
+    for age in range(10):
+        row = np.zeros(40, np.float32)
+        row[30 - round(age * velocity)] = 1
+        rows.append(row)
+    scores = trajectory_scores(rows)
+    assert scores.argmax() == 30
+    assert scores[30] == 1
+
+
+def test_no_trajectory_leaves_the_map():
+    scores = trajectory_scores([np.zeros(12, np.float32)] * 10)
+    assert np.isfinite(scores).tolist() == [False] * 7 + [True] * 5
+
+
+def test_a_frame_without_similarities_counts_as_none():
+    row = np.eye(1, 12, 11, dtype=np.float32)[0]
+    assert trajectory_scores([row, None])[11] == 0.5
+    assert not np.isfinite(trajectory_scores([np.zeros(3, np.float32)] * 10)).any()

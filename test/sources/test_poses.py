@@ -1,16 +1,24 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Poses out of text files of TUM and KITTI."""
+"""Poses out of text files, odometry and satellite fixes, and at any time between."""
 
+import json
 import math
+from types import SimpleNamespace
 
+from convseq_ros.cli import main
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.types import Pose
 from convseq_ros.errors import SourceError
 from convseq_ros.sources import open_annotated
+from convseq_ros.sources.nav_sat import Fix, local_poses
 from convseq_ros.sources.pose_file import read_pose_file
+from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
 import cv2
 from hypothesis import given, strategies
 import numpy as np
 import pytest
+from rosbags.typesys import get_typestore, Stores
 
 AHEAD = '1 0 0 0 0 1 0 0 0 0 1 2.5'  # of a lens: 2.5 m along its axis
 # Turned by 90 degrees to the right, about the axis that points down; 1 m to the right and 3 down.
@@ -161,3 +169,155 @@ def test_a_folder_has_no_topics_and_one_source_of_poses(folder, file):
         open_annotated(folder, camera_info='/camera_info')
     with pytest.raises(SourceError, match='give one of them'):
         open_annotated(folder, odom='/odom', poses=file(AHEAD, AHEAD))
+
+
+SECOND = 1_000_000_000
+
+MS = 1_000_000
+
+
+def pose(x, degrees=0.0):
+    half = math.radians(degrees) / 2
+    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+
+
+def degrees_of(found):
+    return math.degrees(2 * math.atan2(found.orientation[2], found.orientation[3]))
+
+
+@given(strategies.floats(0, 1), strategies.floats(-170, 170))
+def test_a_turn_goes_on_at_a_steady_rate(share, turn):
+    track = PoseTrack([(0, pose(0)), (SECOND, pose(4, turn))])
+    found = track.at(round(share * SECOND))
+    assert found.position[0] == pytest.approx(4 * share, abs=1e-6)
+    assert degrees_of(found) == pytest.approx(share * turn, abs=1e-4)
+
+
+def test_a_moment_after_the_last_pose_the_motion_is_taken_to_go_on():
+    track = PoseTrack([(0, pose(0)), (SECOND // 2, pose(1, 10))])
+    late = track.at(SECOND // 2 + 100 * MS)
+    assert late.position[0] == pytest.approx(1.2)
+    assert degrees_of(late) == pytest.approx(12, abs=1e-3)
+    assert track.at(SECOND // 2 + 101 * MS) is None
+
+
+def test_poses_in_the_wrong_order_are_left_out_and_a_jump_of_the_clock_begins_anew():
+    track = PoseTrack([(5 * SECOND, pose(1)), (5 * SECOND, pose(9)), (5 * SECOND - 1, pose(9))])
+    assert track.last_stamp_ns == 5 * SECOND and track.at(5 * SECOND) == pose(1)
+    track.add(SECOND, pose(2))
+    assert track.last_stamp_ns == SECOND
+    assert track.at(5 * SECOND) is None and track.at(SECOND) == pose(2)
+
+
+def test_a_live_track_forgets_what_is_old():
+    track = PoseTrack(kept=10)
+    for index in range(1000):
+        track.add(index * MS, pose(index))
+    assert track.at(500 * MS) is None
+    assert track.at(995 * MS).position[0] == 995
+
+
+def message(*orientation):
+    x, y, z, w = orientation
+    return SimpleNamespace(
+        position=SimpleNamespace(x=1, y=2, z=3), orientation=SimpleNamespace(x=x, y=y, z=z, w=w)
+    )
+
+
+def test_quaternions_are_made_unit_and_impossible_ones_are_no_pose():
+    assert pose_from_message(message(0, 0, 3, 4)).orientation == pytest.approx((0, 0, 0.6, 0.8))
+    assert pose_from_message(message(0, 0, 0.6, 0.8)).orientation == (0, 0, 0.6, 0.8)
+    assert pose_from_message(message(0, 0, 0, 0)) is None
+    assert pose_from_message(message(0, 0, math.nan, 1)) is None
+
+
+def test_opposite_quaternions_are_the_same_turn():
+    track = PoseTrack([(0, pose(0)), (SECOND, Pose((1.0, 0.0, 0.0), (0.0, 0.0, 0.0, -1.0)))])
+    assert track.at(SECOND // 2).orientation == (0, 0, 0, 1)
+
+
+def test_there_is_no_pose_before_after_or_in_a_long_gap():
+    track = PoseTrack([(SECOND, pose(0)), (3 * SECOND, pose(2))])
+    assert [track.at(stamp) for stamp in (0, 2 * SECOND, 4 * SECOND)] == [None] * 3
+    assert PoseTrack([]).at(0) is None
+
+
+KINDS = get_typestore(Stores.ROS2_JAZZY).types
+
+
+def fix(stamp_ns, latitude, longitude, altitude=0.0, status=0):
+    stamp = KINDS['builtin_interfaces/msg/Time'](*divmod(stamp_ns, SECOND))
+    return KINDS['sensor_msgs/msg/NavSatFix'](
+        KINDS['std_msgs/msg/Header'](stamp, 'gps'),
+        KINDS['sensor_msgs/msg/NavSatStatus'](status, 1),
+        latitude,
+        longitude,
+        altitude,
+        np.zeros(9),
+        0,
+    )
+
+
+def test_degrees_become_metres_east_north_and_up():
+    # A minute of arc on the equator is 1855.32 m eastwards and 1842.90 m northwards (WGS 84).
+    minute = 1 / 60
+    poses, frame = local_poses(
+        [Fix(0, 0.0, 0.0, 5.0), Fix(1, 0.0, minute, 5.0), Fix(2, minute, minute, 5.0)]
+    )
+    (_, start), (_, east), (_, north) = poses
+    assert frame == 'ENU 0.0 0.0'
+    assert start.position == pytest.approx((0, 0, 5))
+    assert east.position == pytest.approx((1855.32, 0.0, 5 - 1855.32**2 / 2 / 6.378e6), abs=0.01)
+    assert north.position[1] == pytest.approx(1842.90, abs=0.01)
+    assert start.orientation == east.orientation == pytest.approx((0, 0, 0, 1), abs=1e-6)
+    half = math.sqrt(0.5)
+    assert north.orientation == pytest.approx((0, 0, half, half), abs=1e-4)
+
+
+def test_drives_of_one_region_share_a_frame():
+    one, frame = local_poses([Fix(0, 48.137, 11.575, 520.0), Fix(1, 48.1371, 11.575, 520.0)])
+    other, same = local_poses([Fix(0, 48.1371, 11.575, 520.0)])
+    assert frame == same == 'ENU 48.1 11.6'
+    assert one[1][1].position == pytest.approx(other[0][1].position, abs=1e-9)
+    assert math.dist(one[0][1].position, one[1][1].position) == pytest.approx(11.12, abs=0.01)
+
+
+def test_a_robot_that_stands_heads_as_it_did():
+    poses, _ = local_poses(
+        [Fix(0, 0.0, 0.0, 0.0), Fix(1, 1e-4, 0.0, 0.0), Fix(2, 1e-4, 1e-6, 0.0)]
+    )
+    assert len({pose.orientation for _, pose in poses}) == 1
+
+
+def test_a_map_of_fixes_has_poses_and_tells_their_frame(recorder, pictures, tmp_path, capsys):
+    start_ns = recorder.start_ns
+    rows = [
+        *recorder.drive(pictures),
+        *(
+            ('/fix', index, fix(start_ns + index * SECOND * 11 // 10, 48.1, 11.6 + 1e-5 * index))
+            for index in range(3)
+        ),
+        ('/fix', 9, fix(start_ns + SECOND // 2, 0.0, 0.0, status=-1)),
+    ]
+    path = recorder.write('mcap file', rows)
+    source = open_annotated(path, odom='/fix')
+    assert source.pose_frame == 'ENU 48.1 11.6'
+    east = [frame.pose.position[0] for frame in source]
+    assert east[0] == pytest.approx(0.0) and east[-1] == pytest.approx(0.744, abs=0.01)
+    arguments = ['build-map', str(path), str(tmp_path / 'map.db'), '--odom', '/fix']
+    assert main([*arguments, '--keyframe-overlap', '1']) == 0
+    assert open_map(tmp_path / 'map.db').sessions[0].frame == 'ENU 48.1 11.6'
+    capsys.readouterr()
+    assert main(['info', str(tmp_path / 'map.db'), '--json']) == 0
+    (session,) = json.loads(capsys.readouterr().out)['sessions']
+    assert (session['frame'], session['with_pose']) == ('ENU 48.1 11.6', len(pictures))
+
+
+def test_a_topic_without_a_fix_is_one_line(recorder, pictures):
+    rows = [
+        *recorder.drive(pictures),
+        ('/fix', 1, fix(1, 91.0, 0.0)),
+        ('/fix', 2, fix(2, math.nan, 0.0)),
+    ]
+    with pytest.raises(SourceError, match='no pose of /fix is whole and finite'):
+        open_annotated(recorder.write('mcap file', rows), odom='/fix')
