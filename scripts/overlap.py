@@ -11,8 +11,7 @@ of 60 m.
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.similarity.overlap import Overlap
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import numpy as np

@@ -9,7 +9,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame, Pose, Reason
 import numpy as np
 

@@ -14,8 +14,7 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.glance import distance, GLANCE, Glance, glance, NearnessByGlance
 from convseq_ros.core.sequence.frame_drops import FRAME_DROPS, FrameDropDetector
-from convseq_ros.core.similarity.overlap import Overlap
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor, Pose, Reason
 import numpy as np
 import numpy.typing as npt

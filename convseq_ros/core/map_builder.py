@@ -17,7 +17,7 @@ from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame
 
 

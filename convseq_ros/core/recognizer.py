@@ -23,7 +23,7 @@ from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status
 
 

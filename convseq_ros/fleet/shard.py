@@ -11,9 +11,7 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.sessions import MapSession
-from convseq_ros.core.sequence.centred import Centred, sums_of, Usual
-from convseq_ros.core.sequence.coarse_scores import top, Track
-from convseq_ros.core.similarity.kernels.numpy_halves import Floats
+from convseq_ros.core.sequence.coarse_scores import Centred, Floats, sums_of, top, Track, Usual
 from convseq_ros.core.types import Indices, Row
 from convseq_ros.errors import MapError
 import numpy as np

@@ -21,8 +21,11 @@ from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract
 from convseq_ros.core.similarity.global_similarity import global_similarity, region_blocks, widened
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score, subtracted
-from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
+from convseq_ros.core.similarity.kernels.numpy_kernels import (
+    coherent_score,
+    normalized,
+    subtracted,
+)
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
@@ -282,7 +285,7 @@ def test_noise_without_direction_and_the_strength_of_light_make_no_difference():
 @pytest.mark.skipif(not available(), reason='no compiled kernels')
 @pytest.mark.parametrize('side', [1, 2, 7, 32])
 def test_compiled_normalisation_is_the_definition(side):
-    from convseq_ros.core.similarity.kernels.regions import normalized as compiled
+    from convseq_ros.core.similarity.kernels.kernels import normalized as compiled
 
     for cells in (1000 * lit(0)[:side, :side], np.zeros((side, side, 8), np.float32)):
         assert compiled(cells) == pytest.approx(normalized(cells), abs=1e-6)

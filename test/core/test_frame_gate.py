@@ -9,7 +9,7 @@ from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConf
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Standstill
 from convseq_ros.core.sequence.frame_drops import FrameDropDetector
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.glance import distance, GLANCE, glance, NearnessByGlance
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street

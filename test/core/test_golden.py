@@ -22,8 +22,8 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.kernels.numpy_kernels import pair_scores
+from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame
 import cv2
 import numpy as np
@@ -77,10 +77,14 @@ def test_salient_regions_agree(described, golden):
     assert (np.array([one.salient for one in described[0]]) == golden['salient']).all()
 
 
+def salient(query):
+    return paper_regions(query.cells)[query.salient]
+
+
 @pytest.mark.parametrize(('drive', 'name'), [(1, 'scores'), (0, 'similarities')])
 def test_pair_scores_agree(described, golden, drive, name):
     others = [paper_regions(one.cells) for one in described[drive]]
-    scores = np.stack([pair_scores(query, others) for query in described[0]])
+    scores = np.stack([pair_scores(salient(query), others) for query in described[0]])
     assert np.abs(scores - golden[name]).max() < 1e-5
 
 
@@ -139,7 +143,7 @@ def corridor(shared_data):
 def cohog_scores(corridor):
     references = [paper_regions(one.cells) for one in drive(corridor / 'ref', from_bgr, ET_04)]
     queries = drive(corridor / 'query', from_bgr, ET_04)[::FEW]
-    return np.stack([pair_scores(query, references) for query in queries])
+    return np.stack([pair_scores(salient(query), references) for query in queries])
 
 
 @pytest.mark.parametrize(

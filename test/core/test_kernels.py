@@ -12,10 +12,10 @@ from convseq_ros.core.compiled import available, library, VARIANTS
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, unpack_cells
+from convseq_ros.core.sequence import coarse_scores
 from convseq_ros.core.similarity.global_similarity import global_similarity, rounded, widened
-from convseq_ros.core.similarity.kernels import numpy_halves
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_coherent import less_background
+from convseq_ros.core.similarity.kernels.numpy_kernels import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
 from hypothesis import example, given, settings
@@ -110,7 +110,7 @@ def test_compiled_regions_are_those_of_the_definition(side):
 @pytest.mark.parametrize('side', [3, 4, 7, 32])
 def test_compiled_regions_less_their_background_are_those_of_the_definition(side):
     needs_library()
-    from convseq_ros.core.similarity.kernels.regions import less_background as compiled
+    from convseq_ros.core.similarity.kernels.kernels import less_background as compiled
 
     regions, background = (projected_regions(drawn(seed, side).cells) for seed in (1, 2))
     found, expected = (show(regions, background) for show in (compiled, less_background))
@@ -144,22 +144,23 @@ def test_many_references_are_prepared_as_one_is(kernel, side, normalizes, subtra
 
 def test_compiled_global_similarities_are_those_of_the_definition():
     needs_library()
-    from convseq_ros.core.similarity.kernels import references
+    from convseq_ros.core.similarity.kernels.kernels import _alike as alike
 
+    pair = chosen_kernels(MatchingConfig(kernel='float32'))[0]
     rng = np.random.default_rng(3)
     for side in (1, 5, 30):
         count = -(-side // 3)
         drawn_blocks = rng.normal(0, 1, (4, count, count, 32)).astype(np.float32)
         blocks = [rounded(one) for one in drawn_blocks]
         regions = np.zeros((side**2, 32), np.float32)
-        packed = [references.pack(regions, one, 0.0) for one in blocks]
+        packed = [pair.packed(regions, one) for one in blocks]
         where = np.array([one.address for one in packed], np.uint64)
         wide = widened(blocks[0], side)
-        found = references.alike(wide, packed, where)
+        found = alike(wide, packed, where)
         assert np.array_equal(found, global_similarity(wide, np.array(blocks, np.float64)))
         assert found[0] == pytest.approx(1)
-        bare = references.pack(regions, None, 0.0)
-        assert references.alike(wide, [packed[1], bare], where) is None
+        bare = pair.packed(regions, None)
+        assert alike(wide, [packed[1], bare], where) is None
 
 
 @pytest.fixture(scope='module')
@@ -183,7 +184,7 @@ from convseq_ros.core.compiled import library
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
-from convseq_ros.core.similarity.kernels.numpy_halves import products
+from convseq_ros.core.sequence.coarse_scores import products
 
 print(library().variant)
 
@@ -251,17 +252,17 @@ def test_products_of_halves_are_those_of_the_numbers(numbers, compiled, monkeypa
     if compiled:
         needs_library()
     else:
-        monkeypatch.setattr(numpy_halves, 'available', lambda: False)
+        monkeypatch.setattr(coarse_scores, 'available', lambda: False)
     rng = np.random.default_rng(numbers)
     rows = rng.normal(0, 1, (5000, numbers)).astype(np.float16)
     rows[:4] = np.array([0, 6e-8, -6e-5, 65504], np.float16)[:, None]
     direction = rng.normal(0, 1, numbers).astype(np.float32)
-    found = numpy_halves.products(rows, direction)
+    found = coarse_scores.products(rows, direction)
     expected = rows.astype(np.float64) @ direction
     size = np.abs(rows.astype(np.float64)) @ np.abs(direction)
     assert found.dtype == np.float32
     assert (np.abs(found - expected) <= 1e-6 * size).all()
-    assert numpy_halves.products(rows[:0], direction).shape == (0,)
+    assert coarse_scores.products(rows[:0], direction).shape == (0,)
 
 
 @pytest.mark.parametrize('kernel', ['int8', 'float32'])

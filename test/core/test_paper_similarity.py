@@ -6,11 +6,12 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import paper_regions, projected_regions
 from convseq_ros.core.similarity.coherent import extract
-from convseq_ros.core.similarity.kernels.numpy_coherent import coherent_score
-from convseq_ros.core.similarity.kernels.numpy_normalization import normalized
-from convseq_ros.core.similarity.kernels.numpy_regional import pair_scores
-from convseq_ros.core.similarity.overlap import Overlap
-from convseq_ros.core.similarity.paper_similarity import PaperSimilarity
+from convseq_ros.core.similarity.kernels.numpy_kernels import (
+    coherent_score,
+    normalized,
+    pair_scores,
+)
+from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
@@ -36,7 +37,8 @@ def test_a_pair_scores_the_mean_of_the_best_similarities_of_salient_regions(sali
     reference = np.zeros((2, 2, 1), np.float32)
     reference[0, :, 0] = [3, 4]
     described = Descriptor(query, np.array(salient), np.zeros((2, 3)), 0.5)
-    assert pair_scores(described, [paper_regions(reference)])[0] == pytest.approx(score)
+    regions = paper_regions(described.cells)[described.salient]
+    assert pair_scores(regions, [paper_regions(reference)])[0] == pytest.approx(score)
 
 
 SMALL = EncodingConfig(image_size_px=128)

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores along the diagonals of a whole map, in C: kernels.c."""
+"""Scores along the diagonals of a whole map, and coarse scores, in C: kernels.c and coarse.c."""
 
 from collections.abc import Sequence
 import ctypes
@@ -10,9 +10,11 @@ from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt
 
+_PADDED = 16  # numbers; rows are multiplied so many at a time
 _SIZES = array(np.intp)
 _ROWS = ctypes.c_void_p, _SIZES, _SIZES, array('f4'), array('i8')  # the last: session bounds
 _scores_along = kernel('scores_along', *_ROWS, SIZE, SIZE, SIZE, SIZE, array('f4'))
+_products = kernel('products', array('f2'), SIZE, SIZE, array('f4'), array('f4'))
 
 
 def scores_along(
@@ -39,3 +41,12 @@ def scores_along(
     given = addresses, lengths, steps[there], missing[there].astype(np.float32), bounds
     _scores_along(*given, len(shown), fewest, reach, not partial, scores)
     return scores
+
+
+def products(rows: npt.NDArray[np.float16], direction: npt.NDArray[np.float32]) -> Row:
+    """Return the products, in float32, of rows (R, n) and a direction (n,), shape (R,)."""
+    padded = np.zeros(-(-len(direction) // _PADDED) * _PADDED, np.float32)
+    padded[: len(direction)] = direction
+    found = np.empty(len(rows), np.float32)
+    _products(np.ascontiguousarray(rows), *rows.shape, padded, found)
+    return found

@@ -9,18 +9,22 @@ asked, not how similar it is, which survives night, seasons and another viewpoin
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
-from convseq_ros.core.map.place import Packed
 from convseq_ros.core.similarity.global_similarity import Blocks, Wide, widened
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
 from convseq_ros.core.types import Descriptor
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+Floats = npt.NDArray[np.float32]
+# Scores in [0, 1], (n,), shifts in cells, (n, 2), and global similarities (n,) if they are known.
+Compared = tuple[Floats, npt.NDArray[np.float64], Floats | None]
 
 
 @constants
@@ -43,13 +47,6 @@ class CoherentQuery:
     side: int  # regions in a row of the image
 
 
-@dataclass(frozen=True, slots=True)
-class _Query:
-    regions: CoherentQuery
-    packed: Any  # what the kernel compares
-    wide: Wide | None  # its blocks; None without a background
-
-
 def extract(
     query: Descriptor, least_bits: float, regions: Regions | None = None, step: int = 1
 ) -> CoherentQuery | None:
@@ -68,60 +65,53 @@ def extract(
     return CoherentQuery(thinned(regions, step)[index], index, -(-len(entropy) // step))
 
 
-def coherent_pair(
-    name: str,
-    exact: bool,
-    regions: tuple[
-        Callable[[Cells], Cells],
-        Callable[[Cells, int], Regions],
-        Callable[[Regions, Regions | None], Shown],
-    ],
-    pack_query: Callable[[CoherentQuery], Any],
-    references: tuple[Callable[[Regions, Blocks | None], Any], Callable[[Any], Regions]],
-    compare: Callable[
-        [Any, Wide | None, Sequence[Any], int], tuple[Scores, npt.NDArray[np.float32] | None]
-    ],
-    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None, int], list[Any]]
-    | None = None,
-) -> PairScore:
+class CoherentPair(PairScore):
     """
-    Return the pair score of a kernel: `coherent_score`, less where whole images differ.
+    The `coherent_score` of a kernel, less where whole images differ.
 
-    If there is a background, up to half of the score is lost as the global similarity falls.
-    `regions` are the kernel's `normalized`, `projected_regions` and `less_background`; `compare`
-    computes `coherent_score` of a query and some references, and their `global_similarity`, as
-    `pack_query` and the first of `references` lay them out; the second gives regions back. Rough
-    scores are those of every second region, whatever whole images show.
+    If there is a background, up to half of the score is lost as the global similarity falls. Rough
+    scores are those of every second region, whatever whole images show. A kernel says how queries
+    and references are laid out, and compares them.
     """
-    _, project, subtract = regions
-    pack_reference, regions_of = references
 
-    def of_step(step: int, rough: PairScore | None = None) -> PairScore:
-        def extracted(query: Descriptor, least_bits: float, shown: Shown | None) -> _Query | None:
-            own, blocks = shown or (project(query.cells, 1), None)
-            found = extract(query, least_bits, own, step)
-            if found is None:
-                return None
-            wide = None if blocks is None or step > 1 else widened(blocks, found.side)
-            return _Query(found, pack_query(found), wide)
+    normalize: Callable[[Cells], Cells]
+    project: Callable[..., Regions]
+    subtract: Callable[[Regions, Regions | None], Shown]
+    step = 1  # of the rows and columns of regions, one of each is compared
 
-        def prepare(cells: Cells, background: Regions | None) -> Any:
-            behind = None if background is None else thinned(background, step)
-            shown, blocks = subtract(project(cells, step), behind)
-            return pack_reference(shown, blocks if step == 1 else None)
+    def __init__(self, name: str, exact: bool) -> None:
+        self.name, self.exact = name, exact
+        self.rough = copy(self)
+        self.rough.step = COHERENT.rough_step
 
-        def score(query: _Query, references: Sequence[Any]) -> Scores:
-            (shares, shifts), alike = compare(query.packed, query.wide, references, step)
-            return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts
+    def laid_out(self, query: CoherentQuery) -> Any:
+        """Return a query as it is compared."""
+        raise NotImplementedError
 
-        def prepare_all(
-            packed: Sequence[Packed], normalizes: bool, background: Regions | None
-        ) -> list[Any]:
-            assert prepare_packed
-            behind = None if background is None else thinned(background, step)
-            return prepare_packed(packed, normalizes, behind, step)
+    def packed(self, regions: Regions, blocks: Blocks | None) -> Any:
+        """Return a reference as it is compared, from its regions (N, 32) and their blocks."""
+        raise NotImplementedError
 
-        made = prepare_all if prepare_packed else None
-        return PairScore(name, exact, extracted, prepare, score, *regions, made, regions_of, rough)
+    def scores(self, query: Any, wide: Wide | None, references: Sequence[Any]) -> Compared:
+        """Return each reference's `coherent_score`, and, of a query's blocks, its similarity."""
+        raise NotImplementedError
 
-    return of_step(1, of_step(COHERENT.rough_step))
+    def extract(self, query: Descriptor, least_bits: float, shown: Shown | None) -> Any:
+        own, blocks = shown or (self.project(query.cells, 1), None)
+        if (found := extract(query, least_bits, own, self.step)) is None:
+            return None
+        wide = None if blocks is None or self.step > 1 else widened(blocks, found.side)
+        return self.laid_out(found), wide
+
+    def thinned(self, background: Regions | None) -> Regions | None:
+        """Return of a background what lies behind the regions that are compared."""
+        return None if background is None else thinned(background, self.step)
+
+    def prepare(self, cells: Cells, background: Regions | None) -> Any:
+        shown, blocks = self.subtract(self.project(cells, self.step), self.thinned(background))
+        return self.packed(shown, blocks if self.step == 1 else None)
+
+    def compare(self, query: Any, references: Sequence[Any]) -> Scores:
+        packed, wide = query
+        shares, shifts, alike = self.scores(packed, wide, references)
+        return (shares if alike is None else shares * (0.5 + 0.5 * alike)), shifts

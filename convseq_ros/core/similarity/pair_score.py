@@ -3,7 +3,6 @@
 """What a way to score a pair of images consists of."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
@@ -18,19 +17,11 @@ Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
 Shown = tuple[Regions, Any]
 
 
-@dataclass(frozen=True, slots=True)
 class PairScore:
-    """The functions of one kernel; another kernel replaces all of them together."""
+    """One kernel; another one replaces all of this together."""
 
-    name: str  # of the kernel
+    name: str
     exact: bool  # whether scores are those of the definition, to 1e-6
-    # From a query, the bits of entropy that make a region salient and its regions, if they are
-    # known, to what is compared of it; None if it shows nothing.
-    extract: Callable[[Descriptor, float, Shown | None], Any]
-    # From a reference's cells and the map's background to what is compared of it.
-    prepare: Callable[[Cells, Regions | None], Any]
-    # From a query and n references to their scores and shifts.
-    compare: Callable[[Any, Sequence[Any]], Scores]
     # From cells to normalised ones, from these to regions, and from regions and a background to
     # those that are compared. Only where a background can be subtracted.
     normalize: Callable[[Cells], Cells] | None = None
@@ -41,5 +32,20 @@ class PairScore:
     prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None
     # From a reference, as it is compared, to its regions (N, 32).
     regions_of: Callable[[Any], Regions] | None = None
-    # The same by a sixteenth of the work, with rough scores.
-    rough: 'PairScore | None' = None
+    rough: 'PairScore | None' = None  # the same by a sixteenth of the work, with rough scores
+
+    def extract(self, query: Descriptor, least_bits: float, shown: Shown | None) -> Any:
+        """
+        Return what is compared of a query; None if it shows nothing.
+
+        Regions are salient from so many bits of entropy on; `shown` are all, if they are known.
+        """
+        raise NotImplementedError
+
+    def prepare(self, cells: Cells, background: Regions | None) -> Any:
+        """Return what is compared of a reference, given its map's background."""
+        raise NotImplementedError
+
+    def compare(self, query: Any, references: Sequence[Any]) -> Scores:
+        """Return the scores and shifts of a query and n references."""
+        raise NotImplementedError

@@ -4,12 +4,9 @@
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import available, library
-from convseq_ros.core.similarity.kernels.numpy_coherent import COHERENT_PAIR
-from convseq_ros.core.similarity.kernels.numpy_regional import REGIONAL
+from convseq_ros.core.similarity.kernels.numpy_kernels import DEFINITIONS
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.errors import ConfigError
-
-_DEFINITIONS = {'coherent': COHERENT_PAIR, 'regional': REGIONAL}
 
 
 def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
@@ -18,15 +15,14 @@ def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
 
     ConfigError if the machine cannot run the kernel that is asked for.
     """
-    definition = _DEFINITIONS[matching.matching]
+    definition = DEFINITIONS[matching.matching]
     wanted = matching.kernel
     if wanted == 'numpy' or (wanted == 'auto' and not available()):
         return definition, definition
     if not available():
         raise ConfigError(f'kernel: no {wanted}: {library().problem}; or choose auto')
     # There is no library to import them from everywhere.
-    from convseq_ros.core.similarity.kernels import coherent, regional
+    from convseq_ros.core.similarity.kernels.kernels import compiled_pair
 
-    kernels = {'coherent': coherent, 'regional': regional}[matching.matching]
-    exact = kernels.float32()
-    return (exact if wanted == 'float32' else kernels.int8()), exact
+    exact = compiled_pair(matching.matching, 'float32')
+    return (exact if wanted == 'float32' else compiled_pair(matching.matching, 'int8')), exact

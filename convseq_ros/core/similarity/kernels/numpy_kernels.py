@@ -1,0 +1,189 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pair scores by NumPy and OpenCV: the definitions, and the fallback without C."""
+
+from collections.abc import Sequence
+from functools import cache
+from threading import local
+
+from convseq_ros.core.constants import constants
+from convseq_ros.core.encoding.regions import (
+    Cells,
+    paper_regions,
+    projected_regions,
+    Regions,
+    unit,
+)
+from convseq_ros.core.similarity.coherent import COHERENT, CoherentPair, CoherentQuery, Compared
+from convseq_ros.core.similarity.global_similarity import (
+    Blocks,
+    global_similarity,
+    region_blocks,
+    Wide,
+)
+from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
+from convseq_ros.core.types import Descriptor, Shift
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+
+@constants
+class NORMALIZATION:
+    """Chosen among 50 variants on real and darkened image pairs (docs/MATCHING.md)."""
+
+    side: float = 0.0404  # share of a neighbour; a Gaussian of 0.4 cells
+    middle: float = 1 - 2 * 0.0404  # share of the cell itself
+    saturation: float = 6.0  # means of the image at which a number counts half
+
+
+def normalized(cells: Cells) -> Cells:
+    """
+    Return cells (S, S, 8) less their noise, with strong edges made more like weak ones, in [0, 1).
+
+    Noise has no direction: what is in all bins of a cell alike, the smallest of them, is taken
+    off. Neighbouring cells are blended a little, so that an edge may lie on either side of their
+    border. Each number x becomes x / (x + 6 m), with m the mean of the image: else a lamp or one
+    tree's edge is all that a region shows.
+    """
+    above = cells - cells.min(axis=2, keepdims=True)
+    kernel = np.array([NORMALIZATION.side, NORMALIZATION.middle, NORMALIZATION.side], np.float32)
+    blended = cv2.sepFilter2D(above, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+    typical = np.float32(NORMALIZATION.saturation * blended.mean(dtype=np.float64))
+    return blended / (blended + typical) if typical else blended
+
+
+def subtracted(regions: Regions, background: Regions | None) -> Regions:
+    """Return regions (N, 32) less their background, of unit length; as they are if None."""
+    return regions if background is None else unit(regions - background)
+
+
+def less_background(regions: Regions, background: Regions | None) -> Shown:
+    """Return regions that are compared, and their blocks if there is a background."""
+    shown = subtracted(regions, background)
+    return shown, None if background is None else region_blocks(shown)
+
+
+def window(sigma_cells: float) -> npt.NDArray[np.float64]:
+    """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
+    cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
+    return np.exp(-(cells**2) / (2 * sigma_cells**2)).astype(np.float32).astype(float)
+
+
+WINDOW = window(COHERENT.sigma_cells)
+WINDOWS = {1: WINDOW, COHERENT.rough_step: window(COHERENT.rough_sigma)}  # by step
+
+
+def coherent_score(
+    query: CoherentQuery, reference: Regions, window: npt.NDArray[np.float64] = WINDOW
+) -> tuple[float, Shift]:
+    """
+    Return which share of the regions agrees on one shift, and that shift.
+
+    Every salient region of the query votes for the shift to its best counterpart in the
+    reference; every region of the reference votes for the shift from its best counterpart among
+    the query's salient ones, with the same weight in total. Votes are counted within a Gaussian
+    of 1.5 cells.
+
+    Returns
+    -------
+    score : float
+        In [0, 1].
+    shift : (float, float)
+        Rows and columns, in cells, from the query's regions to the reference's (N, 32); positive
+        columns: things are further right in the reference.
+
+    """
+    similarity, turned = _scratch(len(query.index), len(reference))
+    np.dot(query.regions, reference.T, out=similarity)
+    # Turned first: an arg maximum down the columns takes five times as long.
+    there, back = similarity.argmax(axis=1), cv2.transpose(similarity, turned).argmax(axis=1)
+    votes = _votes(query.index, there, query.side)
+    votes += _votes(query.index[back], slice(None), query.side) * (len(there) / len(back))
+    peak = cv2.sepFilter2D(votes, -1, window, window, borderType=cv2.BORDER_CONSTANT)
+    place = int(peak.argmax())
+    row, column = divmod(place, peak.shape[1])
+    score = float(peak.flat[place]) / (2 * len(there))
+    return min(score, 1.0), (float(row - query.side + 1), float(column - query.side + 1))
+
+
+_memory = local()
+
+
+def _scratch(rows: int, columns: int) -> tuple[Regions, Regions]:
+    """Return room for similarities and for the same turned, kept since new memory takes time."""
+    needed = rows * columns
+    if getattr(_memory, 'numbers', np.empty((2, 0))).shape[1] < needed:
+        _memory.numbers = np.empty((2, needed), np.float32)
+    one, other = _memory.numbers[:, :needed]
+    return one.reshape(rows, columns), other.reshape(columns, rows)
+
+
+def _votes(
+    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64] | slice, side: int
+) -> npt.NDArray[np.float64]:
+    """Return how often each shift of rows and columns occurs, zero in the middle."""
+    span, where = 2 * side - 1, _grid(side)
+    counts = np.bincount(where[end] - where[start] + where[-1], minlength=span * span)
+    return counts.reshape(span, span).astype(np.float64)
+
+
+@cache
+def _grid(side: int) -> npt.NDArray[np.int64]:
+    """Return where regions lie in a grid of shifts, whose middle is where the last one lies."""
+    rows = np.arange(side)
+    return (rows[:, None] * (2 * side - 1) + rows).ravel()
+
+
+class _NumpyCoherent(CoherentPair):
+    normalize = staticmethod(normalized)
+    project = staticmethod(projected_regions)
+    subtract = staticmethod(less_background)
+
+    def laid_out(self, query: CoherentQuery) -> CoherentQuery:
+        return query
+
+    def packed(self, regions: Regions, blocks: Blocks | None) -> Shown:
+        return regions, blocks
+
+    def regions_of(self, reference: Shown) -> Regions:
+        return reference[0]
+
+    def scores(
+        self, query: CoherentQuery, wide: Wide | None, references: Sequence[Shown]
+    ) -> Compared:
+        told = (coherent_score(query, regions, WINDOWS[self.step]) for regions, _ in references)
+        shares, shifts = zip(*told, strict=True)
+        found = np.array(shares, np.float32), np.array(shifts)
+        blocks = [one for _, one in references]
+        if wide is None or any(one is None for one in blocks):
+            return *found, None
+        return *found, global_similarity(wide, np.array(blocks, np.float64))
+
+
+def pair_scores(salient: Regions, references: Sequence[Regions]) -> npt.NDArray[np.float32]:
+    """
+    Return how similar a query is to each of R references, (R,), in [0, 1]; it is not symmetric.
+
+    For every salient region of the query (G, 32) the most similar region anywhere in the reference
+    (N, 32) counts, both from `paper_regions`; the score is the mean of these similarities (paper
+    III-D).
+    """
+    scores = [min(float((salient @ one.T).max(axis=1).mean()), 1.0) for one in references]
+    return np.array(scores, np.float32)
+
+
+class _NumpyRegional(PairScore):
+    name, exact = 'numpy', True
+
+    def extract(self, query: Descriptor, _least_bits: float, _shown: object) -> Regions | None:
+        return paper_regions(query.cells)[query.salient] if query.informative else None
+
+    def prepare(self, cells: Cells, _background: object) -> Regions:
+        return paper_regions(cells)
+
+    def compare(self, query: Regions, references: Sequence[Regions]) -> Scores:
+        return pair_scores(query, references), None
+
+
+DEFINITIONS = {'coherent': _NumpyCoherent('numpy', True), 'regional': _NumpyRegional()}
