@@ -5,10 +5,9 @@
 from convseq_ros.core.compiled import available
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.geometry import numpy_kernels
-from convseq_ros.core.geometry.displacement import arranged
-from convseq_ros.core.geometry.following import followed
-from convseq_ros.core.geometry.motion import MOTION
-from convseq_ros.core.geometry.verification import NOTHING, Verification
+from convseq_ros.core.geometry.displacement import arranged, followed
+from convseq_ros.core.geometry.structure import Structure
+from convseq_ros.core.geometry.verification import MOTION, NOTHING, Verification
 from convseq_ros.core.geometry.verification import verify as verify_all
 from convseq_ros.core.rigid import turned_by
 import cv2
@@ -191,12 +190,12 @@ def test_a_lens_is_aligned_where_it_was(kernel, start_m):
     seen[::9] += 0.1  # what is found elsewhere by chance
     start = np.eye(4)
     start[:3, 3] = start_m
-    known = rays, seen, inverse_m, np.full(400, 1e4), scale
-    given = (1.0,) * 4 + (0.3,) * 7, 1e-6, 0.05, start
-    found, _, off, _, information = kernel.align(*known, *given)
+    structure = Structure(rays, inverse_m, np.full(400, 1e4))
+    given = structure, seen, scale, np.array((1.0,) * 4 + (0.3,) * 7), start
+    found, _, off, _, information = kernel.align(*given)
     assert np.abs(found - moved).max() < 0.01
     assert np.median(np.abs(off)) < 0.01
     assert np.array_equal(start[:3, 3], start_m)
-    theirs = numpy_kernels.align(*known, *given)
+    theirs = numpy_kernels.align(*given)
     assert np.allclose(found, theirs[0], atol=1e-9)
     assert np.allclose(information, theirs[4], rtol=1e-9)

@@ -15,7 +15,7 @@ import math
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
-from convseq_ros.core.geometry.structure import DEPTH, Floats, Sight, Structure
+from convseq_ros.core.geometry.structure import Floats, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
 import cv2
 import numpy as np
@@ -39,7 +39,6 @@ class ALIGNMENT:
 
     # Of regions; of unrelated images less than 40 agree.
     cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, alike=3)
-    stiffness: float = 1e-6  # information of no motion
     # Of the way across, which the field misses, for each cell that it moves the middle region.
     shrunk: float = 0.08  # fitted on drawn streets
     # Of a start by points in space: deviations of a depth that tells how far its point is, how
@@ -83,11 +82,12 @@ def align(
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
     if known.sum() < precision.fewest:
         return None
-    given, held = structure.inverse_m[known], structure.information[known]
+    used = Structure(
+        structure.rays[known], structure.inverse_m[known], structure.information[known]
+    )
     moved, inverse, off, pulls, information = kernels_of(__package__).align(
-        structure.rays[known], seen[known], given, held, scale, precision.sigmas,
-        ALIGNMENT.stiffness, DEPTH.least_ahead, start,
-    )  # fmt: skip
+        used, seen[known], scale, np.array(precision.sigmas), start
+    )
     agreeing = int((np.hypot(*off.T) <= precision.agreeing).sum())
     if agreeing < precision.fewest or not np.isfinite(moved).all():
         return None

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from convseq_ros.core.compiled import address, array, DOUBLE, FLOAT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
-from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
+from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
+from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
 import numpy as np
 import numpy.typing as npt
 
@@ -24,7 +25,7 @@ _verify = kernel(
 _align = kernel(
     'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
 )
-Numbers = npt.NDArray[np.float64]
+Doubles = npt.NDArray[np.float64]
 _OF_FIELD = 1 / FIELD.scale**2, weights(), FIELD.tolerance_cells
 _OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
 
@@ -37,9 +38,7 @@ def arrange(regions: Regions, rows: npt.NDArray[np.int32]) -> None:
 def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Displacements:
     """Return what `numpy_kernels.displacements` does, to 1e-4 cells."""
     found, kept = np.empty((query.side**2, 5), np.float32), np.zeros(1, np.int64)
-    _displacements(
-        query.first, reference.first, query.side, *start, *_OF_FIELD, found, kept
-    )  # fmt: skip
+    _displacements(query.first, reference.first, query.side, *start, *_OF_FIELD, found, kept)
     return found[: kept[0]]
 
 
@@ -52,7 +51,7 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
-) -> npt.NDArray[np.float64]:
+) -> Doubles:
     """Return what `numpy_kernels.verified` does."""
     judged = np.empty((len(references), 4))
     where = np.array([address(one.first) for one in references], np.uint64)
@@ -63,23 +62,13 @@ def verified(
     return judged
 
 
-def align(
-    rays: Numbers,
-    seen: Numbers,
-    given: Numbers,
-    held: Numbers,
-    scale: Numbers,
-    sigmas: Sequence[float],
-    stiffness: float,
-    least_ahead: float,
-    start: Numbers,
-) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers]:
+def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
     """Return what `numpy_kernels.align` does, to 1e-9."""
-    count, rows, inverse = len(rays), start[:3].copy(), given.copy()
+    count, rows, inverse = len(seen), start[:3].copy(), known.inverse_m.copy()
     off, pulls, information = np.empty((count, 2)), np.empty((count, 6)), np.empty((6, 6))
-    regions = (np.ascontiguousarray(one, np.float64) for one in (rays, seen, given, held))
+    regions = known.rays, seen, known.inverse_m, known.information
     _align(
-        *regions, count, np.ascontiguousarray(scale, np.float64), np.array(sigmas), len(sigmas),
-        stiffness, least_ahead, rows, inverse, off, pulls, information,
+        *map(np.ascontiguousarray, regions), count, np.ascontiguousarray(scale), sigmas,
+        len(sigmas), DEPTH.no_motion, DEPTH.least_ahead, rows, inverse, off, pulls, information,
     )  # fmt: skip
     return np.vstack((rows, start[3:])), inverse, off, pulls, information

@@ -7,14 +7,16 @@ from functools import lru_cache
 
 from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
-from convseq_ros.core.geometry.motion import initial_motion, MOTION, Motion
+from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
+from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
 from convseq_ros.core.rigid import turned_by
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Volume = npt.NDArray[np.float32]  # (side * side, span * span), by place and displacement; or -inf
-Numbers = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Volume = Floats  # (side * side, span * span), by place and displacement; or -inf
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
 _NORMS_KEPT = 16  # of the last common shifts, 370 kB each
@@ -77,7 +79,7 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
-) -> npt.NDArray[np.float64]:
+) -> Doubles:
     """
     Return inliers, strength, and what the upper and the left half add to it, (n, 4).
 
@@ -94,25 +96,26 @@ def verified(
     return judged
 
 
-def _overlap(count: int, others: int, moved: int) -> tuple[slice, slice]:
-    """Return which of some rows meet one of others, so far away, and which ones they meet."""
-    first = max(0, -moved)
-    end = max(first, min(count, others - moved))
-    return slice(first, end), slice(first + moved, end + moved)
+def _moved(images: Floats, start: Sequence[int], fill: float) -> Floats:
+    """Return images (side, side, ...), moved by rows and columns, as wide as all that is met."""
+    side, wide = len(images), len(images) + _SPAN - 1
+    moved = np.full((wide, wide, *images.shape[2:]), fill, np.float32)
+    to, own = [], []
+    for by in start:
+        first = max(0, -by)
+        end = max(first, min(wide, side - by))
+        to.append(slice(first, end))
+        own.append(slice(first + by, end + by))
+    moved[*to] = images[*own]
+    return moved
 
 
-def _tried(
-    query: Arranged, reference: Arranged, start: tuple[int, int]
-) -> npt.NDArray[np.float32]:
+def _tried(query: Arranged, reference: Arranged, start: tuple[int, int]) -> Floats:
     """Return similarities (side, side, span, span) by place and displacement; 0 if not shared."""
     # The reference, moved by the first displacement that is tried, among zeros.
     side, wide = query.side, query.side + _SPAN - 1
-    moved = np.zeros((wide, wide, REGION.numbers), np.float32)
-    (rows, own_rows), (columns, own_columns) = (
-        _overlap(wide, side, middle - FIELD.reach_cells) for middle in start
-    )
     image = reference.regions.reshape(side, side, -1)
-    moved[rows, columns] = image[own_rows, own_columns]
+    moved = _moved(image, [middle - FIELD.reach_cells for middle in start], 0)
     # Of each row of the query all rows that it may meet.
     shape = side, _SPAN * wide, REGION.numbers
     bands = np.lib.stride_tricks.as_strided(moved, shape, moved.strides)
@@ -123,15 +126,11 @@ def _tried(
     return np.lib.stride_tricks.as_strided(dots, (side, side, _SPAN, _SPAN), strides)
 
 
-def _turned(means: npt.NDArray[np.float32], start: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _turned(means: Floats, start: tuple[int, int]) -> Floats:
     """Return similarities (side, side, span, span) by the place in the reference; or -inf."""
     # Moved by the last displacement that is tried, among places that are like none.
-    side, wide = len(means), len(means) + _SPAN - 1
-    (rows, own_rows), (columns, own_columns) = (
-        _overlap(wide, side, 1 - _SPAN + FIELD.reach_cells - middle) for middle in start
-    )
-    moved = np.full((wide, wide, _SPAN, _SPAN), -np.inf, np.float32)
-    moved[rows, columns] = means[own_rows, own_columns]
+    last = [1 - _SPAN + FIELD.reach_cells - middle for middle in start]
+    moved = _moved(means, last, -np.inf)
     # The farther a displacement leads, the farther before the place it begins.
     down, right, row, column = moved.strides
     strides = down, right, row - down, column - right
@@ -140,9 +139,7 @@ def _turned(means: npt.NDArray[np.float32], start: tuple[int, int]) -> npt.NDArr
 
 
 @lru_cache(_NORMS_KEPT)
-def _norms(
-    side: int, start: tuple[int, int]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def _norms(side: int, start: tuple[int, int]) -> tuple[Floats, Floats]:
     """
     Return the sums of weights by place and displacement, (side, side, span, span).
 
@@ -156,7 +153,7 @@ def _norms(
     return sums, np.where(shared, np.float32(0), np.float32(-np.inf))
 
 
-def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _blended(images: Floats) -> Floats:
     """Return weighted sums of neighbours in images (side, side, span, span), side by side."""
     flat = images.reshape(*images.shape[:2], -1)
     blended = cv2.sepFilter2D(flat, -1, _WEIGHTS, _WEIGHTS, borderType=cv2.BORDER_CONSTANT)
@@ -165,7 +162,7 @@ def _blended(images: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 def _refined(
     volume: Volume, start: tuple[int, int]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
     """Return rows and columns moved, between cells, (2, n), how similar, and which are known."""
     at, places = volume.argmax(axis=1), np.arange(len(volume))
     i, j = np.divmod(at, _SPAN)
@@ -179,11 +176,7 @@ def _refined(
     return (moved + np.array([*beside])).astype(np.float32), top, inside
 
 
-def _beside(
-    before: npt.NDArray[np.float32],
-    middle: npt.NDArray[np.float32],
-    after: npt.NDArray[np.float32],
-) -> npt.NDArray[np.float32]:
+def _beside(before: Floats, middle: Floats, after: Floats) -> Floats:
     """Return how far beside the middle the top of a parabola lies; 0 where one is not known."""
     known = np.isfinite(before) & np.isfinite(middle) & np.isfinite(after)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -192,53 +185,27 @@ def _beside(
     return np.where(known & (bend < 0), off, np.float32(0)).clip(-0.5, 0.5)
 
 
-def align(
-    rays: Numbers,
-    seen: Numbers,
-    given: Numbers,
-    held: Numbers,
-    scale: Numbers,
-    sigmas: Sequence[float],
-    stiffness: float,
-    least_ahead: float,
-    start: Numbers,
-) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers]:
+def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, start: Doubles) -> Fit:
     """
-    Fit a motion, and depths, to where a lens saw regions: a round of least squares each sigma.
+    Fit a motion (4, 4), begun at `start`, to where another lens saw n regions, and their depths.
 
-    Parameters
-    ----------
-    rays, seen : ndarray of float64, shape (n, 3) and (n, 2)
-        Regions of the reference, z is 1, and where the lens saw them, for a length of 1.
-    given, held : ndarray of float64, shape (n,)
-        Their inverse depths, in 1 / m, and how surely these are known: inverse variances.
-    scale : ndarray of float64, shape (2,)
-        Cells across and down for a length of 1.
-    sigmas : sequence of float
-        In cells; what is further off counts less.
-    stiffness, least_ahead : float
-        Information of no motion, and the least depth before a lens, in a ray's length.
-    start : ndarray of float64, shape (4, 4)
-        The motion to begin with, from the reference's lens to the other.
-
-    Returns
-    -------
-    tuple
-        The motion (4, 4), inverse depths (n,), how far off each is in cells (n, 2), what pulls at
-        the pose (n, 6), and the information about it (6, 6), of a turn and a way.
-
+    A round of least squares each sigma, in cells; what is further off counts less. `seen` (n, 2)
+    is for a length of 1, `scale` (2,) cells across and down for it. Return the motion, inverse
+    depths (n,), how far off each is in cells (n, 2), what pulls at the pose (n, 6), and the
+    information about it (6, 6), of a turn and a way.
     """
-    # Numbers of a region lie in a column: sums over what is side by side in memory are faster.
-    rays, seen, across_down = rays.T, seen.T, scale[:, None]
+    # Doubles of a region lie in a column: sums over what is side by side in memory are faster.
+    rays, seen, across_down = known.rays.T, seen.T, scale[:, None]
+    given, held = known.inverse_m, known.information
     inverse, moved = given, start.copy()
     for sigma in sigmas:
         turned = moved[:3, :3] @ rays
         points = turned + inverse * moved[:3, 3:]
-        ahead = np.maximum(points[2], least_ahead)
+        ahead = np.maximum(points[2], DEPTH.least_ahead)
         flat = points[:2] / ahead
         off = (flat - seen) * across_down
         by_pose, by_depth = _slopes(turned, inverse, moved[:3, 3:], flat, across_down / ahead)
-        weight = (points[2] > least_ahead) / (sigma**2 + (off**2).sum(axis=0))
+        weight = (points[2] > DEPTH.least_ahead) / (sigma**2 + (off**2).sum(axis=0))
         # Depths are eliminated: the Schur complement, a number each.
         own = held + weight * (by_depth**2).sum(axis=0)
         pull = held * (inverse - given) + weight * (by_depth * off).sum(axis=0)
@@ -246,17 +213,17 @@ def align(
         pulls = (by_pose * weight * off).sum(axis=1) - both * (pull / own)
         rows = (by_pose * weight).reshape(6, -1)
         information = rows @ by_pose.reshape(6, -1).T - (both / own) @ both.T
-        information[np.diag_indices(6)] += stiffness
+        information[np.diag_indices(6)] += DEPTH.no_motion
         step = -np.linalg.solve(information, pulls.sum(axis=1))
-        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / least_ahead)
+        inverse = (inverse - (pull + step @ both) / own).clip(0.0, 1 / DEPTH.least_ahead)
         moved[:3, :3] = turned_by(step[:3]) @ moved[:3, :3]
         moved[:3, 3] += step[3:]
     return moved, inverse, off.T, pulls.T, information
 
 
 def _slopes(
-    turned: Numbers, inverse: Numbers, way: Numbers, flat: Numbers, scale: Numbers
-) -> tuple[Numbers, Numbers]:
+    turned: Doubles, inverse: Doubles, way: Doubles, flat: Doubles, scale: Doubles
+) -> tuple[Doubles, Doubles]:
     """
     Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n).
 

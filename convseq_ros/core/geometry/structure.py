@@ -32,6 +32,7 @@ class DEPTH:
     sigma_cells: float = 0.3  # of a displacement; what is further off counts less (Cauchy)
     # Information of a depth, in square metres, that stands for none: 1 per m of inverse depth.
     least_information: float = 1.0
+    no_motion: float = 1e-6  # information of none, where a motion is fitted
     least_ahead: float = 0.05  # in a ray's length: a point is not at the lens, nor behind it
     # Deviation of a measured depth, as a share of it: what a camera errs, and a region mixes.
     measured_share: float = 0.1
@@ -48,6 +49,10 @@ class Structure:
     rays: Floats  # (n, 3), z is 1
     inverse_m: Floats  # (n,), inverse depths
     information: Floats  # (n,), of these: inverse variances, in square metres; 0 where unknown
+
+
+# What `align` of a kernel finds.
+Fit = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

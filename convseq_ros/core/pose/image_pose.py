@@ -9,21 +9,39 @@ night there are few keypoints, or none that agree: then there is no answer.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
+from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
-from convseq_ros.core.geometry.keypoints import keypoints
-from convseq_ros.core.geometry.structure import Floats, Structure, triangulate
+from convseq_ros.core.geometry.lens import Points, rays_through
+from convseq_ros.core.geometry.structure import Floats, Sight, Structure, triangulate
 from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.views import KeypointView
 from convseq_ros.core.pose.ways import Ways
-from convseq_ros.core.rigid import inverse, Matrix
+from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera, Frame
+import cv2
 import numpy as np
 import numpy.typing as npt
+
+_CV2: Any = cv2  # whose types lack SIFT
+Pairs = npt.NDArray[np.int64]  # (m, 2), of a keypoint of the one image and its like in the other
+
+
+@constants
+class KEYPOINT:
+    """Of keypoints; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
+
+    most: int = 800  # of an image
+    contrast: float = 0.01  # of OpenCV's SIFT; its usual .04 leaves too few at 320 px
+    ratio: float = 0.85  # of the best to the second best distance, at most
+    error_px: float = 1.0  # off an epipolar line
+    probability: float = 0.999  # of a sample without outliers; OpenCV's samples are always alike
+    samples: int = 1000  # at most
+    unit_px: float = 2.0  # of a kept image, that count for keypoints as a cell does for regions
+    fewest: int = 8  # pairs that have an epipolar geometry
 
 
 @constants
@@ -33,6 +51,107 @@ class IMAGE_POSE:
     apart_m: float = 0.9  # of neighbours from the place, and from each other
     neighbours: int = 4
     kept: int = 64  # places whose keypoints, and whose depths, are remembered; 30 MB at most
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Keypoints:
+    """What is found in an image; equal to itself only."""
+
+    shares: Points  # (n, 2), across and down, of the image: in (0, 1)
+    looks: npt.NDArray[np.float32]  # (n, 128)
+    size_px: tuple[int, int]  # of the image, width and height
+
+
+def keypoints(gray: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_]) -> Keypoints:
+    """Return the keypoints of an image (H, W), where a mask of any size says that it is seen."""
+    size = gray.shape[1], gray.shape[0]
+    mask = None
+    if not seen.all():
+        mask = cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    sift = _CV2.SIFT_create(nfeatures=KEYPOINT.most, contrastThreshold=KEYPOINT.contrast)
+    found, looks = sift.detectAndCompute(gray, mask)
+    places = np.array([one.pt for one in found], np.float64).reshape(-1, 2)
+    if looks is None:
+        looks = np.zeros((0, 128), np.float32)
+    return Keypoints((places + 0.5) / size, looks, size)
+
+
+def alike(one: Keypoints, other: Keypoints) -> Pairs:
+    """Return which keypoints look like each other, far more than like any third."""
+    if min(len(one.looks), len(other.looks)) < 2:
+        return np.zeros((0, 2), np.int64)
+    # Of looks whose squares are known, distances are a product.
+    squares = [(looks**2).sum(axis=1) for looks in (one.looks, other.looks)]
+    far = squares[0][:, None] + squares[1] - 2 * (one.looks @ other.looks.T)
+    rows = np.arange(len(far))
+    best = far.argmin(axis=1)
+    is_best = far.argmin(axis=0)[best] == rows
+    two = np.partition(far, 1, axis=1)[:, :2].clip(0.0)
+    kept = is_best & (two[:, 0] < KEYPOINT.ratio**2 * two[:, 1])
+    return np.column_stack((rows[kept], best[kept]))
+
+
+def of_one_scene(one: Points, other: Points) -> npt.NDArray[np.bool_]:
+    """Return which of some pairs, in pixels without distortion, have one epipolar geometry."""
+    none = np.zeros(len(one), np.bool_)
+    if len(one) < KEYPOINT.fewest:
+        return none
+    how = cv2.USAC_MAGSAC, KEYPOINT.error_px, KEYPOINT.probability, KEYPOINT.samples
+    try:
+        _, agree = cv2.findFundamentalMat(one, other, *how)
+    except cv2.error:  # of all samples none had a geometry
+        return none
+    return none if agree is None else agree.ravel() > 0
+
+
+@dataclass(frozen=True, eq=False)
+class LensView:
+    """A lens, and where it is."""
+
+    camera: Camera
+
+    @property
+    def base_lens(self) -> Matrix:
+        """Where the lens is in the base, (4, 4); looking along x if it is not known."""
+        return matrix(self.camera.mount) @ ROBOT_LENS if self.camera.mount else ROBOT_LENS
+
+
+@dataclass(frozen=True, eq=False)
+class KeypointView(LensView):
+    """An image by its keypoints."""
+
+    keypoints: Keypoints
+
+    @property
+    def scale(self) -> Floats:
+        """Units across and down for a length of 1 before the lens."""
+        width, height = self.keypoints.size_px
+        camera = self.camera
+        across, down = width / camera.width_px, height / camera.height_px
+        return np.array((camera.fx_px * across, camera.fy_px * down)) / KEYPOINT.unit_px
+
+    @cached_property
+    def rays(self) -> Floats:
+        """Of each keypoint, (n, 3), z is 1; NaN where it cannot be told."""
+        flat = rays_through(self.camera, self.keypoints.shares)
+        return np.column_stack((flat, np.ones(len(flat))))
+
+    def sight(self, other: 'KeypointView', moved: Matrix) -> Sight:
+        """Return what another view, moved so (4, 4) from this lens, saw of these keypoints."""
+        one, two = alike(self.keypoints, other.keypoints).T
+        seen = np.full((len(self.rays), 2), np.nan)
+        seen[one] = other.rays[two, :2]
+        return Sight(seen, moved, other.scale)
+
+    def sight_of_scene(self, other: 'KeypointView', moved: Matrix) -> Sight:
+        """Return the same, without what no one motion explains; `moved` is a guess."""
+        sight = self.sight(other, moved)
+        own, seen = self.rays[:, :2], sight.seen
+        known = np.flatnonzero(np.isfinite(seen).all(axis=1) & np.isfinite(own).all(axis=1))
+        pixels = (own[known] * self.scale, seen[known] * other.scale)
+        agree = of_one_scene(*(one * KEYPOINT.unit_px for one in pixels))
+        seen[np.setdiff1d(np.arange(len(seen)), known[agree])] = np.nan
+        return sight
 
 
 # In units of keypoints. Wide at first, since the guess is as far off as a field.

@@ -10,19 +10,28 @@ more from there: errors grow with the distance. Where the map keeps images, keyp
 again, from there on and finer.
 """
 
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
+from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, unshrunk
-from convseq_ros.core.geometry.lens import is_usable
-from convseq_ros.core.geometry.structure import measured, Sight, smoothed, Structure, triangulate
+from convseq_ros.core.geometry.displacement import Arranged, followed
+from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
+from convseq_ros.core.geometry.structure import (
+    DEPTH,
+    Floats,
+    measured,
+    Sight,
+    smoothed,
+    Structure,
+    triangulate,
+)
 from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
-from convseq_ros.core.pose.image_pose import ImagePoses
-from convseq_ros.core.pose.views import CellView, LensView
+from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.types import Camera, Candidate, Frame, Pose, RelativePose, Shift
@@ -46,6 +55,54 @@ class FAR:
     baselines: float = 0.6  # of the way to the first neighbour, beyond which regions are followed
     rounds: int = 3  # 2 are worse at night, 5 alike
     precision: Precision = Precision(sigmas=(0.3,) * 5, agreeing=0.6, fewest=40, alike=3)
+
+
+@dataclass(frozen=True, eq=False)
+class CellView(LensView):
+    """An image by its regions."""
+
+    regions: Arranged
+
+    @property
+    def scale(self) -> Floats:
+        """Cells across and down for a length of 1 before the lens."""
+        height, width = cell_px(self.camera, self.regions.side)
+        return np.array((self.camera.fx_px / width, self.camera.fy_px / height))
+
+    @cached_property
+    def rays(self) -> Floats:
+        """Of each region, (n, 3), z is 1; NaN where it cannot be told."""
+        side = self.regions.side
+        grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)
+        flat = rays(self.camera, grid, side)
+        return np.column_stack((flat, np.ones(len(flat))))
+
+    def sight(self, other: 'CellView', moved: Matrix) -> Sight:
+        """Return what another view, moved so (4, 4) from this lens, saw of these regions."""
+        went = self._went(other, moved, np.full(len(self.rays), DEPTH.usual_inverse_m))
+        down, across = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
+        return self.sight_from(other, moved, (round(down), round(across)))
+
+    def sight_of_followed(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Sight:
+        """Return the same, each region searched about where its inverse depth (n,) takes it."""
+        went = np.nan_to_num(self._went(other, moved, inverse_m))
+        places = followed(self.regions, other.regions, went)
+        return Sight(rays(other.camera, places, self.regions.side), moved, other.scale)
+
+    def _went(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Floats:
+        """Return by how many rows and columns regions of such inverse depths move, (n, 2)."""
+        own = self.rays
+        points = own @ moved[:3, :3].T + np.outer(inverse_m, moved[:3, 3])
+        flat = points[:, :2] / np.maximum(points[:, 2:], DEPTH.least_ahead)
+        return np.asarray((flat - own[:, :2]) * other.scale)[:, ::-1]
+
+    def sight_from(self, other: 'CellView', moved: Matrix, start: tuple[int, int]) -> Sight:
+        """Return the same, searched about rows and columns that everything moved."""
+        kernels, side = kernels_of('convseq_ros.core.geometry'), self.regions.side
+        found = kernels.displacements(self.regions, other.regions, start).astype(np.float64)
+        places = np.full((side**2, 2), np.nan)
+        places[(found[:, 0] * side + found[:, 1]).astype(int)] = found[:, :2] + found[:, 2:4]
+        return Sight(rays(other.camera, places, side), moved, other.scale)
 
 
 class RelativePoses:
