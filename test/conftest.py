@@ -3,12 +3,14 @@
 """What all tests share: a ROS that nobody else hears, and the data beside the repository."""
 
 import atexit
+import contextlib
 from importlib.machinery import PathFinder
 import os
 from pathlib import Path
 import shutil
 import sys
 import tempfile
+import warnings
 
 import hypothesis
 import pytest
@@ -39,6 +41,10 @@ def isolate_ros() -> None:
 
 prefer_installed()
 isolate_ros()
+# A library that message packages load at their first use is not clean itself.
+with contextlib.suppress(ImportError), warnings.catch_warnings():
+    warnings.simplefilter('ignore')
+    import rosidl_generator_py  # noqa: F401
 # What several tests share, and the bench; the package, before it, where it is installed.
 sys.path += [str(Path(__file__).parent), str(REPOSITORY)]
 # How long an example takes, to be drawn or to run, says more of the machine than of us.

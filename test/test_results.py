@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The result table."""
 
-import time
-
 from convseq_ros.core.types import (
     Anchor,
     Candidate,
@@ -17,6 +15,7 @@ from convseq_ros.core.types import (
 from convseq_ros.errors import SourceError
 from convseq_ros.results import complete_or_absent, read_results, ResultWriter
 import numpy as np
+from programs import wait_for
 import pytest
 
 SURE = RelativePose(
@@ -106,10 +105,7 @@ def test_a_row_waits_for_the_disk_though_nothing_comes_after_it(tmp_path, monkey
     table = ResultWriter(tmp_path / 'result.csv')
     for count in (1, 2):
         table.write(ACCEPTED, 1.0)
-        until_s = time.monotonic() + 60
-        while len(synced) < count:
-            assert time.monotonic() < until_s
-            time.sleep(0.001)
+        wait_for(lambda count=count: len(synced) >= count)
     table.close()
     assert len(synced) == 4  # and the table before it has its name, and its folder then
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording of two cameras, for whoever asks for it."""
 
-import cv2
 import numpy as np
+from pictures import picture
 
 TOPICS, DEPTH = ('/front/image', '/rear/image'), '/front/depth'
 COUNT, STEP_NS = 24, 100_000_000
@@ -16,12 +16,7 @@ def record_two_cameras(path, start=0):
 
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = store.types
-    pictures = [
-        cv2.GaussianBlur(
-            np.random.default_rng(start + number).integers(0, 256, (60, 80), np.uint8), (5, 5), 1
-        )
-        for number in range(COUNT)
-    ]
+    pictures = [picture(start + number) for number in range(COUNT)]
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         kind = 'sensor_msgs/msg/Image'
         to = {one: writer.add_connection(one, kind, typestore=store) for one in (*TOPICS, DEPTH)}

@@ -14,8 +14,8 @@ import time
 from convseq_ros.cli import COMMANDS, main, MOVED
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
-import cv2
 import numpy as np
+from pictures import written
 from programs import run
 import pytest
 
@@ -29,16 +29,9 @@ def image(place):
     return (coarse + rng.integers(0, 128, (96, 128))).astype(np.uint8)
 
 
-def draw(folder, places):
-    folder.mkdir(parents=True)
-    for index, place in enumerate(places):
-        cv2.imwrite(str(folder / f'{index:04}.png'), image(place))
-    return folder
-
-
 @pytest.fixture(scope='module')
 def drive(tmp_path_factory):
-    return draw(tmp_path_factory.mktemp('data') / 'drive', range(COUNT))
+    return written(tmp_path_factory.mktemp('data') / 'drive', map(image, range(COUNT)))
 
 
 @pytest.fixture(scope='module')
@@ -144,7 +137,7 @@ def test_without_a_command_all_of_them_are_listed(capsys):
 
 
 def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
-    folder = draw(tmp_path / 'drive', range(3))
+    folder = written(tmp_path / 'drive', map(image, range(3)))
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
@@ -200,7 +193,8 @@ def _hear_sigint():
 
 
 def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
-    folder, path = draw(tmp_path / 'drive', range(800)), tmp_path / 'map.db'
+    folder = written(tmp_path / 'drive', map(image, range(800)))
+    path = tmp_path / 'map.db'
     with subprocess.Popen(
         [*START, 'build-map', str(folder), str(path)],
         stderr=subprocess.PIPE,

@@ -6,8 +6,7 @@ import hashlib
 import json
 
 from convseq_ros.cli import main
-import cv2
-import numpy as np
+from pictures import picture, written
 import pytest
 
 OPTIONS = ['--image-size-px', '128']
@@ -16,11 +15,7 @@ OPTIONS = ['--image-size-px', '128']
 @pytest.fixture
 def street(tmp_path):
     """Return the file of a data set of eight noisy images that are their own references."""
-    (tmp_path / 'images').mkdir()
-    noise = np.random.default_rng(0)
-    for index in range(8):
-        image = cv2.GaussianBlur(noise.integers(0, 256, (96, 96), np.uint8), (0, 0), 1.5)
-        cv2.imwrite(str(tmp_path / 'images' / f'{index}.png'), image)
+    written(tmp_path / 'images', map(picture, range(8)))
     path = tmp_path / 'street.yaml'
     path.write_text('query: {path: images}\nreference: {path: images}\ntruth: {kind: identity}\n')
     return path

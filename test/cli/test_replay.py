@@ -8,8 +8,8 @@ from convseq_ros.cli import main
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
 from convseq_ros.sources import open_source
-import cv2
 import numpy as np
+from pictures import picture, written
 import pytest
 from two_cameras import COUNT, record_two_cameras, TOPICS
 
@@ -20,19 +20,9 @@ ONLINE = (
 )  # fmt: skip
 
 
-def draw(path, places):
-    """Write pictures, one every 0.1 s; a place looks alike whenever it is seen."""
-    path.mkdir()
-    for number, place in enumerate(places):
-        rng = np.random.default_rng(place)
-        picture = cv2.GaussianBlur(rng.integers(0, 256, (60, 80), np.uint8), (5, 5), 1.0)
-        cv2.imwrite(str(path / f'{number:03}.png'), picture)
-    return path
-
-
 @pytest.fixture
 def two_rounds(tmp_path):
-    return draw(tmp_path / 'rounds', [*range(ROUND), *range(ROUND)])
+    return written(tmp_path / 'rounds', map(picture, [*range(ROUND), *range(ROUND)]))
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from convseq_ros.evaluation.data_set import open_data_set
 from convseq_ros.evaluation.material import open_material
 import cv2
 import numpy as np
+from pictures import written
 import pytest
 
 SIDE_PX = 128
@@ -47,12 +48,6 @@ def views(count=COUNT, seed=0, start=0, noise=0.0):
         view = texture[:, left : left + SIDE_PX].astype(float)
         view += generator.normal(0, noise, view.shape) if noise else 0
         yield np.clip(view, 0, 255).astype(np.uint8)
-
-
-def write_images(folder, images):
-    folder.mkdir(parents=True)
-    for index, image in enumerate(images):
-        cv2.imwrite(str(folder / f'{index:03d}.png'), image)
 
 
 @dataclass(frozen=True)
@@ -87,8 +82,8 @@ def quick():
 
 @pytest.fixture
 def street(tmp_path):
-    write_images(tmp_path / 'reference', views())
-    write_images(tmp_path / 'query', views(start=3, noise=4.0))
+    written(tmp_path / 'reference', views())
+    written(tmp_path / 'query', views(start=3, noise=4.0))
     made = Street(tmp_path, tmp_path / 'street.yaml')
     made.write(CLOSED_SET)
     return made
@@ -98,7 +93,7 @@ def street(tmp_path):
 def loop(tmp_path):
     """Return a drive twice round the same way, to be matched against its own past."""
     images = [*views(12), *views(12, noise=3.0, start=2)]
-    write_images(tmp_path / 'drive', images)
+    written(tmp_path / 'drive', images)
     (tmp_path / 'loops.csv').write_text(
         'query,reference\n' + ''.join(f'{index},{index - 12}\n' for index in range(12, 24))
     )

@@ -10,11 +10,11 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.fleet.cluster import Cluster, connected
 from convseq_ros.sources import open_source
-import cv2
 import numpy as np
+from pictures import picture, written
 import pytest
 
-FRAMES, DRIVEN = 8, 20
+FRAMES = 20
 SETTINGS = '--keyframe-overlap', '1'
 
 
@@ -35,38 +35,25 @@ def recordings(tmp_path_factory) -> Path:
     """Return a folder of three folders of pictures, of other places each."""
     folder = tmp_path_factory.mktemp('recordings')
     for drive in range(3):
-        (folder / f'drive_{drive}').mkdir()
-        for number in range(FRAMES):
-            rng = np.random.default_rng(100 * drive + number)
-            picture = cv2.GaussianBlur(rng.integers(0, 256, (60, 80), np.uint8), (5, 5), 1.0)
-            cv2.imwrite(str(folder / f'drive_{drive}' / f'{number:03}.png'), picture)
+        places = range(100 * drive, 100 * drive + FRAMES)
+        written(folder / f'drive_{drive}', map(picture, places))
     return folder
 
 
 @pytest.fixture(scope='session')
-def drives(tmp_path_factory):
-    """Return a folder of three drives, their maps, one map of all, and a drive past two again."""
-    folder, maps = tmp_path_factory.mktemp('drives'), tmp_path_factory.mktemp('maps')
-    again = tmp_path_factory.mktemp('again')
-    one, number = maps / 'all' / 'one.db', 0
+def drives(recordings, tmp_path_factory):
+    """Return a folder of three maps, one map of all, and a drive past two of them again."""
+    maps, rng = tmp_path_factory.mktemp('maps'), np.random.default_rng(0)
+    one = maps / 'all' / 'one.db'
     one.parent.mkdir()
     for drive in range(3):
-        (folder / str(drive)).mkdir()
-        for place in range(DRIVEN):
-            rng = np.random.default_rng(100 * drive + place)
-            picture = cv2.GaussianBlur(rng.integers(0, 256, (60, 80), np.uint8), (5, 5), 1.0)
-            cv2.imwrite(str(folder / str(drive) / f'{place:03}.png'), picture)
-            # Past the second at its speed, then past the third twice as fast.
-            if drive == 1 or (drive == 2 and place % 2):
-                noise = rng.normal(0, 12, picture.shape)
-                noisy = np.clip(picture + noise, 0, 255).astype(np.uint8)
-                cv2.imwrite(str(again / f'{number:03}.png'), noisy)
-                number += 1
-        name = str(folder / str(drive))
-        append = ['--append'] if drive else []
+        name, append = str(recordings / f'drive_{drive}'), ['--append'] if drive else []
         assert main(['build-map', name, str(maps / f'map_{drive}.db'), *SETTINGS]) == 0
         assert main(['build-map', name, str(one), *SETTINGS, *append]) == 0
-    return maps, one, again
+    # Past the second at its speed, then past the third twice as fast.
+    shown = map(picture, [*range(100, 100 + FRAMES), *range(201, 200 + FRAMES, 2)])
+    noisy = (np.clip(one + rng.normal(0, 12, one.shape), 0, 255).astype(np.uint8) for one in shown)
+    return maps, one, written(tmp_path_factory.mktemp('again') / 'drive', noisy)
 
 
 @pytest.fixture(scope='session')

@@ -15,16 +15,10 @@ from convseq_ros.fleet import link as module
 from convseq_ros.fleet.cluster import Cluster
 from convseq_ros.fleet.link import FleetLink, serve
 from convseq_ros.sources import open_source
+from programs import wait_for
 import pytest
 
 CAMERAS = '/front', '/rear'
-
-
-def wait_for(condition, timeout_s=60):
-    until = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.01)
 
 
 @pytest.fixture

@@ -53,7 +53,7 @@ def test_a_fleet_answers_as_the_merged_map_does_and_every_verb_keeps_vectors(
 ):
     model = '--descriptor-model', net
     every = np.concatenate([vectors(path) for path in sorted(maps.glob('*.db'))])
-    assert every.shape == (24, 64) and np.array_equal(vectors(merged), every)
+    assert every.shape == (60, 64) and np.array_equal(vectors(merged), every)
 
     query, said = recordings / 'drive_1', []
     for name, asked in (
@@ -64,7 +64,7 @@ def test_a_fleet_answers_as_the_merged_map_does_and_every_verb_keeps_vectors(
         said.append(read_results(tmp_path / name))
         for row in said[-1]:
             del row['duration_ms']
-    assert said[0] == said[1] and len(said[0]) == 8
+    assert said[0] == said[1] and len(said[0]) == 20
 
     parts = tmp_path / 'parts'
     assert run('map', 'split', merged, '-o', parts) == 0
@@ -73,7 +73,7 @@ def test_a_fleet_answers_as_the_merged_map_does_and_every_verb_keeps_vectors(
     shutil.copy(merged, tmp_path)
     assert run('map', 'rename', tmp_path / merged.name, '--session', 0, 'first') == 0
     assert run('map', 'remove', tmp_path / merged.name, '--session', 'first') == 0
-    assert np.array_equal(vectors(tmp_path / merged.name), every[8:])
+    assert np.array_equal(vectors(tmp_path / merged.name), every[20:])
 
 
 def test_locate_asks_by_the_model_of_the_map_or_by_what_is_built_in(
@@ -84,6 +84,6 @@ def test_locate_asks_by_the_model_of_the_map_or_by_what_is_built_in(
     for model in ([], ['--descriptor-model', net]):
         assert run(*locate, *model) == 0
         said = json.loads(capsys.readouterr().out)
-        assert said['place'] == 8 + 5, said
+        assert said['place'] == 20 + 5, said
     assert run(*locate, '--descriptor-model', made(tmp_path / 'other.onnx', numbers=32)) == 1
     assert 'descriptor_model' in capsys.readouterr().err

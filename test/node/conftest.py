@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 from typing import Any
-import warnings
 
 from convseq_ros.config import EVERY_FRAME
 from convseq_ros.core.encoding.descriptor import describe
@@ -26,10 +25,6 @@ import pytest
 
 if find_spec('rclpy') is None:
     collect_ignore_glob = ['test_*.py']
-# A library that message packages load at their first use is not clean itself.
-with contextlib.suppress(ImportError), warnings.catch_warnings():
-    warnings.simplefilter('ignore')
-    import rosidl_generator_py  # noqa: F401
 
 # Fast DDS makes itself known in its first half second, then every 3 s, and asks every 3 s what has
 # not arrived; here it shall be sooner.

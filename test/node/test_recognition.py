@@ -4,7 +4,6 @@
 
 from pathlib import Path
 import shutil
-import time
 from unittest.mock import Mock
 
 from convseq_ros.config import make_config
@@ -17,6 +16,7 @@ from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results
 import numpy as np
+from programs import wait_for
 import pytest
 
 STEP_NS = 100_000_000
@@ -125,10 +125,7 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
     assert not whole.is_linked
     setup.recognition.link()
     setup.handle(image(gray, 1), 0)
-    deadline_s = time.monotonic() + 60
-    while not whole.is_linked:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
+    wait_for(lambda: whole.is_linked)
     setup.recognition.close()
     told = [call.args[0] for call in setup.logger.info.call_args_list]
     assert told[0].startswith(f'linking 25 places of {path}') and len(told) == 11

@@ -3,11 +3,11 @@
 """The worker's queue is bounded in length and time, its order kept, its end prompt."""
 
 import threading
-import time
 from types import SimpleNamespace
 import weakref
 
 from convseq_ros.node.worker import Worker
+from programs import wait_for
 import pytest
 
 LIMIT_S = 10
@@ -19,13 +19,6 @@ def gate():
     event = threading.Event()
     yield event
     event.set()
-
-
-def settled(condition):
-    deadline_s = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.001)
 
 
 @pytest.fixture
@@ -42,7 +35,7 @@ def busy(gate):
         worker = Worker(handle, *limits, **more)
         worker.start()
         worker.put(0, size)
-        settled(lambda: handled == [0])
+        wait_for(lambda: handled == [0])
         return worker, handled
 
     return make
@@ -56,12 +49,12 @@ def test_what_waits_is_bounded_in_bytes_and_the_newest_stays(busy, gate):
     worker.put(6, 1000)
     assert (worker.waiting, worker.dropped) == (1, 5)
     gate.set()
-    settled(lambda: len(handled) == 2)
+    wait_for(lambda: len(handled) == 2)
     assert handled == [0, 6]
     # What was taken holds no room any more.
     gate.clear()
     worker.put(7, 4)
-    settled(lambda: handled[-1] == 7)
+    wait_for(lambda: handled[-1] == 7)
     worker.put(8, 5)
     worker.put(9, 5)
     assert worker.waiting == 2
@@ -73,7 +66,7 @@ def test_the_oldest_items_are_dropped_and_counted(busy, gate):
         worker.put(item)
     assert (worker.waiting, worker.dropped) == (3, 4)
     gate.set()
-    settled(lambda: len(handled) == 4)
+    wait_for(lambda: len(handled) == 4)
     assert handled == [0, 5, 6, 7]
     assert worker.stop(LIMIT_S)
 
@@ -105,7 +98,7 @@ def test_what_waits_for_too_long_gives_way_to_what_follows_evenly(clock):
     worker = Worker(handle, 1000, max_wait_s=0.2)
     come()
     worker.start()
-    settled(lambda: len(handled) + worker.dropped == 150)
+    wait_for(lambda: len(handled) + worker.dropped == 150)
     assert worker.stop(LIMIT_S)
     assert worker.dropped > 75
     # The first wait longer and longer; then two of three give way; the last has none behind it.
@@ -123,7 +116,7 @@ def test_the_newest_item_is_handled_however_long_it_waited(busy, gate, clock):
     worker.put(2)
     clock.ms = 50
     gate.set()
-    settled(lambda: len(handled) == 2)
+    wait_for(lambda: len(handled) == 2)
     assert handled == [0, 2] and worker.dropped == 1
     assert worker.stop(LIMIT_S)
 
@@ -133,7 +126,7 @@ def test_an_action_comes_after_the_item_at_hand_and_before_the_next(busy, gate):
     worker.put('second')
     worker.between_items(lambda: handled.append('action'))
     gate.set()
-    settled(lambda: len(handled) == 3)
+    wait_for(lambda: len(handled) == 3)
     assert handled == [0, 'action', 'second']
     assert worker.stop(LIMIT_S)
 
@@ -159,7 +152,7 @@ def test_an_item_that_was_handled_is_let_go_before_the_next_comes():
     worker.put(item)
     del item
     worker.start()
-    settled(lambda: handled and gone() is None)
+    wait_for(lambda: handled and gone() is None)
     assert worker.stop(LIMIT_S)
 
 
@@ -173,11 +166,11 @@ def test_items_that_wait_are_handled_together_as_many_as_are_allowed(gate):
     worker = Worker(handle, 9, together=lambda: together)
     worker.start()
     worker.put(0)
-    settled(lambda: handled == [(0,)])
+    wait_for(lambda: handled == [(0,)])
     together = 3
     for item in range(1, 6):
         worker.put(item)
     gate.set()
-    settled(lambda: len(handled) == 3)
+    wait_for(lambda: len(handled) == 3)
     assert handled == [(0,), (1, 2, 3), (4, 5)] and worker.dropped == 0
     assert worker.stop(LIMIT_S)

@@ -1,0 +1,23 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Grey pictures of places, each unlike all others, and folders of them."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+
+def picture(place: int) -> np.ndarray:
+    """Return what a place looks like, (60, 80)."""
+    noise = np.random.default_rng(place).integers(0, 256, (60, 80), np.uint8)
+    return cv2.GaussianBlur(noise, (5, 5), 1.0)
+
+
+def written(folder: Path, pictures: Iterable[np.ndarray]) -> Path:
+    """Write pictures into a folder that is made for them, in their order; return the folder."""
+    folder.mkdir(parents=True)
+    for number, gray in enumerate(pictures):
+        cv2.imwrite(str(folder / f'{number:03}.png'), gray)
+    return folder
