@@ -8,8 +8,15 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.errors import SourceError
 from convseq_ros.evaluation.data_set import DataSet, Part
 from convseq_ros.evaluation.drive import describe_drive, Drive, Images
-from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
-from convseq_ros.evaluation.truth_file import read_pairs, read_positions
+from convseq_ros.evaluation.truth import (
+    listed,
+    of_the_past,
+    read_pairs,
+    read_positions,
+    same_index,
+    Truth,
+    within_radius,
+)
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.pose_track import PoseTrack
 from convseq_ros.sources.recording import read_poses

@@ -15,18 +15,19 @@ from pathlib import Path
 import time
 
 from convseq_ros.baselines import seqslam
-from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
-from convseq_ros.errors import ConfigError
+from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
+from convseq_ros.files import read_array
 from convseq_ros.onnx_model import OnnxModel
 from convseq_ros.parameter import refuse_retired, Value
+from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
 
@@ -141,6 +142,48 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
     return peers.peer_scores(material, name, config.reading)
+
+
+def read_scores(
+    path: Path,
+    queries: int,
+    references: int,
+    lower_is_better: bool = False,
+    reading: ReadingConfig = ReadingConfig(),
+) -> npt.NDArray[np.float32]:
+    """Return the pair scores in a .npy file, (queries, references), higher is more similar."""
+    scores = _numbers_in(path, reading)
+    if scores.shape != (queries, references):
+        found = ' x '.join(map(str, scores.shape))
+        advice = '; transpose it' if scores.shape == (references, queries) else ''
+        raise SourceError(
+            f'{path}: a matrix of {found} scores for {queries} queries and {references} '
+            f'references; expected query by reference{advice}'
+        )
+    return -scores if lower_is_better else scores
+
+
+def read_descriptors(
+    path: Path, count: int, reading: ReadingConfig = ReadingConfig()
+) -> npt.NDArray[np.float32]:
+    """Return one descriptor for each image, (N, D); SourceError for other counts, or NaN."""
+    rows = _numbers_in(path, reading)
+    if rows.ndim < 2 or len(rows) != count:
+        raise SourceError(
+            f'{path}: an array of shape {rows.shape} for {count} images; expected one row for each'
+        )
+    return rows.reshape(count, -1)
+
+
+def _numbers_in(path: Path, reading: ReadingConfig) -> npt.NDArray[np.float32]:
+    try:
+        numbers = np.asarray(read_array(path, reading), np.float32)
+    except (TypeError, ValueError):
+        raise SourceError(f'{path}: not a .npy file of plain numbers; save one') from None
+    if not np.isfinite(numbers).all():
+        where = ', '.join(map(str, np.argwhere(~np.isfinite(numbers))[0]))
+        raise SourceError(f'{path}: holds NaN or infinity, first at [{where}]; compute it again')
+    return numbers
 
 
 def _given_scores(material: Material, name: MethodName, config: Config) -> PairScores:

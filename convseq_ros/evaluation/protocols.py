@@ -21,7 +21,14 @@ from convseq_ros.evaluation.given_scores import (
 from convseq_ros.evaluation.material import Material
 from convseq_ros.evaluation.methods import Method
 from convseq_ros.evaluation.peers import matches_of
-from convseq_ros.evaluation.recognition import part_of, Recognition, recognize, Scores, Span
+from convseq_ros.evaluation.recognition import (
+    part_of,
+    Recognition,
+    recognize,
+    renumbered,
+    Scores,
+    Span,
+)
 import numpy as np
 import numpy.typing as npt
 
@@ -43,16 +50,7 @@ class Outcome:
     query: Drive
     pairs: PairScores  # of single frames
     frame_ms: float | None  # median time of a frame, if it was measured
-    durations_ms: Sequence[float] | None  # the same of every frame, with the whole map
-
-
-@dataclass(frozen=True)
-class _Answers:
-    """What a method answered with one part of the map."""
-
-    matches: list[Match]
-    scores: SequenceScores  # (Q, R); -inf outside the part
-    durations_ms: Sequence[float] | None = None
+    durations_ms: Sequence[float]  # the same of every frame, with the whole map; or none
 
 
 def ask(
@@ -87,14 +85,14 @@ def ask(
     return Outcome(
         protocol,
         [match for one in answers for match in one.matches],
-        np.concatenate([one.scores for one in answers]),
+        np.concatenate([one.rows for one in answers]),
         np.concatenate(rights),
         np.concatenate([material.truth.slip] * len(spans)),
         [half for half in spans for _ in range(len(query))],
         query,
         pairs,
         _frame_ms(answers, pairs, protocol),
-        answers[0].durations_ms if protocol != OPEN else None,
+        answers[0].durations_ms if protocol != OPEN else [],
     )
 
 
@@ -108,8 +106,8 @@ def kept_halves(count: int, keep: float | None = None) -> Mapping[str, Span]:
 
 def _ranked(
     material: Material, method: Method, found: Recognition, rows: Scores, span: Span
-) -> _Answers:
-    """Return the recogniser's answers with sequence scores by some rows, of a part of the map."""
+) -> Recognition:
+    """Return the recogniser's answers with sequence scores, -inf outside a part of the map."""
     query, _ = material.drives(method.config.encoding)
     first, last = span
     lengths = [match.sequence_length for match in found.matches]
@@ -117,12 +115,12 @@ def _ranked(
     scores[:, first:last] = rank_references(
         rows[:, first:last], query, lengths, partial_windows=method.config.believes
     )
-    return _Answers(found.matches, scores, found.durations_ms)
+    return replace(found, rows=scores)
 
 
 def _of_part(
     material: Material, method: Method, pairs: PairScores, rows: Scores, span: Span
-) -> _Answers:
+) -> Recognition:
     if method.kind.recognizer:
         found = recognize(material, method.config, span)
         return _ranked(material, method, found, rows, span)
@@ -137,11 +135,12 @@ def _of_part(
     else:
         given = query, part, method.config, pairs.scorer, method.kind.forward
         answers, scores[:, first:last] = answers_to(kept, *given)
-    return _Answers([_moved(match, first) for match in answers], scores)
+    matches = [renumbered(one, lambda one: one.reference_index + first) for one in answers]
+    return Recognition(matches, [], scores)
 
 
-def _frame_ms(answers: Sequence[_Answers], pairs: PairScores, protocol: str) -> float | None:
-    durations = [one for part in answers for one in part.durations_ms or ()]
+def _frame_ms(answers: Sequence[Recognition], pairs: PairScores, protocol: str) -> float | None:
+    durations = [one for part in answers for one in part.durations_ms]
     if not durations:
         if pairs.encode_ms is None or pairs.row_ms is None:
             return None
@@ -154,10 +153,3 @@ def _past_only(scores: Scores, past: int) -> Scores:
     """Return scores (Q, Q) of a drive with itself, NaN where a frame is not long past."""
     index = np.arange(len(scores))
     return np.where(index[None] <= index[:, None] - past, scores, np.nan).astype(scores.dtype)
-
-
-def _moved(match: Match, offset: int) -> Match:
-    candidates = tuple(
-        replace(one, reference_index=one.reference_index + offset) for one in match.candidates
-    )
-    return replace(match, candidates=candidates)

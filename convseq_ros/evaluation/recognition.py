@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recogniser itself over a data set, as `convseq replay` runs it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import time
 
@@ -82,7 +82,7 @@ def recognize(material: Material, config: Config, span: Span | None = None) -> R
         if newest is not None:
             usable = reference_map.places[: len(newest)]
             row[[number[place.stamp_ns] for place in usable]] = newest
-        matches.append(_numbered(match, number))
+        matches.append(renumbered(match, lambda one: number[one.reference_stamp_ns]))
     return Recognition(matches, durations, rows)
 
 
@@ -94,9 +94,7 @@ def _online(material: Material, config: Config) -> Config:
     return with_known(config, {'mode': 'online', 'exclusion_s': (recent - 0.5) * step_s})
 
 
-def _numbered(match: types.Match, number: Mapping[int, int]) -> types.Match:
-    """Return an answer whose references are frames of the whole drive."""
-    candidates = tuple(
-        replace(one, reference_index=number[one.reference_stamp_ns]) for one in match.candidates
-    )
+def renumbered(match: types.Match, number: Callable[[types.Candidate], int]) -> types.Match:
+    """Return an answer whose references have other numbers."""
+    candidates = tuple(replace(one, reference_index=number(one)) for one in match.candidates)
     return replace(match, candidates=candidates)

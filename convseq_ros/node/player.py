@@ -23,7 +23,7 @@ from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.node.conversions import image_message, stamp_from_ns
 from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources import open_source, Source
-from convseq_ros.sources.recording import messages_of, Recording
+from convseq_ros.sources.recording import Recording, TopicMessages
 from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES, RawMessage, STAMP_END
 from nav_msgs.msg import Odometry
 import rclpy
@@ -70,9 +70,7 @@ def images_of(source: Source) -> Iterator[Cue]:
             yield Cue(frame.stamp_ns, _IMAGE, image)
 
 
-def cues_of(
-    source: Source, start_s: float, sides: dict[str, Iterator[RawMessage]]
-) -> Iterator[Cue]:
+def cues_of(source: Source, start_s: float, sides: dict[str, TopicMessages]) -> Iterator[Cue]:
     """Yield the images from a second on, and, from a second before the first, what is beside."""
     images = images_of(source)
     begin_ns: int | None = None
@@ -87,7 +85,7 @@ def cues_of(
     yield from heapq.merge(*beside, chain((first,), rest), key=lambda cue: cue.stamp_ns)
 
 
-def _beside(what: str, messages: Iterator[RawMessage], begin_ns: int) -> Iterator[Cue]:
+def _beside(what: str, messages: TopicMessages, begin_ns: int) -> Iterator[Cue]:
     """Yield the messages from a time on, and the last before it, which may still hold."""
     last: Cue | None = None
     for message in messages:
@@ -145,13 +143,14 @@ class Player(Node):
             Clock, '/clock', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
 
-    def _messages_beside(self) -> dict[str, Iterator[RawMessage]]:
+    def _messages_beside(self) -> dict[str, TopicMessages]:
         """Return the messages of other topics that are played; SourceError if one is not there."""
-        chosen, reading, found = self._options, chosen_reading(self._options), {}
+        chosen, reading = self._options, chosen_reading(self._options)
+        found = dict[str, TopicMessages]()
         for what, (_, types) in _SIDES.items():
             if topic := getattr(chosen, what):
                 sought = topic, types, '--' + what.replace('_', '-'), reading
-                found[what] = messages_of(chosen.recording, *sought)[1]
+                found[what] = TopicMessages(chosen.recording, *sought)
         return found
 
     def play(self) -> None:

@@ -81,8 +81,7 @@ def _read(picture: Path, reading: ReadingConfig) -> Depth:
 class DepthTopic:
     """Depth images of messages by their stamps; what is damaged is left out, with a warning."""
 
-    messages: Callable[[], Iterable[Any]]
-    topic: str
+    messages: Any  # of a topic, in order, each time anew
     reading: ReadingConfig
     warnings: list[str]
 
@@ -93,7 +92,7 @@ class DepthTopic:
     def __call__(self, index: int, stamp_ns: int) -> Depth | None:
         """Return the depth image whose stamp is nearest, within reach; frames come in order."""
         if not index:
-            self._coming = iter(self.messages())
+            self._coming = iter(self.messages)
             self._waiting.clear()
         while not self._waiting or self._waiting[-1][0] < stamp_ns:
             if (message := next(self._coming, None)) is None:
@@ -103,6 +102,8 @@ class DepthTopic:
         try:
             return None if found is None else decode_depth(found.decode(), self.reading)
         except ImageError as error:
-            if (line := f'{self.topic}: {error}; its frame has no depth') not in self.warnings:
+            if (
+                line := f'{self.messages.chosen.name}: {error}; its frame has no depth'
+            ) not in self.warnings:
                 self.warnings.append(line)
             return None

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
 import sys
-from typing import NamedTuple
 
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
@@ -30,17 +29,40 @@ from convseq_ros.sources.topics import (
 DECODERS = dict(zip(IMAGE_TYPES, (image_pixels, compressed_pixels), strict=True))
 
 
+class TopicMessages:
+    """
+    The messages of a topic of a recording, chosen by `choose_topic`, in order, each time anew.
+
+    SourceError if there is no such topic; while iterating, if the recording is damaged.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topic: str,
+        types: tuple[str, ...],
+        option: str,
+        reading: ReadingConfig = ReadingConfig(),
+    ) -> None:
+        self.storages, self.warnings = open_storage(path, reading)
+        topics = merge_topics(storage.topics for storage in self.storages)
+        self.chosen = choose_topic(path, topics, topic, types, option)
+
+    def __iter__(self) -> Iterator[RawMessage]:
+        for storage in self.storages:
+            for message in storage.messages(self.chosen.name):
+                if message.type_name == self.chosen.type_name:
+                    yield message
+
+
 class Recording:
     """
     The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
 
-    The path is a folder that a recorder wrote, or a .mcap, .db3 or .bag file; the image topic may
-    be left out if there is only one. Nothing is held in memory, and every iteration starts anew. A
-    message that cannot be decoded gives a frame without an image that says why. `warnings` are
-    what a user should know, one line each; they grow while the recording is read.
-
-    SourceError if there is no recording, or no image topic, or several to choose from; while
-    iterating, if the file is damaged further on.
+    The path is a folder that a recorder wrote, or a .mcap, .db3 or .bag file. Nothing is held in
+    memory. A message that cannot be decoded gives a frame without an image that says why.
+    `warnings` are what a user should know, one line each; they grow while the recording is read.
+    SourceError as of `TopicMessages`.
     """
 
     pose_frame = ''
@@ -48,16 +70,12 @@ class Recording:
     def __init__(
         self, path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
     ) -> None:
-        self._path = path
-        self._reading = reading
-        self._storages, self.warnings = open_storage(path, reading)
-        topics = merge_topics(storage.topics for storage in self._storages)
-        chosen = choose_topic(path, topics, topic, IMAGE_TYPES, '--topic')
-        self.name = path.resolve().name
-        self.topic = chosen.name
-        self.type_name = chosen.type_name
-        self._count = min(chosen.count, sys.maxsize)
-        for storage in self._storages:
+        self._path, self._reading = path, reading
+        self._found = TopicMessages(path, topic, IMAGE_TYPES, '--topic', reading)
+        self.name, self.warnings = path.resolve().name, self._found.warnings
+        self.topic, self.type_name = self._found.chosen.name, self._found.chosen.type_name
+        self._count = min(self._found.chosen.count, sys.maxsize)
+        for storage in self._found.storages:
             if storage.damage:
                 saved = storage.topics.get(self.topic)
                 count = saved.count if saved else 0
@@ -87,11 +105,9 @@ class Recording:
 
     def _raw_messages(self) -> Iterator[RawMessage]:
         count = 0
-        for storage in self._storages:
-            for message in storage.messages(self.topic):
-                if message.type_name == self.type_name:
-                    count += 1
-                    yield message
+        for message in self._found:
+            count += 1
+            yield message
         if not count:
             raise SourceError(
                 f'{self._path}: none of the {self._count} images of {self.topic} that its index '
@@ -108,23 +124,18 @@ class Recording:
             self.warnings.append(text)
 
 
-class Poses(NamedTuple):
-    """Poses by their stamps in nanoseconds, in order of time, and the frame that they are in."""
-
-    stamped: list[tuple[int, Pose]]
-    frame: str = ''  # if other recordings may have poses in the same
-
-
 def read_poses(
     path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
 ) -> list[tuple[int, Pose]]:
     """Return what `read_poses_in` does, without their frame."""
-    return read_poses_in(path, topic, reading).stamped
+    return read_poses_in(path, topic, reading)[0]
 
 
-def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Poses:
+def read_poses_in(
+    path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()
+) -> tuple[list[tuple[int, Pose]], str]:
     """
-    Return the poses of a topic of odometry, of poses or of satellite fixes.
+    Return the poses of a topic by their stamps, and their frame, if others may be in it, or ''.
 
     It is of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped, and
     may be left out if there is only one; or of sensor_msgs/NavSatFix, as `local_poses` takes it. A
@@ -132,19 +143,20 @@ def read_poses_in(path: Path, topic: str = '', reading: ReadingConfig = ReadingC
     not finite are left out. SourceError if there is no such topic, no usable pose, or the
     recording is damaged.
     """
-    chosen, messages = messages_of(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
+    messages = TopicMessages(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
     found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))
     if not found:
-        raise SourceError(f'{path}: no pose of {chosen} is whole and finite; choose another topic')
+        name = messages.chosen.name
+        raise SourceError(f'{path}: no pose of {name} is whole and finite; choose another topic')
     fixes = [one for one in found if isinstance(one, Fix)]
     if fixes:
-        return Poses(*local_poses(fixes))
-    return Poses([one for one in found if not isinstance(one, Fix)])
+        return local_poses(fixes)
+    return [one for one in found if not isinstance(one, Fix)], ''
 
 
 def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Camera:
     """Return the first calibrated camera of a topic, or of the only one; SourceError if none."""
-    chosen, messages = messages_of(path, topic, CAMERA_TYPES, '--camera-info', reading)
+    messages = TopicMessages(path, topic, CAMERA_TYPES, '--camera-info', reading)
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
@@ -154,27 +166,7 @@ def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
             continue
         if camera:
             return camera
-    raise SourceError(f'{path}: no camera of {chosen} can be used: {problem}')
-
-
-def messages_of(
-    path: Path,
-    topic: str,
-    types: tuple[str, ...],
-    option: str,
-    reading: ReadingConfig = ReadingConfig(),
-) -> tuple[str, Iterator[RawMessage]]:
-    """Return the name of a topic, chosen by `choose_topic`, and its messages in order."""
-    storages, _ = open_storage(path, reading)
-    topics = merge_topics(storage.topics for storage in storages)
-    chosen = choose_topic(path, topics, topic, types, option)
-    messages = (
-        message
-        for storage in storages
-        for message in storage.messages(chosen.name)
-        if message.type_name == chosen.type_name
-    )
-    return chosen.name, messages
+    raise SourceError(f'{path}: no camera of {messages.chosen.name} can be used: {problem}')
 
 
 def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:

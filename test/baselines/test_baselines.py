@@ -6,7 +6,6 @@ from itertools import pairwise
 
 from convseq_ros.baselines.local_features import COUNT, inliers, mutual_matches, orb, root_sift
 from convseq_ros.baselines.loop_detector import detect, Detection, islands
-from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.baselines.seqslam import (
     differences,
     enhanced,
@@ -17,7 +16,7 @@ from convseq_ros.baselines.vlad import learnt_centres, means, nearest, vlad
 from convseq_ros.baselines.vocabulary import bag_scores, signs, Vocabulary
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.methods import cosine_scores
+from convseq_ros.evaluation.methods import cosine_scores, read_descriptors, read_scores
 import cv2
 from hypothesis import given, strategies
 import numpy as np

@@ -3,8 +3,15 @@
 """Which references are right."""
 
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.truth import listed, of_the_past, same_index, Truth, within_radius
-from convseq_ros.evaluation.truth_file import read_pairs, read_positions
+from convseq_ros.evaluation.truth import (
+    listed,
+    of_the_past,
+    read_pairs,
+    read_positions,
+    same_index,
+    Truth,
+    within_radius,
+)
 import numpy as np
 import pytest
 

@@ -8,14 +8,14 @@ from importlib import import_module
 import re
 from types import SimpleNamespace
 
-from convseq_ros.baselines.score_matrix import read_descriptors, read_scores
 from convseq_ros.cli.options import read_parameter_file
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.methods import read_descriptors, read_scores
 from convseq_ros.evaluation.run_folder import read_run
-from convseq_ros.evaluation.truth_file import read_pairs, read_positions
+from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
