@@ -21,11 +21,10 @@ Record = TypeVar('Record')
 
 def read_yaml(path: Path, reading: ReadingConfig = ReadingConfig()) -> Mapping[str, Any]:
     """
-    Return the mapping in a YAML file.
+    Return the mapping in a YAML file; or ConfigError.
 
-    ConfigError if there is none, or the file is too large, nested too deeply, or refers to its own
-    parts, which ROS does not read either: a few lines can stand for terabytes.
-
+    It may not refer to its own parts, which ROS does not read either: a few lines can stand for
+    terabytes.
     """
     try:
         import yaml

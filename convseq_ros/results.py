@@ -87,11 +87,9 @@ class ResultWriter:
     """
     Writes a result table row by row; use it as a context manager.
 
-    Rows stream to `<path>.part`, which takes its name when the work is done: a table under its own
-    name is complete, and after an error or a crash the rows so far are in the part file; a cut of
-    the power may take those of the last second. The next writer renames it to `<path>.1.part`, or
-    the next number that is free; `kept` is that path, None if every run ended. OSError if the part
-    file cannot be written, or another program writes it.
+    Rows stream to `<path>.part`, which takes its name when the work is done; a cut of the power
+    may take those of the last second. The next writer renames what was left to `<path>.1.part`, or
+    a higher number: `kept`. OSError if it cannot be written, or another program writes it.
     """
 
     def __init__(self, path: Path) -> None:

@@ -16,12 +16,10 @@ _VELOCITIES = (0.8, 0.9, 1.0, 1.1, 1.2)
 
 def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     """
-    Return a small copy of a grey image (H, W) whose patches have mean 0 and deviation 1, (2048,).
+    Return a small copy of a grey image whose patches have mean 0 and deviation 1, (2048,).
 
-    It has 64 x 32 px and patches of 8 x 8 px; a patch without contrast is 0. The widespread Python
-    port keeps these values as unsigned bytes, where differences below zero wrap round. Here they
-    are signed numbers throughout.
-
+    The widespread Python port keeps these values as unsigned bytes, where differences below zero
+    wrap round; here they are signed.
     """
     small = cv2.resize(gray, (_WIDTH_PX, _HEIGHT_PX), interpolation=cv2.INTER_AREA)
     patches = small.astype(np.float32).reshape(
@@ -67,10 +65,8 @@ def trajectory_scores(rows: Sequence[npt.NDArray[np.float32] | None]) -> npt.NDA
     """
     Return the mean similarity along the best straight line that ends at each reference, (R,).
 
-    `rows` are k similarities (R,), newest first; None, but not of the newest, counts as 0. Lines
-    have velocities of 0.8 to 1.2 references a frame; -inf where every line leaves the map. As in
-    the paper, lines end at the newest frame; the released code centres them on the frame.
-
+    `rows` are k similarities (R,), newest first; None counts as 0. Lines have .8 to 1.2 references
+    a frame; they end at the newest frame, as in the paper, and not in its middle as in its code.
     """
     count = next(len(row) for row in rows if row is not None)
     ages = np.arange(len(rows))

@@ -133,11 +133,8 @@ def build(
     """
     Build a map file, or add to one, of `images` as `open_each_camera` takes them.
 
-    Several topics make a session each, one after the other. Warnings and a bar of progress go to
-    standard error; or warnings alone to `tell`.
-
-    SourceError if the recording cannot be read or holds no readable image; a new map is then not
-    made. MapError if the map cannot be written.
+    Several topics make a session each. Warnings and progress go to standard error, or warnings to
+    `tell`. SourceError or MapError if a file cannot be used; a new map is then not made.
     """
     model = open_model(config)
     reading = with_first_stage(config, model).reading

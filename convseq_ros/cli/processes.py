@@ -40,10 +40,8 @@ def recognise_live(
     """
     Return the result table that the node wrote, one row for every frame that reached it.
 
-    The player publishes a recording of so many `frames`: its only image topic, and its topics
-    `odom` and `camera_info`; `rate` is how many seconds of it are in a second. The node gets the
-    configuration parameter by parameter; tables and logs go to a folder. ConvseqError if ROS is
-    not there, or one of the processes fails.
+    The player publishes a recording of so many `frames`, `rate` seconds of it in a second. Tables
+    and logs go to a folder. ConvseqError if ROS is not there, or a process fails.
     """
     need_ros()
     table = folder / 'live.csv'

@@ -70,10 +70,8 @@ def answers_to(
     """
     Return the recogniser's answers to a drive, given its pair scores, and its sequence scores.
 
-    `config` asks for exhaustive search and regional matching, which use pair scores as they are.
     With a `scorer`, the method's own scores of sequences decide. If `forward`, the frames of a
-    sequence lie after the anchor, as in the paper: then the drive is read from its end, in the map
-    from its end.
+    sequence lie after the anchor, as in the paper: drive and map are read from their ends.
     """
     if forward:
         backwards = part_of(reference_map, len(reference_map) - 1, -1, -1)

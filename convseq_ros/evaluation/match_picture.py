@@ -21,10 +21,8 @@ def match_picture(
     """
     Return the query (left) beside the thumbnail of its best reference, BGR (264, width, 3).
 
-    The caption is green if the match was accepted. A grey field stands for a query that could not
-    be read, and for a thumbnail, JPEG, that is not there. `field` (n, 5), as `QueryBuffer.field`
-    gives it, says where regions lie in both: inliers are dots of one colour in both pictures, as
-    many as `Candidate.inliers`, others are grey.
+    What cannot be shown is grey. Of the regions of a `field` (n, 5), as `QueryBuffer.field` gives
+    it, inliers are dots of one colour in both pictures, and others are grey.
     """
     sides = [_to_height(frame.gray), _to_height(shown(thumbnail))]
     pictures = np.hstack(sides)[:, :, None].repeat(3, axis=2)

@@ -1,12 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The methods: one row of the registry for each.
-
-A method plugs in as a function of a data set that returns `PairScores`, and a row of `KINDS` that
-gives it a name. Its images are `material.query` and `material.reference`; `_descriptors` describes
-them one by one. Protocols, thresholds and tables then treat it as the others.
-"""
+"""The methods: each is a row of `KINDS`, and a function of a data set that returns `PairScores`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

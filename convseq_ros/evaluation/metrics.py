@@ -33,12 +33,10 @@ def share(part: int, whole: int) -> float | None:
 
 def precision_recall(correct: Flags, values: Values, positives: int | None = None) -> Curve:
     """
-    Return the exact precision-recall curve.
+    Return the exact precision-recall curve; ValueError if shapes differ or a value is NaN.
 
-    `correct` (M,) says which answers are right, `values` (M,) how sure the method is, higher is
-    surer; ValueError if their shapes differ or a value is NaN. `positives` counts the right
-    answers that are to be found: by default those among the M; with the number of all queries
-    that have an answer, recall counts the missed ones too.
+    `correct` (M,) says which answers are right, `values` (M,) how sure the method is; `positives`
+    counts the right answers that are to be found, by default those among the M.
     """
     if correct.shape != values.shape or np.isnan(values).any():
         raise ValueError(f'expected two of one shape, no NaN: {correct.shape}, {values.shape}')
@@ -76,9 +74,8 @@ def recall_at(
     """
     Return for which share of the queries a right reference is among so many of the best.
 
-    `scores` (Q, R) are of sequences, -inf where there is none; `right` (Q, R) says which
-    references are right. Queries without a right one do not count. Wrong references that score as
-    much as the best right one count as before it.
+    Queries without a right one do not count. Wrong references that score as much as the best right
+    one come before it.
     """
     known = right.any(axis=1)
     best_right = np.where(right, scores, -np.inf).max(axis=1, initial=-np.inf)
@@ -116,13 +113,10 @@ def block_intervals(
     block: int | None = None,
 ) -> dict[str, tuple[float, float]]:
     """
-    Return 95 % confidence intervals from resampled contiguous blocks of a sequence.
+    Return 95 % confidence intervals by the circular block bootstrap (Politis and Romano 1992).
 
-    `figures` gives figures by name of the frames with some indices, None for one that does not
-    exist. The circular block bootstrap (Politis and Romano 1992) is used, since neighbouring
-    frames are not independent: blocks of sqrt(count) frames, or `block`, may start at every frame
-    and run on from the end to the start. The same at every call; figures that never exist are
-    left out.
+    `figures` gives figures of the frames with some indices. Neighbouring frames are not
+    independent: blocks have sqrt(count) frames, or `block`. The same at every call.
     """
     if not count:
         return {}

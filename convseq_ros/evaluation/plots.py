@@ -128,10 +128,8 @@ def demo_picture(
     """
     Draw one PNG, 1600 x 900: matched pairs beside the matrix of scores they were found in.
 
-    Up to four pairs are drawn: query and match, uint8 BGR (H, W, 3) or gray (H, W), their two
-    captions, and whether the match is right. `scores` (Q, R) is NaN where nothing was scored;
-    `truth` and `found` (Q,) are the right and the accepted reference, -1 for none; a match is
-    right at most `tolerance` references from the truth.
+    Pairs are two images, BGR or gray, their captions, and whether the match is right. `truth` and
+    `found` (Q,) are the right and the accepted reference, -1 for none.
     """
     figure = new_figure(16, 9, EDGE)
     heading = figure.text(0.03, 0.945, title, color=_PALE, weight='bold', size=22, va='center')

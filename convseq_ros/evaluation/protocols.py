@@ -60,8 +60,7 @@ def ask(
     Return the answers of a method, by one of the three protocols.
 
     Open keeps the first, the last and the middle half of the map in turn, or only the first share
-    `keep`, in (0, 1). The recogniser's answers are then those with that part; the scores beside
-    them are of the whole map, searched exhaustively.
+    `keep`; the scores beside the answers are of the whole map, searched exhaustively.
     """
     query, reference = material.drives(method.config.encoding)
     spans: Mapping[str, Span] = {'': (0, len(reference))}

@@ -48,12 +48,10 @@ def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> Refere
 
 def recognize(material: Material, config: Config, span: Span | None = None) -> Recognition:
     """
-    Feed every query frame to a recogniser.
+    Feed every query frame to a recogniser; a drive against its own past in online mode.
 
     Without a span, images are read and described as on a robot. With one, the map is only these
-    references, and descriptors are used that were computed before, which gives the same answers.
-    A drive against its own past is fed to a recogniser in online mode, whose map grows; a row is
-    NaN where a frame was not yet past.
+    references, and what was described before is used, which gives the same answers.
     """
     if material.data_set.online:
         config = _online(material, config)

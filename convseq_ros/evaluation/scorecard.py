@@ -99,11 +99,8 @@ def figures(verdicts: Verdicts, criterion: str) -> dict[str, float | None]:
     """
     Return the figures that depend on the frames alone; None for one that does not exist.
 
-    `accuracy_matched`: right ones among the queries that were matched and have an answer;
-    `accuracy_all`: among all queries that have an answer. `auc_pr`: area under the
-    precision-recall curve of the matched frames, recall over the right matches, as scikit-learn
-    and VPR-Bench count it; `recall_at_100_precision`: recall over the matched queries that have an
-    answer.
+    `auc_pr` is the area under the precision-recall curve of the matched frames, recall over the
+    right matches, as scikit-learn and VPR-Bench count it.
     """
     answerable = int((verdicts.matched & verdicts.known).sum())
     right = int(verdicts.correct.sum())
@@ -135,9 +132,8 @@ def first_closures(
     """
     Return how many frames after its first known one each run has its first right closure.
 
-    There is one run for each part of the map that was kept, named by `halves` (M,). Closures are
-    the answers that are accepted, or those `taken` (M,). None without a right closure; a part of
-    which no frame is known is left out.
+    A run is a part of the map that was kept, by its name in `halves` (M,). Closures are what is
+    accepted, or `taken` (M,). None without one; a part of which no frame is known is left out.
     """
     right = verdicts.correct & (verdicts.accepted if taken is None else taken)
     waits = dict[str, int | None]()
@@ -151,13 +147,10 @@ def first_closures(
 
 def add_thresholds(cards: Sequence[Scorecard]) -> None:
     """
-    Add to the summaries what thresholds without a false closure would give.
+    Add to the summaries what the best thresholds without a false closure would give.
 
-    `own_threshold_...` is chosen to be best on the set itself, `common_threshold_...` to be best
-    on all sets of the same method, as one threshold. Both favour the method: it sees the answers.
-    A threshold is the highest value of a wrong best candidate, slips left out; higher values are
-    taken. `..._by` is the criterion of greatest recall, `..._recall` is of all
-    queries that have an answer, `..._first` counts frames to the first right closure.
+    `own_threshold_...` is best on the set itself, `common_threshold_...` on all sets of a method:
+    the highest value of a wrong best candidate, by the criterion of greatest recall.
     """
     groups: dict[tuple[str, bool], list[Scorecard]] = {}
     for card in cards:

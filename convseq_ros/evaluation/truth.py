@@ -98,12 +98,10 @@ def read_pairs(
     reading: ReadingConfig = ReadingConfig(),
 ) -> npt.NDArray[np.int64]:
     """
-    Return the pairs of a table, int64 (P, 2), or (P, 3) with the tolerance of each, from 0.
+    Return the pairs of a CSV table, int64 (P, 2), or (P, 3) with the tolerance of each, from 0.
 
-    It is a CSV table with a header. The first column is the query and the second the reference,
-    each a frame number, counted from `first_index`, or a file name of those given in the order of
-    the frames; several references stand in several rows, or in one cell with spaces between them.
-    A column called `tolerance` holds for its row. SourceError if it cannot be read.
+    Its columns are query, reference and perhaps `tolerance`: frame numbers from `first_index` on,
+    or file names; several references may stand in one cell. SourceError if it cannot be read.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:
@@ -138,9 +136,8 @@ def read_positions(
     """
     Return where the frames of a drive, `query` or `reference`, were taken, (count, 3), metres.
 
-    It is a CSV table with the columns x, y and perhaps z, one row for every frame, in order. If it
-    has a column `drive`, only rows of this drive count. SourceError if it cannot be read, or its
-    rows are not as many as the frames.
+    It is a CSV table with the columns x, y and perhaps z and `drive`, one row for every frame, in
+    order. SourceError if it is not.
     """
     text = io.StringIO(read_text(path, 'a CSV table', reading), newline='')
     try:

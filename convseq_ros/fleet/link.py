@@ -35,11 +35,9 @@ class FleetLink:
     """
     Asks the fleet of a scheduler in a thread of its own, and looks for it again when it is gone.
 
-    A fleet has a shortlist and does not grow, whatever `config` asks for. `tell` gets each frame's
-    answer in the link's thread; a question without an answer for `timeout_s` has failed.
-    `sources` name the cameras, if there are several. `problem` says why the fleet does not answer,
-    and is empty if it does; `answered` and `skipped` count frames. FleetError if the scheduler's
-    address is not allowed.
+    `tell` gets each frame's answer in the link's thread; a question without an answer for
+    `timeout_s` has failed. `problem` says why the fleet does not answer; `answered` and `skipped`
+    count frames. FleetError if the address is not allowed.
     """
 
     def __init__(

@@ -53,13 +53,10 @@ class Waiting:
 
 class Odometry:
     """
-    Listens to `odom` and returns the pose at the stamp of an image.
+    Listens to `odom` and returns the pose at the stamp of an image; counts those without.
 
-    An image often comes before the odometry of its moment, and waits for it: a pose between two
-    of the odometry is what an offline run finds, one that is extrapolated is a guess.
-
-    `frame_id` is the frame in which the odometry is given, empty before it is heard; `missing`
-    counts images without a pose since then.
+    An image often comes before the odometry of its moment, and waits for it: a pose between two of
+    the odometry is what an offline run finds, one that is extrapolated is a guess.
     """
 
     def __init__(self, node: Node, wait_s: float) -> None:

@@ -32,9 +32,8 @@ def declare(node: Node, on_change: Listener) -> tuple[Config, NodeConfig]:
     """
     Declare every parameter and return the values that the user chose.
 
-    The node is made with `automatically_declare_parameters_from_overrides`, so that names that no
-    parameter has are seen. `on_change` receives both configurations whenever a dynamic parameter
-    was set. ConfigError if a name is unknown or a value is not allowed.
+    `on_change` receives both configurations whenever a dynamic parameter was set. ConfigError if a
+    name is unknown or a value is not allowed.
     """
     chosen = _overrides(node)
     refuse_unknown(chosen, KNOWN)

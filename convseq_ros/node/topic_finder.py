@@ -18,12 +18,10 @@ COMPRESSED = '/compressed'  # ends the name of the topic beside raw images
 
 class TopicFinder:
     """
-    Looks for the topics of a camera as long as nothing is published on `image`.
+    Looks for the topics of a camera as long as nothing is published on `image`, if not remapped.
 
-    Only if `image` was not remapped, and topics are not named otherwise: who names a topic means
-    it. The camera's description is the CameraInfo beside it, or the only one that there is;
-    odometry is the only one, too. Topics below the node's own name are left out. `follow` receives
-    topics by what they are, 'image', 'camera_info' and 'odom'; 'image' may end in /compressed.
+    Its description is the CameraInfo beside it, or the only one; odometry is the only one, too.
+    `follow` receives topics by what they are, 'image', 'camera_info' and 'odom'.
     """
 
     def __init__(

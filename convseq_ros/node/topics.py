@@ -43,13 +43,11 @@ def steady_timer(node: Node, period_s: float, call: Callable[[], None]) -> Timer
 
 class FollowingSubscription:
     """
-    Asks for reliable delivery, and gives way to best effort when a publisher offers no better.
+    Asks for reliable delivery, and for best effort while a publisher offers no better.
 
-    When the last publisher is gone it asks for reliable delivery again: the next may offer it.
-    `on_message` receives each message in the executor's thread, for which `depth` messages may
-    wait. `lost` counts messages that did not arrive since the first that did: what the middleware
-    reports and, of a single publisher, whose messages are numbered, what its history had no room
-    for.
+    `on_message` receives each message in the executor's thread, for which `depth` may wait. `lost`
+    counts what did not arrive since the first: as the middleware reports and, of a single
+    publisher, by the numbers of its messages.
     """
 
     def __init__(

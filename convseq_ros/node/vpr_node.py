@@ -46,10 +46,9 @@ class VprNode(ManagedNode):
     """
     Recognises the places of a map in the images of a camera.
 
-    The executor's thread only stamps and queues images, and answers services and parameters; all
-    work on images is done in one thread of its own. It takes what Node takes: context, namespace,
-    parameter_overrides, cli_args ... ConvseqError if a parameter is not allowed, or the map or the
-    result file cannot be opened.
+    The executor's thread only queues images and answers services and parameters; all work on
+    images is done in one thread of its own. ConvseqError if a parameter is not allowed, or the map
+    or the result file cannot be opened.
     """
 
     def __init__(self, **kwargs: Any) -> None:

@@ -15,12 +15,10 @@ import numpy as np
 @dataclass(frozen=True, slots=True)
 class Drift:
     """
-    How wrong odometry is.
+    How wrong odometry is: by a share, always alike, and by random errors that grow with sqrt(d).
 
-    Over a step of d metres, its length is wrong by `scale` d and its heading by `yaw_bias_deg` d /
-    100, always alike; and by random errors whose standard deviations are `noise_m` sqrt(d) and
-    `yaw_noise_deg` sqrt(d / 100). A wheel that is 1 mm of 300 larger than the other one, 0.6 m
-    apart, turns a vehicle by 32 degrees in 100 m.
+    A wheel that is 1 mm of 300 larger than the other one, 0.6 m apart, turns a vehicle by 32
+    degrees in 100 m.
     """
 
     scale: float = 0.01  # share of the distance that is measured too much

@@ -25,13 +25,10 @@ def write_recording(
     info_topic: str = '',
 ) -> None:
     """
-    Write an mcap recording of images and, if its topic is not empty, odometry.
+    Write an mcap recording of images and, if it has a topic, odometry; whole or not at all.
 
-    Images are sensor_msgs/Image (bgr8). Shots that carry odometry of their own are written with
-    both: what it says, in frame odom, and the truth, in frame map, on /ground_truth. Of all others
-    the truth is the odometry. `info_topic` has a
-    sensor_msgs/CameraInfo for every image. The folder appears under its name only when it is
-    complete. ConvseqError if it exists already or rosbags is not installed.
+    Shots that carry odometry of their own are written with it, in frame odom, and the truth, in
+    frame map, on /ground_truth. `info_topic` has a CameraInfo for every image.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer

@@ -43,14 +43,10 @@ class _Piece:
 @dataclass(frozen=True)
 class Route:
     """
-    A way along streets that lie on lines of constant x or of constant y.
+    A way along streets that lie on lines of constant x or of constant y; or ConvseqError.
 
-    Every line is one street, whoever drives it and how often: so a route that comes back to a
-    line sees the same houses again. In a bend the view changes from one street to the other half
-    way round, as the crossing itself is not drawn.
-
-    ConvseqError if it does not go along the lines, turns back on itself, or its corners are too
-    near.
+    Every line is one street: a route that comes back to it sees the same houses again. In a bend
+    the view changes from one street to the other half way round.
     """
 
     corners: tuple[Corner, ...]  # x, y in metres: where it begins, each corner, and where it ends

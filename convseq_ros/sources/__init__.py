@@ -88,11 +88,10 @@ class SeveralCameras:
 
 def open_source(path: Path, topic: str = '', reading: ReadingConfig = ReadingConfig()) -> Source:
     """
-    Open a folder of pictures, a recording or a video, whichever is there.
+    Open a folder of pictures, a recording or a video, whichever is there; or SourceError.
 
     A recording is a .mcap, .db3 or .bag file, or a folder that a ROS 2 recorder wrote; `topic` is
-    its image topic, if it has several. SourceError if the path is neither, is damaged, is no
-    regular file, or holds no images.
+    its image topic, if it has several.
     """
     path = Path(path)
     refuse_irregular(path)
@@ -117,10 +116,9 @@ def open_annotated(
     """
     Open what `open_source` does, with what other topics, or files, say of its frames.
 
-    `odom` is a topic of odometry, poses or satellite fixes, or `poses` a file as for
-    `read_pose_file`: frames then know where they were taken. `camera_info` is a topic that
-    describes the camera, or a file as for `read_camera_file`; `depth` a topic of depth images that
-    are registered to the camera, or a folder of them. SourceError if one cannot be read.
+    `odom` is a topic of poses or satellite fixes, `poses` a file as for `read_pose_file`;
+    `camera_info` a topic, or a file as for `read_camera_file`; `depth` a topic, or a folder, of
+    images registered to the camera. SourceError if one cannot be read.
     """
     source = open_source(path, topic, reading)
     if odom and poses:

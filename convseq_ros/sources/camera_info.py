@@ -20,12 +20,10 @@ def read_camera_file(
     path: Path, height: int, width: int, reading: ReadingConfig = ReadingConfig()
 ) -> Camera:
     """
-    Return the camera that a file describes.
+    Return the camera that a file describes, of images of a height and width; or SourceError.
 
-    It is YAML as `camera_calibration` writes it (image_width, camera_matrix, ...), or lines of
-    KITTI's calib.txt, of which the first projection counts; that does not say how many pixels,
-    height and width, the images have. SourceError if the file cannot be read, is neither, or its
-    camera is not calibrated.
+    It is YAML as `camera_calibration` writes it, or lines of KITTI's calib.txt, of which the first
+    projection counts.
     """
     text = read_text(path, 'a calibration', reading, AS_YAML)
     try:

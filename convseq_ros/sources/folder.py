@@ -39,15 +39,10 @@ def pictures_in(path: Path) -> list[Path]:
 
 class ImageFolder:
     """
-    The pictures of a folder, but not of those inside it, in natural order of their names.
+    The pictures of a folder, in natural order of their names; SourceError if one is unreadable.
 
     Frames are stamped by their names if every name is a whole number of 16 digits or more
-    (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would be no stamp to ROS). A
-    picture that cannot be read ends the stream, because leaving it out would shift every index
-    after it.
-
-    SourceError if the folder is missing or holds no pictures; while iterating, if one is
-    unreadable.
+    (nanoseconds, as EuRoC and TUM-VI name them), else 0.1 s apart (0 would be no stamp to ROS).
     """
 
     pose_frame = ''

@@ -65,8 +65,7 @@ def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixe
     Return the image of a sensor_msgs/Image: (H, W), or in colour (H, W, 3), blue, green, red.
 
     It is C-contiguous, and in colour perhaps the message's own memory. ImageError if the encoding
-    is unknown, the size is zero, too large or does not suit the encoding, or `step` or `data` is
-    too small for it.
+    is unknown, or size, `step` or `data` do not suit it.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:

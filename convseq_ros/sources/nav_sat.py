@@ -38,9 +38,8 @@ def local_poses(fixes: Sequence[Fix]) -> tuple[list[tuple[int, Pose]], str]:
     """
     Return poses by time, x to the east, y to the north, z up, and the name of their frame.
 
-    The origin is the first fix with its degrees rounded to tenths, at no height, and the frame is
-    named after it: what was driven in one region is in one frame. A robot heads where it moves;
-    one that stands, or before it has come a metre, as it did or will.
+    The origin is the first fix with its degrees rounded to tenths, and names the frame: what was
+    driven in one region is in one frame. A robot heads where it moves, or moved last.
     """
     if not fixes:
         return [], ''

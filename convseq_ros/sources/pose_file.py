@@ -26,13 +26,11 @@ _ROTATION_ERROR = 1e-3  # of a product of axes; files have six digits
 
 def read_pose_file(path: Path, frames: int, reading: ReadingConfig = ReadingConfig()) -> PoseAt:
     """
-    Return the poses of a file, one a line; empty lines and those that begin with # are left out.
+    Return the poses of a file, one a line; SourceError if it is none.
 
-    A line of 8 numbers is TUM's: the stamp in seconds, position, quaternion x, y, z, w; poses are
-    taken as they are, and frames between two stamps lie between their poses. A line of 12 is
-    KITTI's, one for each of the `frames`: the 3 x 4 matrix of the camera, rows first, in the order
-    of the frames; its axes, those of a lens, become those of a robot. SourceError if the file
-    cannot be read, is neither, a line is not a pose, or there are not as many.
+    A line of 8 numbers is TUM's: stamp in seconds, position, quaternion; frames between two stamps
+    lie between their poses. A line of 12 is KITTI's, the 3 x 4 matrix of the camera, one for each
+    of the `frames`; its axes, those of a lens, become those of a robot.
     """
     text = read_text(path, 'a text file of poses, one a line', reading)
     lines = [(number, line.split()) for number, line in enumerate(text.splitlines(), 1)]

@@ -59,10 +59,8 @@ class Recording:
     """
     The images of a ROS 1 or ROS 2 recording, in the order in which they were recorded.
 
-    The path is a folder that a recorder wrote, or a .mcap, .db3 or .bag file. Nothing is held in
-    memory. A message that cannot be decoded gives a frame without an image that says why.
-    `warnings` are what a user should know, one line each; they grow while the recording is read.
-    SourceError as of `TopicMessages`.
+    A message that cannot be decoded gives a frame without an image that says why. `warnings`, one
+    line each, grow while the recording is read. SourceError as of `TopicMessages`.
     """
 
     pose_frame = ''
@@ -137,11 +135,8 @@ def read_poses_in(
     """
     Return the poses of a topic by their stamps, and their frame, if others may be in it, or ''.
 
-    It is of type nav_msgs/Odometry, geometry_msgs/PoseStamped or PoseWithCovarianceStamped, and
-    may be left out if there is only one; or of sensor_msgs/NavSatFix, as `local_poses` takes it. A
-    pose has the stamp of recording, if the header has none; damaged messages and values that are
-    not finite are left out. SourceError if there is no such topic, no usable pose, or the
-    recording is damaged.
+    It is of odometry, PoseStamped, PoseWithCovarianceStamped or NavSatFix, and may be left out if
+    there is only one. What is damaged or not finite is left out. SourceError if nothing is usable.
     """
     messages = TopicMessages(path, topic, POSE_TYPES + FIX_TYPES, '--odom', reading)
     found = sorted((one for message in messages if (one := _pose(message))), key=itemgetter(0))

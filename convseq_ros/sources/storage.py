@@ -78,11 +78,10 @@ def open_storage(
     path: Path, reading: ReadingConfig = ReadingConfig()
 ) -> tuple[list[Storage], list[str]]:
     """
-    Open whatever can be read of a .mcap, .db3 or .bag file, or of a folder of them.
+    Open whatever can be read of a recording's file, or of a folder of them; or SourceError.
 
-    Return its storages, at least one, in the natural order of their names, and a line for every
-    file that had to be left out. The metadata.yaml of a recorder is not needed. SourceError if
-    nothing can be read.
+    Return its storages in the natural order of their names, and a line for every file that had to
+    be left out.
     """
     refuse_irregular(path)
     limits = RecordingLimits(reading)
