@@ -68,7 +68,8 @@ def run(chosen: argparse.Namespace) -> int:
         print(json.dumps(about | summary))
     else:
         if session.is_growing:
-            print(f'{chosen.map}: {session.added} references added, {session.persisted} in all')
+            kept = session.autosave.committed
+            print(f'{chosen.map}: {session.added} references added, {kept} in all')
         print(f'{chosen.output}: {in_words(summary, session.slow)}')
     return 0
 

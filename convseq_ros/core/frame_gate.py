@@ -1,23 +1,33 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frame gate: which frames are keyframes, to be matched and to become places."""
+"""
+The frame gate: which frames are keyframes, to be matched and to become places.
 
+What is surely near is told in .1 ms by glances, edges of small copies of images; how many frames
+of a steady stream were dropped by their stamps.
+"""
+
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 import math
+import statistics
 from typing import Any
 
 from convseq_ros.config import Config, KeyframeConfig, MotionConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.glance import distance, GLANCE, Glance, glance, NearnessByGlance
-from convseq_ros.core.sequence.frame_drops import FRAME_DROPS, FrameDropDetector
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
 from convseq_ros.core.types import Descriptor, Pose, Reason
+import cv2
 import numpy as np
 import numpy.typing as npt
+
+Glance = npt.NDArray[np.float32]  # (2, 48, 64) of length 1, hence the same in a dimmer light
+
+_AREA = cv2.INTER_AREA  # each pixel is the mean of those that it covers
 
 
 @constants
@@ -60,6 +70,140 @@ class AnyOrder(StampOrder):
     def update(self, _stamp_ns: int) -> Order:
         """Take in a stamp; whatever it is, nothing is late."""
         return Order.NEXT
+
+
+@constants
+class GLANCE:
+    """Chosen on drawn drives of 30 frames a second, by day and night (docs/MATCHING.md)."""
+
+    width_px: int = 64
+    height_px: int = 48
+    least_edge: float = 0.3  # root mean square, in roots of a grey level; of less, nothing is said
+    memory: int = 5  # frames that were found far lately
+    share: float = 0.9  # of the least distance that was safe lately, below which all is near
+    surprise: float = 0.7  # of that distance is safe if a far frame comes before any near one
+    beside: float = 0.25  # of that distance lies a frame at most from one that shows the same
+    # Twice the distance of any of 262 pairs of images that are 98.5 % alike: with noise, in 3 % to
+    # all of the light, up to 4 pixels apart.
+    moved: float = 0.7
+    still: float = 4.0  # distance by which frames differ at most, by how unlike they may be
+
+
+def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
+    """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
+    size = width, height = GLANCE.width_px, GLANCE.height_px
+    # Halves are made four times as fast as other shares.
+    while min(gray.shape[0] // height, gray.shape[1] // width) >= 8 and not any(
+        side % 2 for side in gray.shape
+    ):
+        gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=_AREA)
+    small = np.sqrt(cv2.resize(gray, size, interpolation=_AREA), dtype=np.float32)
+    edges: Glance = np.stack([cv2.Sobel(small, -1, 1, 0), cv2.Sobel(small, -1, 0, 1)])
+    length = float(np.linalg.norm(edges))
+    if length < GLANCE.least_edge * edges.size**0.5:
+        return None
+    edges /= length
+    return edges
+
+
+def distance(seen: Glance, other: Glance) -> float:
+    """Return how far apart two glances are, in [0, 2]."""
+    return float(np.linalg.norm(seen - other))
+
+
+class NearnessByGlance:
+    """
+    Tells by glances alone which frames a slower test would find near to the last far one.
+
+    It learns from that test how far away frames are safely near: no further than the last that
+    was found near before one was found far. What nobody tested does not count as safe, so that it
+    cannot grow by its own word.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        self._last: Glance | None = None  # of the last far one
+        self._near: Glance | None = None  # of the furthest that was found near since
+        self._furthest = 0.0  # how far that is
+        self._safe = deque[float](maxlen=GLANCE.memory)
+
+    def is_sure(self, seen: Glance | None) -> bool:
+        """Return whether the slower test would surely find a frame near."""
+        if seen is None or self._last is None or not self._safe:
+            return False
+        found, safe = distance(seen, self._last), min(self._safe)
+        if found < GLANCE.share * safe or self._near is None:
+            return found < GLANCE.share * safe
+        return found <= self._furthest and distance(seen, self._near) < GLANCE.beside * safe
+
+    def update(self, seen: Glance | None, is_near: bool) -> None:
+        """Take in what the slower test says of a frame; a far one is what others are near to."""
+        if is_near:
+            if seen is not None and self._last is not None:
+                found = distance(seen, self._last)
+                if found >= self._furthest:
+                    self._furthest, self._near = found, seen
+            return
+        if self._last is not None:
+            surprise = GLANCE.surprise * min(self._safe, default=0.0)
+            self._safe.append(self._furthest or surprise)
+        self._last, self._near, self._furthest = seen, None, 0.0
+
+
+@constants
+class FRAME_DROPS:
+    """Of a steady stream; chosen by hand on recordings with known drops (docs/MATCHING.md)."""
+
+    memory: int = 20  # intervals that are remembered
+    fewest: int = 8  # intervals without which nothing is said
+    tolerance: float = 0.25  # by which an interval may miss a multiple of the usual one
+    steady_share: float = 0.8  # of the intervals that must be such multiples
+
+
+class FrameDropDetector:
+    """
+    Knows the usual time between two frames, if most times are multiples of a short one.
+
+    With a `memory` of fewer than 8 intervals nothing is said: no frame is missing.
+    """
+
+    def __init__(self, memory: int = FRAME_DROPS.memory) -> None:
+        self._memory = memory
+        self.reset()
+
+    def reset(self) -> None:
+        self._last_ns: int | None = None
+        self._intervals_ns: deque[int] = deque(maxlen=self._memory)
+        self._frames, self._missing, self._stride = 0, 0, 1
+
+    def update(self, stamp_ns: int) -> int:
+        """Take in a frame; return how many are missing between it and the one before."""
+        missing, usual_ns = 0, self._usual_ns()
+        if self._last_ns is not None:
+            interval_ns = stamp_ns - self._last_ns
+            if interval_ns > 0:
+                self._intervals_ns.append(interval_ns)
+            missing = max(0, round(interval_ns / usual_ns) - 1) if usual_ns else 0
+        self._last_ns = stamp_ns
+        self._frames += 1
+        self._missing += missing
+        return missing
+
+    def update_keyframe(self) -> int:
+        """Take the newest frame as a keyframe; return how many are missing, as far apart as it."""
+        missing = self._missing // self._stride
+        self._frames, self._missing, self._stride = 0, 0, max(1, self._frames)
+        return missing
+
+    def _usual_ns(self) -> float | None:
+        if len(self._intervals_ns) < FRAME_DROPS.fewest:
+            return None
+        usual_ns = statistics.quantiles(self._intervals_ns, n=4)[0]
+        steps = [interval_ns / usual_ns for interval_ns in self._intervals_ns]
+        steady = sum(abs(step - max(1, round(step))) <= FRAME_DROPS.tolerance for step in steps)
+        return usual_ns if steady >= FRAME_DROPS.steady_share * len(steps) else None
 
 
 def near(pose: Pose, other: Pose, distance_m: float) -> bool:

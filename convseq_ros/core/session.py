@@ -27,8 +27,8 @@ class Session:
     In preloaded mode the file must exist and is never written; in online mode it is made if there
     is none, unless not to `make` it. Without a path the map is in memory: empty, and lost at the
     end. `sources` name the cameras, if there are several; `describe` is the model of the map, if
-    it is of one. MapError if the map cannot be opened
-    or, in online mode, not be written, or another program adds to it.
+    it is of one. MapError if the map cannot be opened or, in online mode, not be written, or
+    another program adds to it.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Session:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self._autosave, self._problem = NoAutosave(), ''  # why the map has more than `max_looks`
+        self.autosave, self._problem = NoAutosave(), ''  # why the map has more than `max_looks`
         encoding = with_mask_read(config.encoding, config.reading)
         if path is None:
             reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
@@ -57,13 +57,16 @@ class Session:
                 except MapError as error:  # as of a disk that is full: the map works as it is
                     self._problem = f'max_looks is ignored: {error}'
                 autosave = Autosave(*settings)
-            self._autosave, reference_map = autosave, autosave.reference_map
+            self.autosave, reference_map = autosave, autosave.reference_map
         else:
             reference_map = open_map(path, encoding)
+        # Call `save` after every frame.
+        self.save, self.flush = self.autosave.save, self.autosave.flush
+        self.close = self.autosave.close
         try:
             self.cameras = Cameras(reference_map, config, sources, describe=describe)
         except BaseException:
-            self._autosave.close()
+            self.close()
             raise
         self.recognizer = self.cameras.first  # that of the first camera, which adds to the map
         self.kernel = self.recognizer.matcher.kernel  # what computes pair scores
@@ -86,11 +89,6 @@ class Session:
         ]
 
     @property
-    def persisted(self) -> int:
-        """Places that are safe in the file."""
-        return self._autosave.committed
-
-    @property
     def added(self) -> int:
         """Places that came in this session."""
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
@@ -99,33 +97,6 @@ class Session:
         """Do as `warm_up` does."""
         for one in self.cameras.each:
             warm_up(one)
-
-    @property
-    def committed_s(self) -> float | None:
-        """Monotonic time at which the file grew last."""
-        return self._autosave.committed_s
-
-    @property
-    def is_failing(self) -> bool:
-        """Whether what was added last could not be written."""
-        return self._autosave.is_failing
-
-    def save(self) -> None:
-        """
-        Have what was added to the map written to the file; call it after every frame.
-
-        MapError, once, if it could not be written: the map goes on in memory, and it is tried
-        again.
-        """
-        self._autosave.save()
-
-    def flush(self) -> None:
-        """Make all that was added safe before it returns; MapError if it cannot be written."""
-        self._autosave.flush()
-
-    def close(self) -> None:
-        """Make all that was added safe and close the file; MapError if it cannot be written."""
-        self._autosave.close()
 
 
 def warm_up(recognizer: PlaceRecognizer) -> None:

@@ -156,7 +156,7 @@ class Diagnostics:
     def _cannot_keep(self, situation: Situation) -> bool:
         """Return whether what the map gains is not written, or what another one had gained."""
         before, self._unkept = self._unkept, self.statistics.unkept
-        return self._unkept > before or situation.session.is_failing
+        return self._unkept > before or situation.session.autosave.is_failing
 
     def _silence(self, situation: Situation) -> str:
         """Return, and log now and then, why no images come; empty if they do."""
@@ -206,11 +206,11 @@ def _values(statistics: Statistics, situation: Situation) -> dict[str, object]:
     if session.is_growing:
         values |= {
             'places_added': session.added,
-            'places_kept': session.persisted,
+            'places_kept': session.autosave.committed,
             'map_write_failures': statistics.unkept,
         }
-        if session.committed_s is not None:
-            values['since_last_commit_s'] = time.monotonic() - session.committed_s
+        if session.autosave.committed_s is not None:
+            values['since_last_commit_s'] = time.monotonic() - session.autosave.committed_s
     # A copy, because the worker's thread adds to it.
     counts = statistics.reasons.copy()
     return values | {f'reason_{reason}': counts[reason] for reason in sorted(counts)}

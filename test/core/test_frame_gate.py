@@ -7,8 +7,7 @@ import math
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME, KeyframeConfig, MotionConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Standstill
-from convseq_ros.core.sequence.frame_drops import FrameDropDetector
+from convseq_ros.core.frame_gate import FrameDropDetector, FrameGate, Order, StampOrder, Standstill
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
 import numpy as np

@@ -7,8 +7,7 @@ import math
 
 from convseq_ros.config import make_config
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.frame_gate import FrameGate
-from convseq_ros.core.glance import distance, GLANCE, glance, NearnessByGlance
+from convseq_ros.core.frame_gate import distance, FrameGate, GLANCE, glance, NearnessByGlance
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Pose, Reason
 from convseq_ros.simulation.drive import Drive

@@ -191,7 +191,7 @@ def test_a_way_that_is_driven_again_and_again_stops_growing_and_is_recognised(dr
         ]
         assert not day or (all(right) and len(right) > 0.8 * ROUND)
         assert session.added <= (ROUND if day < 2 else 2 * LOOK.stretch)
-        assert session.persisted == len(open_map(path)) <= min(day + 1, 2) * ROUND
+        assert session.autosave.committed == len(open_map(path)) <= min(day + 1, 2) * ROUND
     # The anchor of an answer is the same, whatever went, and is what the first drive saw.
     first = open_map(path)
     anchors = [match.anchor for match in found if match.accepted]
