@@ -21,10 +21,10 @@ from typing import Any
 
 from convseq_ros import Config, Frame
 from convseq_ros.cli.fleet import build_one
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.types import Status
 from convseq_ros.fleet import shard
 from convseq_ros.fleet.cluster import Cluster, connected, done

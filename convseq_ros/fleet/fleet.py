@@ -17,9 +17,9 @@ from convseq_ros.config import Config
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.first_stage import Describe, vector_length, with_first_stage
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.sequence.coarse_scores import DriveMean, Floats, Usual, usual_of
 from convseq_ros.core.types import Descriptor, Indices
 from convseq_ros.errors import FleetError

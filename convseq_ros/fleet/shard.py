@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.sequence.coarse_scores import Centred, Floats, sums_of, top, Track, Usual
 from convseq_ros.core.types import Indices, Row
 from convseq_ros.errors import MapError

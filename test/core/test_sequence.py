@@ -11,7 +11,7 @@ from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.compiled import available
 from convseq_ros.core.decision.motion import MOTION
 from convseq_ros.core.encoding.descriptor import blank_descriptor
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.place import SessionBounds
 from convseq_ros.core.sequence import diagonals
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.length import choose_length

@@ -12,15 +12,13 @@ from pathlib import Path
 from convseq_ros.core.graph.links import beyond, Links
 from convseq_ros.core.map.crash_recovery import open_to_write
 from convseq_ros.core.map.database import Database, explained
-from convseq_ros.core.map.format import kept_of, row_crc
-from convseq_ros.core.map.link_rows import write_links
+from convseq_ros.core.map.format import kept_of, MapSession, row_crc
 from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.looks import surplus
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
-from convseq_ros.core.map.writer import Progress, save_map
+from convseq_ros.core.map.writer import Progress, save_map, write_links
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import MapError
 

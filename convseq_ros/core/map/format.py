@@ -10,8 +10,9 @@ has a CRC-32 of all its values, so that a flipped bit refuses an answer and neve
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 import json
+import math
 from pathlib import Path
 from typing import Any
 import zlib
@@ -19,7 +20,8 @@ import zlib
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
 from convseq_ros.core.encoding.first_stage import model_name
-from convseq_ros.core.map.sessions import checked_id, Row
+from convseq_ros.core.rigid import vector
+from convseq_ros.core.types import Camera, Pose, RelativePose
 from convseq_ros.errors import ConfigError
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +62,12 @@ _COMPARED = ('image_size_px', 'image_rotation_deg')
 _FIRST_NOT_FINITE = 0x7C00
 
 _MAGIC, _ID_BYTES = b'SQLite format 3\0', slice(68, 72)  # https://sqlite.org/fileformat.html
+_UPPER = np.triu_indices(6)  # of a covariance
+_NUMBERS = 33  # of a relative pose: orientation, position, direction, covariance, and two more
+_OFF_UNIT = 1e-6  # that the length of an orientation may be
+_MOST_CHARACTERS = 100  # of an id, which goes into every answer; a UUID has 36
+
+Row = tuple[object, ...]
 
 
 def kept_of(encoding: EncodingConfig) -> dict[str, Any]:
@@ -144,6 +152,61 @@ class Settings:
         return None
 
 
+@dataclass(frozen=True, slots=True)
+class MapSession:
+    """A drive that made places of a map."""
+
+    id: str  # a UUID
+    name: str  # what people call it; may be empty
+    start_ns: int  # stamp of its first place
+    camera: Camera | None = None  # if it was known then
+    frame: str | None = None  # of the poses, if it is known
+
+    @property
+    def row(self) -> Row:
+        """Return what is stored of it."""
+        camera = json.dumps(_described(self.camera)) if self.camera else None
+        return self.id, self.name, self.start_ns, camera, self.frame
+
+    @classmethod
+    def of_row(cls, row: Row) -> 'MapSession':
+        """Return what was stored; ValueError or TypeError if it is no session."""
+        ident, name, start_ns, camera, frame = row
+        described = None if frame is None else str(frame)
+        return cls(checked_id(ident), str(name), int(str(start_ns)), _camera(camera), described)
+
+
+def _described(camera: Camera) -> dict[str, object]:
+    """Return what is stored of a camera; what is unknown is left out."""
+    return {name: value for name, value in asdict(camera).items() if value or value == 0}
+
+
+def _camera(stored: object) -> Camera | None:
+    """Return a camera that was stored; ValueError or TypeError if it is none."""
+    if stored is None:
+        return None
+    fields = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
+    model, distortion = (
+        str(fields.pop('distortion_model')),
+        tuple(map(float, fields.pop('distortion'))),
+    )
+    mount = None if (given := fields.pop('mount')) is None else Pose(**dict(given))
+    if mount:
+        x, y, z = map(float, mount.position)
+        qx, qy, qz, qw = map(float, mount.orientation)
+        mount = Pose((x, y, z), (qx, qy, qz, qw))
+    if not all(isinstance(value, int | float) for value in fields.values()):
+        raise ValueError('camera: what should be numbers is not')
+    return Camera(**fields, distortion_model=model, distortion=distortion, mount=mount)
+
+
+def checked_id(stored: object) -> str:
+    """Return an id that was stored; ValueError if it is none."""
+    if not isinstance(stored, str) or len(stored) > _MOST_CHARACTERS:
+        raise ValueError('an id that is none')
+    return stored
+
+
 def row_crc(values: Row) -> int:
     """Return the checksum of a row: that of its numbers and texts, then of its blobs."""
     plain = len(values)
@@ -176,3 +239,30 @@ def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray
     if bits.max() >= _FIRST_NOT_FINITE:
         raise ValueError('its cells are not finite, or negative')
     return bits.view(np.float16)
+
+
+def packed_pose(pose: RelativePose) -> bytes:
+    """Return what is stored of a relative pose: 33 numbers, NaN for what is not known."""
+    unknown = (math.nan,) * 3
+    numbers = *pose.orientation, *(pose.position_m or unknown), *(pose.direction or unknown)
+    return np.array(
+        [*numbers, *pose.covariance[_UPPER], pose.inliers, pose.explains], '<f8'
+    ).tobytes()
+
+
+def unpacked_pose(stored: bytes) -> RelativePose:
+    """Return a relative pose that was stored; ValueError or TypeError if it is none."""
+    numbers = np.frombuffer(stored, '<f8')
+    if len(numbers) != _NUMBERS or not np.isfinite([*numbers[:4], *numbers[10:]]).all():
+        raise ValueError('a relative pose that is none')
+    x, y, z, w = numbers[:4].tolist()
+    if abs(math.hypot(x, y, z, w) - 1) > _OFF_UNIT:
+        raise ValueError('a relative pose that is not turned')
+    covariance = np.zeros((6, 6))
+    covariance[_UPPER] = numbers[10:31]
+    covariance.T[_UPPER] = numbers[10:31]
+    position, direction = (
+        vector(some) if np.isfinite(some).all() else None for some in numbers[4:10].reshape(2, 3)
+    )
+    inliers, explains = int(numbers[31]), bool(numbers[32])
+    return RelativePose((x, y, z, w), position, direction, covariance, inliers, explains)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 import math
 from pathlib import Path
+import sqlite3
 from threading import Lock
 from typing import Any
 import weakref
@@ -15,17 +16,25 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.crash_recovery import open_to_read
-from convseq_ros.core.map.database import explained, Rows
-from convseq_ros.core.map.format import decode_cells, first_damaged, Settings, TABLES
-from convseq_ros.core.map.link_rows import read_links
+from convseq_ros.core.map.database import Database, explained, Rows
+from convseq_ros.core.map.format import (
+    decode_cells,
+    first_damaged,
+    MapSession,
+    row_crc,
+    Settings,
+    TABLES,
+    unpacked_pose,
+)
 from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
 
 _ROWS_AT_ONCE = 2048  # of `places`, for some MB of memory
 _BYTES_A_NUMBER = 2  # of the cells
+_LINKS_AT_ONCE = 8192  # rows, for some MB of memory
 _PICTURES_AT_ONCE = 64  # for a statement; with images, some 20 MB
 
 
@@ -130,7 +139,7 @@ class MapReader:
             settings = self.encoding, places, self.pictures, self.keyframes
             made = ReferenceMap(*settings, self.settings.map_id, sessions)
             made.images.are_kept = are_kept
-            read_links(self._database, self._path, made)
+            _read_links(self._database, self._path, made)
         return made
 
     def _with_vectors(self, rows: Rows) -> Rows:
@@ -210,3 +219,45 @@ class MapReader:
     def _at_one_moment(self) -> Iterator[None]:
         with explained(self._path), self._lock, self._database.transaction():
             yield
+
+
+def _read_links(database: Database, path: Path, reference_map: ReferenceMap) -> None:
+    """Add its links to a map; its `problem` says how many are damaged, and left out."""
+    start, count = 0, len(reference_map)
+    off = f'SELECT count(*) FROM links WHERE place < 0 OR place >= {count}'
+    asked = f'SELECT * FROM links WHERE place >= ? AND place < {count} ORDER BY place LIMIT ?'
+    try:
+        left_out = database.number(off)
+        while rows := database.rows(asked, (start, _LINKS_AT_ONCE)):
+            places = [row[0] for row in rows]
+            if places[0] < start or places != sorted({*places}):
+                raise sqlite3.DatabaseError('a damaged page leads to others, perhaps in a circle')
+            left_out += _add_links(reference_map.links, rows)
+            start = places[-1] + 1
+    except sqlite3.DatabaseError:
+        database.roll_back()  # what was read before is sound
+        problem = f'the links of places from {start} on are damaged'
+    else:
+        problem = f'{left_out} links are damaged' if left_out else ''
+    if problem:
+        reference_map.problem = f'{path}: {problem} and left out; all else works'
+
+
+def _add_links(links: Links, rows: Rows) -> int:
+    """Add links of stored rows, in order; return how many are damaged."""
+    damaged = 0
+    for place, other, anchor, confidence, inliers, relative, crc32 in rows:
+        try:
+            if crc32 != row_crc((place, other, anchor, confidence, inliers, relative)):
+                raise ValueError('a link that fails its checksum')
+            if other is None:
+                links.add_first(place)
+                continue
+            whole = all(type(one) is int for one in (other, anchor, inliers or 0))
+            if not whole or not 0 <= anchor <= other or not 0 <= (confidence or 0) <= 1:
+                raise ValueError('a link that cannot be')
+            measured = None if relative is None else unpacked_pose(relative)
+            links.add(place, other, confidence, inliers, measured, anchor)
+        except (TypeError, ValueError):
+            damaged += 1
+    return damaged

@@ -13,6 +13,7 @@ from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.kept_image import kept_image, KeptImages, packed_depths
 from convseq_ros.core.map.place import (
     NO_CELLS,
@@ -21,10 +22,10 @@ from convseq_ros.core.map.place import (
     Picture,
     Place,
     Places,
+    SessionBounds,
     thumbnail,
     unpack_cells,
 )
-from convseq_ros.core.map.sessions import MapSession, SessionBounds
 from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
 import numpy as np
 import numpy.typing as npt

@@ -15,15 +15,22 @@ from convseq_ros import __version__
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
+from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
-from convseq_ros.core.map.database import explained
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, Settings
-from convseq_ros.core.map.link_rows import takes_links, write_links
+from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.format import (
+    APPLICATION_ID,
+    FORMAT_VERSION,
+    MapSession,
+    packed_pose,
+    row_crc,
+    SCHEMA,
+    Settings,
+)
 from convseq_ros.core.map.lock import BESIDE, MapLock, PART
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.errors import MapError
 from convseq_ros.regular_file import sync
 import numpy as np
@@ -66,7 +73,7 @@ class MapWriter:
                 self.is_new = self._make(settings, append)
                 self.reader = MapReader(path, encoding, keyframes)
                 self._count = self.committed = len(self.reader)
-                self._takes_links = takes_links(self._database)
+                self._takes_links = _takes_links(self._database)
                 self._sessions = self._database.number('SELECT count(*) FROM sessions')
             except BaseException:
                 self.close()
@@ -247,3 +254,24 @@ def _delete_journal(path: Path) -> None:
             database.number('PRAGMA page_count')  # mends the file, if it can be
         for one in beside:
             one.unlink(missing_ok=True)
+
+
+def write_links(database: Database, rows: Sequence[Row]) -> None:
+    """Write links, in a transaction that is begun."""
+    for place, one in rows:
+        row: tuple[object, ...] = (place, *(None,) * 5)
+        if one is not None:
+            relative = one.relative and packed_pose(one.relative)
+            row = place, one.other, one.anchor, one.confidence, one.inliers, relative
+        database.rows(
+            'INSERT OR REPLACE INTO links VALUES (?, ?, ?, ?, ?, ?, ?)', (*row, row_crc(row))
+        )
+
+
+def _takes_links(database: Database) -> bool:
+    """Return whether a file takes further links: not if their table cannot be read."""
+    try:
+        return database.number('SELECT count(*) FROM links') >= 0
+    except sqlite3.DatabaseError:
+        database.roll_back()
+        return False

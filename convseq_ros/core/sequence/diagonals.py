@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from convseq_ros.core.compiled import available
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.place import SessionBounds
 from convseq_ros.core.types import Indices, Row
 import numpy as np
 import numpy.typing as npt

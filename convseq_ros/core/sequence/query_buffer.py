@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification, verify
-from convseq_ros.core.map.sessions import SessionBounds
+from convseq_ros.core.map.place import SessionBounds
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.sequence.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.types import Candidate, Descriptor, Indices, Row

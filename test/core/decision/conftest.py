@@ -5,9 +5,9 @@
 from collections.abc import Callable
 
 from convseq_ros.config import EncodingConfig
+from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.sessions import MapSession
 from convseq_ros.core.types import Pose
 import numpy as np
 import pytest
