@@ -33,7 +33,7 @@ SHARED := --numprocesses=2 --dist=worksteal
 # among these files are tests of the same kind, which have the mark `once`.
 NUMERICAL := test/core test/baselines test/sources/test_images.py \
 	test/sources/test_folder.py test/evaluation/test_metrics.py \
-	test/evaluation/test_ranking.py test/evaluation/test_truth.py test/test_parity.py
+	test/evaluation/test_ranking.py test/evaluation/test_data_set.py test/test_parity.py
 
 CHECKS := test-newest test-noble lint types contract
 

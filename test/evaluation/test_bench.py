@@ -1,13 +1,15 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Methods on small drawn sets: the figures, and the folder that they are written to."""
+"""Methods on small drawn sets and a real one: figures, their folder, and what users bring."""
 
 import csv
 import json
 
+from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.recognition import with_known
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
 from convseq_ros.results import COLUMNS
 import cv2
@@ -167,3 +169,97 @@ def test_a_method_that_makes_no_sense_is_refused_in_one_line(
 def test_two_sets_of_one_name_are_refused(street, quick, tmp_path):
     with pytest.raises(ConfigError, match='street: two data sets of this name'):
         run(street, quick, tmp_path / 'out', 'hog', files=[street.file] * 2)
+
+
+@pytest.fixture
+def accuracy(street, quick, tmp_path):
+    """Return what a method reaches on the drawn street."""
+
+    def measured(method):
+        data_set = open_data_set(str(street.file))
+        plan = Plan(methods=(method,))
+        (summary,) = evaluate([data_set], quick, plan, tmp_path / 'out')
+        return summary['accuracy_all']
+
+    return measured
+
+
+def test_distances_can_be_given_instead_of_scores(accuracy, tmp_path):
+    np.save(tmp_path / 'net.npy', 1 - np.eye(24))
+    assert accuracy(f'scores:{tmp_path}/net.npy') < 0.2
+    assert accuracy(f'scores:{tmp_path}/net.npy+lower_is_better=true') == 1
+    with pytest.raises(ConvseqError, match="lower_is_better is true or false, not 'yes'"):
+        accuracy(f'scores:{tmp_path}/net.npy+lower_is_better=yes')
+
+
+def test_descriptors_are_compared_by_cosine(accuracy, tmp_path):
+    rows = np.random.default_rng(0).normal(size=(24, 8))
+    np.save(tmp_path / 'q.npy', rows)
+    np.save(tmp_path / 'r.npy', 3 * rows)
+    np.save(tmp_path / 'short.npy', rows[:, :5])
+    assert accuracy(f'descriptors:{tmp_path}/q.npy,{tmp_path}/r.npy') == 1
+    with pytest.raises(ConvseqError, match='descriptors of 8 and 5 numbers cannot be compared'):
+        accuracy(f'descriptors:{tmp_path}/q.npy,{tmp_path}/short.npy')
+    with pytest.raises(ConvseqError, match=r'expected descriptors:QUERY.npy,REFERENCE.npy'):
+        accuracy(f'descriptors:{tmp_path}/q.npy')
+
+
+def test_an_onnx_model_describes_the_images(accuracy, tmp_path):
+    onnx = pytest.importorskip('onnx', reason='needs onnx to make a model')
+    pytest.importorskip('onnxruntime', reason='needs onnxruntime to run a model')
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node('Flatten', ['image'], ['descriptor'])],
+        'pixels',
+        [helper.make_tensor_value_info('image', kind, (1, 1, 'height', 'width'))],
+        [helper.make_tensor_value_info('descriptor', kind, None)],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 13)], ir_version=8)
+    onnx.save(made, str(tmp_path / 'm.onnx'))
+    assert accuracy(f'onnx:{tmp_path}/m.onnx+size=32x32+mean=0.5+scale=0.25') == 1
+    with pytest.raises(ConvseqError, match='takes images of any size; say'):
+        accuracy(f'onnx:{tmp_path}/m.onnx')
+    with pytest.raises(ConvseqError, match='could not convert string to float'):
+        accuracy(f'onnx:{tmp_path}/m.onnx+size=32x32+mean=half')
+
+
+def test_a_model_is_a_first_stage_of_the_recogniser(accuracy, tmp_path):
+    from descriptor_models import made
+
+    net = made(tmp_path / 'net.onnx', 'random', 32, 64)
+    for more in ('', '+matching=descriptor'):
+        assert accuracy(f'convseq+descriptor_model={net}{more}') > 0.6
+    made(net, 'hog', 32, 64)
+    assert accuracy(f'convseq+descriptor_model={net}') > 0.6  # not what was kept of the other one
+
+
+def test_what_robots_run_decides_by_itself(accuracy):
+    assert accuracy('orb-bow') is not None
+    with pytest.raises(ConvseqError, match='alpha is not a number'):
+        accuracy('sift-vlad+alpha=low')
+
+
+# The released script resizes by OpenCV's INTER_LINEAR.
+PAPER = with_known(Config(), {'matching': 'regional', 'search': 'exhaustive', 'resize': 'linear'})
+
+
+# Accuracies of the published matrices of ten techniques.
+SINGLE = {
+    'alexnet': 0.685, 'amosnet': 0.847, 'ap-gem': 0.532, 'calc': 0.324, 'cohog': 0.622,
+    'densevlad': 0.703, 'hog': 0.477, 'hybridnet': 0.901, 'netvlad': 0.676, 'regionvlad': 0.432,
+}  # fmt: skip
+
+
+def test_accuracy_on_corridor_is_as_published(shared_data, tmp_path):
+    data_set = open_data_set('corridor', shared_data)
+    matrices = [f'{name}=scores:{path}' for name, path in data_set.published.items()]
+    longer = f'longer=scores:{data_set.published["vprbench-netvlad"]}@k10'
+    plan = Plan(methods=('cohog', 'seqslam', 'convseq-k10', longer, *matrices))
+    rows = evaluate([data_set], PAPER, plan, tmp_path)
+    found = {one['method']: one['accuracy_matched'] for one in rows}
+    assert 0.62 <= found['cohog'] <= 0.68
+    assert found['convseq-k10'] >= 0.89
+    # Without its wrap-around.
+    assert found['seqslam'] == pytest.approx(0.5, abs=0.02)
+    assert {name: found[f'vprbench-{name}'] for name in SINGLE} == pytest.approx(SINGLE, abs=1e-3)
+    assert found['longer'] > SINGLE['netvlad']
