@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The methods: each is a row of `KINDS`, and a function of a data set that returns `PairScores`."""
+"""The methods: each is a row of `KINDS`, and a function of a data set that gives `PairScores`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -19,8 +19,8 @@ QUEUE_BYTES = 256_000_000  # of images that wait, and as many again in the middl
 _FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
 
 
-class ImageSubscription:
-    """Subscribes to a topic of images, which are compressed if its name ends in /compressed."""
+class ImageSubscription(FollowingSubscription):
+    """Hears a topic of images, which are compressed if its name ends in /compressed."""
 
     def __init__(
         self,
@@ -29,34 +29,11 @@ class ImageSubscription:
         on_image: Callable[[ImageMessage, str], None],
         topic: str = 'image',
     ) -> None:
-        self._node, self._depth, self._on_image = node, depth, on_image
-        self._subscription: FollowingSubscription | None = None
-        self.topic = node.resolve_topic_name(topic)
-
-    def start(self) -> None:
-        self._subscription = FollowingSubscription(
-            self._node, self._kind, self.topic, self._on_message, self._depth
-        )
-
-    def stop(self) -> None:
-        if self._subscription:
-            self._subscription.destroy()
-        self._subscription = None
-
-    def follow(self, topic: str) -> None:
-        is_listening = self._subscription is not None
-        self.stop()
-        self.topic = topic
-        if is_listening:
-            self.start()
+        self._on_image = on_image
+        super().__init__(node, Image, topic, self._on_sized, depth, starts=False)
 
     @property
-    def lost(self) -> int:
-        """Messages that did not arrive; see `FollowingSubscription`."""
-        return self._subscription.lost if self._subscription else 0
-
-    @property
-    def _kind(self) -> type:
+    def kind(self) -> type:
         return CompressedImage if self.topic.endswith(COMPRESSED) else Image
 
     @property
@@ -65,16 +42,14 @@ class ImageSubscription:
         bare = self.topic.removesuffix(COMPRESSED)
         return bare if bare != self.topic else bare + COMPRESSED
 
-    def _on_message(self, message: ImageMessage) -> None:
-        fitting = QUEUE_BYTES // max(1, len(message.data))
-        if self._subscription and fitting < self._depth:
-            self._subscription.hold_at_most(max(_FEWEST, fitting))
+    def _on_sized(self, message: ImageMessage) -> None:
+        self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(message.data))))
         self._on_image(message, self.topic)
 
     def advice(self) -> str:
         """Say why no images may come and what to do about it, in one line."""
         types = self._published(self.topic)
-        if type_name(self._kind) in types:
+        if type_name(self.kind) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         if types:
             return (

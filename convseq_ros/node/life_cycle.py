@@ -69,11 +69,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._let_go()
         return _DONE
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.on_cleanup(state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self.on_cleanup(state)
+    on_shutdown = on_error = on_cleanup  # type: ignore[assignment]
 
     # rclpy's own lets the error of a transition that is not possible end the executor.
     def _LifecycleNodeMixin__change_state(self, number: int) -> TransitionCallbackReturn:

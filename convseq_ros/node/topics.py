@@ -51,44 +51,58 @@ class FollowingSubscription:
     """
 
     def __init__(
-        self, node: Node, kind: type, topic: str, on_message: Callable[[Any], None], depth: int
+        self,
+        node: Node,
+        kind: type,
+        topic: str,
+        on_message: Callable[[Any], None],
+        depth: int,
+        starts: bool = True,
     ) -> None:
         self._reported = self._missing = self._last = 0
-        self._node, self._kind, self._topic = node, kind, topic
+        self._node, self._own_kind, self.topic = node, kind, node.resolve_topic_name(topic)
         self._on_message, self._depth = on_message, depth
         self._subscription: Any = None
+        if starts:
+            self.start()
+
+    def start(self) -> None:
+        self._last = 0
         self._subscribe(ReliabilityPolicy.RELIABLE)
+
+    def stop(self) -> None:
+        if self._subscription:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription = None
+
+    @property
+    def kind(self) -> type:
+        """The type of the messages."""
+        return self._own_kind
 
     @property
     def lost(self) -> int:
         return max(self._reported, self._missing)
 
-    def destroy(self) -> None:
-        self._node.destroy_subscription(self._subscription)
-
     def move(self, topic: str) -> None:
         """Hear another topic instead."""
-        self._topic, self._last = topic, 0
-        self._subscribe(self._reliability)
+        self.topic, self._last = self._node.resolve_topic_name(topic), 0
+        if self._subscription:
+            self._subscribe(self._reliability)
 
     def hold_at_most(self, depth: int) -> None:
         """Have fewer messages wait for the executor from now on."""
-        if depth < self._depth:
+        if depth < self._depth and self._subscription:
             self._depth = depth
             self._subscribe(self._reliability)
 
-    @property
-    def topic(self) -> str:
-        return str(self._subscription.topic_name)
-
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        if self._subscription:
-            self._node.destroy_subscription(self._subscription)
+        self.stop()
         self._reliability = reliability
         on_message: Any = self._on_numbered  # rclpy's types know of no second argument
         self._subscription = self._node.create_subscription(
-            self._kind,
-            self._topic,
+            self.kind,
+            self.topic,
             on_message,
             QoSProfile(depth=self._depth, reliability=reliability),
             event_callbacks=SubscriptionEventCallbacks(

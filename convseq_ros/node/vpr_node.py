@@ -193,7 +193,7 @@ class VprNode(ManagedNode):
 
     def _follow(self, topics: dict[str, str]) -> None:
         self._frame_context.follow(topics)
-        self._images[0].follow(topics['image'])
+        self._images[0].move(topics['image'])
 
     def _on_warm(self) -> None:
         self._ready = True

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import math
 
 from convseq_ros.core.types import Pose
-from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import Shot
 import numpy as np
 
@@ -26,11 +25,6 @@ class Drift:
     noise_m: float = 0.02  # after one metre, both along and across
     yaw_noise_deg: float = 2.0  # after 100 m
     seed: int = 0  # decides the random errors
-
-    def __post_init__(self) -> None:
-        for name in ('noise_m', 'yaw_noise_deg', 'seed'):
-            if not getattr(self, name) >= 0:
-                raise ConvseqError(f'{name}: {getattr(self, name)} is negative')
 
 
 class Odometer:

@@ -56,16 +56,9 @@ class Route:
     _starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if len(self.corners) < 2 or not self.radius_m > 0:
-            raise ConvseqError(
-                f'corners: {len(self.corners)} corners and a radius of {self.radius_m} m are no '
-                'route; give two or more, and a positive radius'
-            )
         for (x, y), (next_x, next_y) in pairwise(self.corners):
             if (x == next_x) == (y == next_y):
-                raise ConvseqError(
-                    f'corners: {x, y} to {next_x, next_y} is not along x or y; add a corner'
-                )
+                raise ConvseqError(f'corners: {x, y} to {next_x, next_y} is not along x or y')
         pieces = tuple(self._lay())
         starts = tuple(accumulate((piece.length_m for piece in pieces), initial=0.0))
         object.__setattr__(self, '_pieces', pieces)
@@ -104,10 +97,7 @@ class Route:
             after = self.radius_m if turn else 0.0
             length = math.dist(start, end) - before - after
             if length < 0 or abs(turn) > 2:
-                raise ConvseqError(
-                    f'corners: there is no bend of {self.radius_m:g} m at {end}; '
-                    'let no corners lie so near, and do not turn back'
-                )
+                raise ConvseqError(f'corners: there is no bend of {self.radius_m:g} m at {end}')
             cos, sin = math.cos(yaw), math.sin(yaw)
             x, y = start[0] + before * cos, start[1] + before * sin
             pieces.append(_Piece(x, y, yaw, length, 0.0, start, end))

@@ -123,12 +123,6 @@ def test_the_noise_is_as_large_as_it_says():
     assert along.std() == pytest.approx(0.05 * 10, rel=0.2)
 
 
-@pytest.mark.parametrize('name', ['noise_m', 'yaw_noise_deg', 'seed'])
-def test_a_negative_noise_is_refused_by_name(name):
-    with pytest.raises(ConvseqError, match=name):
-        Drift(**{name: -1})
-
-
 def test_a_recording_holds_odometry_and_truth_in_frames_of_their_own(tmp_path):
     rosbags = pytest.importorskip('rosbags.highlevel')
     drive = Drive(num_frames=3, width_px=64, height_px=48, heading_deg=80.0)
