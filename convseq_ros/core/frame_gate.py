@@ -20,12 +20,11 @@ from convseq_ros.config import Config, KeyframeConfig, MotionConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
-from convseq_ros.core.types import Descriptor, Pose, Reason
+from convseq_ros.core.types import Descriptor, Floats, Gray, Pose, Reason
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Glance = npt.NDArray[np.float32]  # (2, 48, 64) of length 1, hence the same in a dimmer light
+Glance = Floats  # (2, 48, 64) of length 1, hence the same in a dimmer light
 
 _AREA = cv2.INTER_AREA  # each pixel is the mean of those that it covers
 
@@ -89,7 +88,7 @@ class GLANCE:
     still: float = 4.0  # distance by which frames differ at most, by how unlike they may be
 
 
-def glance(gray: npt.NDArray[np.uint8]) -> Glance | None:
+def glance(gray: Gray) -> Glance | None:
     """Return the edges of a small copy of an image (H, W); None if there are hardly any."""
     size = width, height = GLANCE.width_px, GLANCE.height_px
     # Halves are made four times as fast as other shares.
@@ -309,7 +308,7 @@ class FrameGate:
         stamp_ns: int,
         pose: Pose | None,
         encode: Callable[[], Descriptor],
-        gray: npt.NDArray[np.uint8] | None = None,
+        gray: Gray | None = None,
     ) -> Verdict:
         """Decide about the next frame; `encode` describes it, if nothing cheaper decides."""
         self._drops.update(stamp_ns)

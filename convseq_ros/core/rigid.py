@@ -9,12 +9,12 @@ ahead; a robot x ahead, y left, z up (REP-103).
 
 import math
 
-from convseq_ros.core.types import Camera, Pose, Quaternion, Vector
+from convseq_ros.core.types import Camera, Doubles, Pose, Quaternion, Vector
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Matrix = npt.NDArray[np.float64]
+Matrix = Doubles
 
 ROBOT_LENS = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 

@@ -12,7 +12,13 @@ import numpy.typing as npt
 Shift = tuple[float, float]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # x, y, z, w; of unit length
+# Arrays; their shapes are told where they are used.
+Gray = npt.NDArray[np.uint8]
+Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+Halves = npt.NDArray[np.float16]
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
 
 

@@ -11,8 +11,8 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import Picture
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.sequence.coarse_scores import Centred, Floats, sums_of, top, Track, Usual
-from convseq_ros.core.types import Indices, Row
+from convseq_ros.core.sequence.coarse_scores import Centred, sums_of, top, Track, Usual
+from convseq_ros.core.types import Floats, Indices, Row
 from convseq_ros.errors import MapError
 import numpy as np
 import numpy.typing as npt

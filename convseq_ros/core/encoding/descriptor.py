@@ -8,10 +8,9 @@ from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY, image_entropy
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Doubles, Flags, Floats, Gray
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 
 @constants
@@ -28,7 +27,7 @@ class HOG:
 INTERPOLATIONS = {'exact': cv2.INTER_LINEAR_EXACT, 'linear': cv2.INTER_LINEAR}
 
 
-def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfig()) -> Descriptor:
+def describe(gray: Gray, config: EncodingConfig = EncodingConfig()) -> Descriptor:
     """
     Return that of an upright grey image of any size, made square.
 
@@ -49,7 +48,7 @@ def describe(gray: npt.NDArray[np.uint8], config: EncodingConfig = EncodingConfi
 
 
 @cache
-def seen_cells(mask: str, side: int) -> npt.NDArray[np.bool_]:
+def seen_cells(mask: str, side: int) -> Flags:
     """Return which cells an encoding's mask shows, (side, side); ValueError if none of them."""
     if not mask:
         return np.ones((side, side), np.bool_)
@@ -62,13 +61,13 @@ def seen_cells(mask: str, side: int) -> npt.NDArray[np.bool_]:
     return seen
 
 
-def salient_regions(cells: npt.NDArray[np.float64], threshold: float) -> npt.NDArray[np.bool_]:
+def salient_regions(cells: Doubles, threshold: float) -> Flags:
     """Return where 2 x 2 cells' mean bits reach a share of 8, the paper's ET: ((S - 1) ** 2,)."""
     regions = (cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]) / 4
     return (regions >= threshold * ENTROPY.max_bits).ravel()
 
 
-def whole_descriptor(cells: npt.NDArray[np.float32]) -> Descriptor:
+def whole_descriptor(cells: Floats) -> Descriptor:
     """Return the descriptor of a place; a map does not say what is salient, so all of it is."""
     every = np.full(cells.shape[:2], ENTROPY.max_bits)
     return Descriptor(cells, np.ones((len(cells) - 1) ** 2, np.bool_), every, 1.0)
@@ -87,9 +86,7 @@ def cell_shape(image_size_px: int) -> tuple[int, int, int]:
     return side, side, HOG.bins
 
 
-def cell_histograms(
-    gray: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_] | None = None
-) -> npt.NDArray[np.float32]:
+def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
     """
     Return the orientation histogram of every 16 x 16 px cell of an image (S, S).
 

@@ -7,11 +7,9 @@ from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
+from convseq_ros.core.types import Doubles, Gray, Indices
 import cv2
 import numpy as np
-import numpy.typing as npt
-
-Numbers = npt.NDArray[np.float64]
 
 
 @constants
@@ -26,9 +24,7 @@ class ENTROPY:
     resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
 
 
-def cell_entropies(
-    gray: npt.NDArray[np.uint8], cells: int, interpolation: int = cv2.INTER_LINEAR_EXACT
-) -> Numbers:
+def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
     """
     Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
 
@@ -44,22 +40,20 @@ def cell_entropies(
     return np.rint(bits / ENTROPY.resolution) * ENTROPY.resolution
 
 
-def image_entropy(bits: Numbers) -> float:
+def image_entropy(bits: Doubles) -> float:
     """Return the mean of an entropy map, or of its cells, as a share of 8 bits, in [0, 1]."""
     return float(bits.mean()) / ENTROPY.max_bits
 
 
 @cache
-def _enlarged_means(side: int, cells: int) -> Numbers:
+def _enlarged_means(side: int, cells: int) -> Doubles:
     """Return (C, 100): what each row of the small copy adds to the mean of each row of cells."""
     size = ENTROPY.side_px
     rows = cv2.resize(np.eye(size), (size, side), interpolation=cv2.INTER_LINEAR)
     return rows.reshape(cells, side // cells, size).mean(axis=1)
 
 
-def local_entropy(
-    gray: npt.NDArray[np.uint8], interpolation: int = cv2.INTER_LINEAR_EXACT
-) -> Numbers:
+def local_entropy(gray: Gray, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
     """
     Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
 
@@ -77,7 +71,7 @@ def local_entropy(
 
 
 @cache
-def _disk() -> tuple[npt.NDArray[np.int64], Numbers, Numbers, Numbers, npt.NDArray[np.int64]]:
+def _disk() -> tuple[Indices, Doubles, Doubles, Doubles, Indices]:
     """Return half widths of rows, c log2 c of all c, of c inside and outside, and c inside."""
     radius, size = ENTROPY.radius_px, ENTROPY.side_px
     away = np.arange(-radius, radius + 1)

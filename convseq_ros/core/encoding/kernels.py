@@ -6,6 +6,7 @@ from functools import cache
 
 from convseq_ros.core.compiled import array, INT, kernel, SIZE
 from convseq_ros.core.encoding.regions import Cells, projection, Regions, regions_in_a_row
+from convseq_ros.core.types import Doubles, Floats, Gray, Indices
 import numpy as np
 import numpy.typing as npt
 
@@ -17,18 +18,13 @@ _project = kernel('project', array('f4'), SIZE, INT, array('f4'), array('f4'), a
 
 
 def disk_sums(
-    levels: npt.NDArray[np.uint16],
-    half_widths: npt.NDArray[np.int64],
-    terms: npt.NDArray[np.float64],
-    sums: npt.NDArray[np.float64],
+    levels: npt.NDArray[np.uint16], half_widths: Indices, terms: Doubles, sums: Doubles
 ) -> None:
     """Fill in the sum of a function of each level's count, over a disk around every pixel."""
     _disk_sums(levels, half_widths, half_widths.size, terms, *sums.shape, sums)
 
 
-def histograms(
-    framed: npt.NDArray[np.uint8], gamma: npt.NDArray[np.float64], cells: Cells
-) -> None:
+def histograms(framed: Gray, gamma: Doubles, cells: Cells) -> None:
     """Fill in the cells (S, S, 8) of an image (16 S + 4, 16 S + 4), given each level's gamma."""
     _histograms(framed, len(framed) - 4, gamma, cells)
 
@@ -42,7 +38,7 @@ def project(cells: Cells, step: int = 1) -> Regions:
 
 
 @cache
-def axes() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def axes() -> tuple[Floats, Floats]:
     """Return the axes and where they map the mean, added up so that all processors agree."""
     mean, projected = projection()
     origin = mean.astype(np.float64) @ projected.astype(np.float64)

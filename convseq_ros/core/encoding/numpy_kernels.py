@@ -3,6 +3,7 @@
 """What `kernels` computes, by NumPy and OpenCV: the oracle, and the fallback without C."""
 
 from convseq_ros.core.encoding.regions import projected_regions as project
+from convseq_ros.core.types import Doubles, Floats, Gray, Indices
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +16,7 @@ _STRIP_CELLS = 4  # rows of cells at a time; measured: they stay in the processo
 
 
 def disk_sums(
-    levels: npt.NDArray[np.uint16],
-    half_widths: npt.NDArray[np.int64],
-    terms: npt.NDArray[np.float64],
-    sums: npt.NDArray[np.float64],
+    levels: npt.NDArray[np.uint16], half_widths: Indices, terms: Doubles, sums: Doubles
 ) -> None:
     """
     Fill in the sum of c log2 c over a disk around every pixel, without loops over pixels.
@@ -60,9 +58,7 @@ def disk_sums(
         sums += cv2.LUT(of_pixel, added)[:, :width]
 
 
-def histograms(
-    framed: npt.NDArray[np.uint8], gamma: npt.NDArray[np.float64], cells: npt.NDArray[np.float32]
-) -> None:
+def histograms(framed: Gray, gamma: Doubles, cells: Floats) -> None:
     """Fill in the cells (S, S, 8) of an image (16 S + 4, 16 S + 4), given each level's gamma."""
     side, _, bins = cells.shape
     width = len(framed) - 2 * _MARGIN_PX

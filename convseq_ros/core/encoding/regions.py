@@ -13,11 +13,12 @@ from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
+from convseq_ros.core.types import Doubles, Floats, Halves
 import numpy as np
 import numpy.typing as npt
 
-Cells = npt.NDArray[np.float32]
-Regions = npt.NDArray[np.float32]
+Cells = Floats
+Regions = Floats
 
 
 @constants
@@ -31,7 +32,7 @@ class REGION:
     axes: int = 12  # of a global descriptor; channels, of 32
 
 
-def unit(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def unit(rows: npt.NDArray[np.floating]) -> Floats:
     """Return vectors, along the last axis, at unit length; zero ones stay zero."""
     length = np.sqrt(np.einsum('...i,...i->...', rows, rows))[..., None]
     return rows / np.where(length > 0, length, length.dtype.type(1))
@@ -64,7 +65,7 @@ def paper_regions(cells: Cells) -> Regions:
 
 
 @cache
-def projection() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def projection() -> tuple[Floats, Floats]:
     """Return the fixed mean (72,) and projection (72, 32); projection.md says where from."""
     with files(__package__).joinpath('projection.npy').open('rb') as file:
         stored = np.load(file, allow_pickle=False)
@@ -81,7 +82,7 @@ def projected_regions(cells: Cells, step: int = 1) -> Regions:
     return unit((joined_regions(cells, step=step) - mean) @ axes)
 
 
-def global_descriptor(cells: Cells) -> npt.NDArray[np.float16]:
+def global_descriptor(cells: Cells) -> Halves:
     """
     Return the global descriptor of cells (S, S, 8): (252,), less below 128 px; not normalised.
 
@@ -106,7 +107,7 @@ def global_descriptor_length(cell_shape: tuple[int, int, int]) -> int:
 
 
 @cache
-def _waves(side: int) -> npt.NDArray[np.float64]:
+def _waves(side: int) -> Doubles:
     """Return the rows of a cosine transform, scaled to give means: (frequencies, side)."""
     frequency = np.arange(min(REGION.frequencies, side))[:, None]
     phase = np.pi * frequency * (np.arange(side) + 0.5) / side

@@ -11,14 +11,13 @@ from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.types import Camera, Frame, Gray
 from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import read_bytes
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 # What was to the right of a lens is above it when the image is turned to the left.
 _ON_ITS_SIDE = of_roll_pitch_yaw((0.0, 0.0, 0.0), math.pi / 2, 0.0, 0.0)
@@ -114,7 +113,7 @@ def with_mask_read(
     return replace(encoding, image_mask=kept)
 
 
-def _read(path: Path, reading: ReadingConfig) -> npt.NDArray[np.uint8]:
+def _read(path: Path, reading: ReadingConfig) -> Gray:
     try:
         data = read_bytes(path, 'a picture', reading.refuse_file)
         asked, picture = declared(data), None

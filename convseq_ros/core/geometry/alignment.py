@@ -15,8 +15,9 @@ import math
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
-from convseq_ros.core.geometry.structure import Floats, Sight, Structure
+from convseq_ros.core.geometry.structure import Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
+from convseq_ros.core.types import Doubles
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -62,14 +63,14 @@ class Alignment:
     cells_per_m: float  # by which a way across moves a region of middle depth
     baseline_m: float = math.inf  # between the images that gave the depths
     # (k, 3), where those images were taken, from the reference's lens.
-    neighbours: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    neighbours: Doubles = field(default_factory=lambda: np.zeros((0, 3)))
     first_share: float | None = None  # before regions were followed, if they were
 
 
 def align(
     structure: Structure,
     seen: Points,
-    scale: Floats,
+    scale: Doubles,
     start: Matrix,
     precision: Precision = ALIGNMENT.cells,
 ) -> Alignment | None:
@@ -131,7 +132,7 @@ def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
     return None
 
 
-def unshrunk(found: Alignment, along: Floats | None) -> Alignment:
+def unshrunk(found: Alignment, along: Doubles | None) -> Alignment:
     """
     Return a motion whose way across the map's is longer, and the turn that fits to it.
 

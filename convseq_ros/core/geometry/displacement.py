@@ -9,12 +9,13 @@ from convseq_ros.core.compiled import address, kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.geometry.lens import Points
+from convseq_ros.core.types import Floats
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 # (n, 5): row and column of a region, rows and columns that it moved, similarity; in cells.
-Displacements = npt.NDArray[np.float32]
+Displacements = Floats
 
 
 @constants
@@ -76,7 +77,7 @@ def _border(side: int) -> int:
     return _wide(side) + FIELD.spread
 
 
-def weights() -> npt.NDArray[np.float32]:
+def weights() -> Floats:
     """Return what a region's neighbours on either side, and itself, count for: 7 numbers."""
     cells = np.arange(-FIELD.radius_cells, FIELD.radius_cells + 1)
     window = np.exp(-(cells**2) / (2 * FIELD.sigma_cells**2))
@@ -112,5 +113,5 @@ def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
     return places
 
 
-def _image(numbers: npt.NDArray[np.floating], side: int) -> npt.NDArray[np.float32]:
+def _image(numbers: npt.NDArray[np.floating], side: int) -> Floats:
     return np.ascontiguousarray(numbers, np.float32).reshape(side, side, -1)

@@ -9,6 +9,7 @@ from convseq_ros.core.encoding.regions import Regions
 from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIELD, weights
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
+from convseq_ros.core.types import Doubles
 import numpy as np
 import numpy.typing as npt
 
@@ -25,7 +26,6 @@ _verify = kernel(
 _align = kernel(
     'align', *(_DOUBLES,) * 4, SIZE, _DOUBLES, _DOUBLES, SIZE, DOUBLE, DOUBLE, *(_DOUBLES,) * 5
 )
-Doubles = npt.NDArray[np.float64]
 _OF_FIELD = 1 / FIELD.scale**2, weights(), FIELD.tolerance_cells
 _OF_MOTION = MOTION.sigma_cells, MOTION.rounds, MOTION.stiffness
 

@@ -4,12 +4,11 @@
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.types import Camera, COEFFICIENTS
+from convseq_ros.core.types import Camera, COEFFICIENTS, Doubles
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Points = npt.NDArray[np.float64]  # (n, 2), each NaN where it is not known
+Points = Doubles  # (n, 2), each NaN where it is not known
 
 
 @constants

@@ -10,12 +10,11 @@ from convseq_ros.core.geometry.displacement import Arranged, Displacements, FIEL
 from convseq_ros.core.geometry.structure import DEPTH, Fit, Structure
 from convseq_ros.core.geometry.verification import initial_motion, MOTION, Motion
 from convseq_ros.core.rigid import turned_by
+from convseq_ros.core.types import Doubles, Flags, Floats
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 Volume = Floats  # (side * side, span * span), by place and displacement; or -inf
 _WEIGHTS = weights()
 _SPAN = 2 * FIELD.reach_cells + 1
@@ -160,9 +159,7 @@ def _blended(images: Floats) -> Floats:
     return np.asarray(blended, np.float32).reshape(images.shape)
 
 
-def _refined(
-    volume: Volume, start: tuple[int, int]
-) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
+def _refined(volume: Volume, start: tuple[int, int]) -> tuple[Floats, Floats, Flags]:
     """Return rows and columns moved, between cells, (2, n), how similar, and which are known."""
     at, places = volume.argmax(axis=1), np.arange(len(volume))
     i, j = np.divmod(at, _SPAN)

@@ -14,11 +14,9 @@ from math import isqrt
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
 from convseq_ros.core.rigid import Matrix
+from convseq_ros.core.types import Doubles
 import cv2
 import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.float64]
 
 
 @constants
@@ -46,13 +44,13 @@ class DEPTH:
 class Structure:
     """The regions of a reference in space; equal to itself only."""
 
-    rays: Floats  # (n, 3), z is 1
-    inverse_m: Floats  # (n,), inverse depths
-    information: Floats  # (n,), of these: inverse variances, in square metres; 0 where unknown
+    rays: Doubles  # (n, 3), z is 1
+    inverse_m: Doubles  # (n,), inverse depths
+    information: Doubles  # (n,), of these: inverse variances, in square metres; 0 where unknown
 
 
 # What `align` of a kernel finds.
-Fit = tuple[Floats, Floats, Floats, Floats, Floats]
+Fit = tuple[Doubles, Doubles, Doubles, Doubles, Doubles]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -61,10 +59,10 @@ class Sight:
 
     seen: Points  # (n, 2), where their rays meet its plane
     moved: Matrix  # (4, 4), from the reference's lens to its lens
-    scale: Floats  # (2,), cells across and down for a length of 1 in its plane
+    scale: Doubles  # (2,), cells across and down for a length of 1 in its plane
 
 
-def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
+def triangulate(rays: Doubles, sights: Sequence[Sight]) -> Structure:
     """Return the depths of rays (n, 3) that agree best with what neighbours saw of them."""
     guesses = 1 / np.geomspace(DEPTH.nearest_m, DEPTH.furthest_m, DEPTH.guesses)
     costs = np.zeros((len(guesses), len(rays)))
@@ -88,7 +86,7 @@ def triangulate(rays: Floats, sights: Sequence[Sight]) -> Structure:
     return Structure(rays, inverse, information)
 
 
-def smoothed(structure: Structure) -> Floats:
+def smoothed(structure: Structure) -> Doubles:
     """Return inverse depths (n,) of the regions of a square image, as their neighbours are."""
     side = isqrt(len(structure.rays))
     weight = structure.information.reshape(side, side)
@@ -98,7 +96,7 @@ def smoothed(structure: Structure) -> Floats:
     return np.asarray((sums + own * DEPTH.usual_inverse_m) / (weights + own))
 
 
-def measured(rays: Floats, depths_m: Floats) -> Structure:
+def measured(rays: Doubles, depths_m: Doubles) -> Structure:
     """Return rays (n, 3) with depths (n,) that were measured; NaN is unknown."""
     nearest_m = DEPTH.nearest_share * float(np.nanmedian(depths_m))
     with np.errstate(invalid='ignore'):
@@ -108,7 +106,7 @@ def measured(rays: Floats, depths_m: Floats) -> Structure:
     return Structure(rays, inverse, information)
 
 
-def _off(sight: Sight, rays: Floats, inverse: Floats) -> tuple[Floats, Floats]:
+def _off(sight: Sight, rays: Doubles, inverse: Doubles) -> tuple[Doubles, Doubles]:
     """
     Return how far off what was seen points are, in cells, and by how much more per 1 / m.
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.lens import Points
-from convseq_ros.core.geometry.structure import Floats
 from convseq_ros.core.rigid import Matrix
+from convseq_ros.core.types import Doubles
 import cv2
 import numpy as np
 
@@ -32,12 +32,12 @@ class TwoView:
     """What two images say of the motion between their lenses; equal to itself only."""
 
     turned: Matrix  # (3, 3), from the first lens to the second
-    direction: Floats | None  # of the second lens in the first, (3,); None without a baseline
+    direction: Doubles | None  # of the second lens in the first, (3,); None without a baseline
     inliers: int
     share: float  # of the regions that were found, inliers; in (0, 1]
 
 
-def two_view(first: Points, second: Points, scale: Floats) -> TwoView | None:
+def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
     """
     Return the motion from one lens to another by what both saw, (n, 2) each; None if few agree.
 
@@ -62,7 +62,7 @@ def two_view(first: Points, second: Points, scale: Floats) -> TwoView | None:
     return TwoView(turned, -turned.T @ way.ravel(), int(count), count / len(first))
 
 
-def _turn(first: Points, second: Points, scale: Floats) -> tuple[Matrix, Floats]:
+def _turn(first: Points, second: Points, scale: Doubles) -> tuple[Matrix, Doubles]:
     """Return the rotation between rays, what is far off counting less, and what is left (n,)."""
     rays = [np.column_stack((seen, np.ones(len(seen)))) for seen in (first, second)]
     one, other = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)

@@ -16,13 +16,12 @@ from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import Arranged
-from convseq_ros.core.types import Shift
+from convseq_ros.core.types import Doubles, Shift
 import numpy as np
-import numpy.typing as npt
 
 # (2, 3): rows and columns moved, in cells, by 1, row and column, these counted in sides of the
 # image from its middle; and how far each region is off it, in cells, (n,).
-Motion = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Motion = tuple[Doubles, Doubles]
 
 
 @constants
@@ -34,7 +33,7 @@ class MOTION:
     stiffness: float = 1.0  # regions that speak for no slope: few regions make no wild motion
 
 
-def initial_motion(start: tuple[int, int]) -> npt.NDArray[np.float64]:
+def initial_motion(start: tuple[int, int]) -> Doubles:
     """Return the motion (2, 3) that is a common shift of rows and columns."""
     return np.array([[start[0], 0.0, 0.0], [start[1], 0.0, 0.0]])
 
@@ -63,7 +62,7 @@ def verify(
     return [Verification(int(inliers), *strengths) for inliers, *strengths in judged]
 
 
-def field(query: Arranged, reference: Arranged, shift: Shift) -> npt.NDArray[np.float64]:
+def field(query: Arranged, reference: Arranged, shift: Shift) -> Doubles:
     """
     Return the displacement field of two images that `verify` judges, (n, 5).
 

@@ -21,10 +21,9 @@ from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape, seen_cells
 from convseq_ros.core.encoding.first_stage import model_name
 from convseq_ros.core.rigid import vector
-from convseq_ros.core.types import Camera, Pose, RelativePose
+from convseq_ros.core.types import Camera, Halves, Pose, RelativePose
 from convseq_ros.errors import ConfigError
 import numpy as np
-import numpy.typing as npt
 
 FORMAT_VERSION = 6  # PRAGMA user_version
 APPLICATION_ID = 0x43565351  # PRAGMA application_id; CVSQ
@@ -233,7 +232,7 @@ def first_damaged(rows: Iterable[Row]) -> Row | None:
     return None
 
 
-def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> npt.NDArray[np.float16]:
+def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:
     """Return stored cells, packed; ValueError if they are of another shape, or no strengths."""
     bits = np.frombuffer(stored, '<u2').reshape(cell_shape)
     if bits.max() >= _FIRST_NOT_FINITE:

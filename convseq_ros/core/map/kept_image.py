@@ -9,14 +9,13 @@ from weakref import WeakMethod
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.map.place import Picture
+from convseq_ros.core.types import Doubles, Floats, Gray
 from convseq_ros.errors import MapError
 from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Gray = npt.NDArray[np.uint8]
-Depths = npt.NDArray[np.float64]  # (n,), of regions, metres along the lens; NaN where unknown
+Depths = Doubles  # (n,), of regions, metres along the lens; NaN where unknown
 
 
 @constants
@@ -113,9 +112,7 @@ def _decoded(jpeg: bytes, max_mpx: float) -> Gray:
     return np.asarray(gray, np.uint8)
 
 
-def packed_depths(
-    depth_m: npt.NDArray[np.float32] | None, shape: tuple[int, ...], cells: int
-) -> bytes | None:
+def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) -> bytes | None:
     """
     Return the median depth of each region's middle cell, as a map stores it.
 

@@ -7,8 +7,8 @@ from itertools import chain, pairwise
 from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Halves
 import numpy as np
-import numpy.typing as npt
 
 
 @constants
@@ -48,12 +48,12 @@ class Looks:
                     gone = self._take(stretch, first[looks[0]], shown)
                     self.surplus += self._places(gone) if gone is not None else ()
 
-    def has_room(self, known: int, descriptor: npt.NDArray[np.float16]) -> bool:
+    def has_room(self, known: int, descriptor: Halves) -> bool:
         """Return whether a stretch is kept that begins now at a place, with a descriptor (m,)."""
         new = len(self._map)
         return self._take(new, self._first(known), descriptor) != new
 
-    def _take(self, stretch: int, first: int, descriptor: npt.NDArray[np.float16]) -> int | None:
+    def _take(self, stretch: int, first: int, descriptor: Halves) -> int | None:
         """Keep a further stretch of a place, with its first look; return which one goes for it."""
         own = self._of.setdefault(self._stretch(first), [self._stretch(first)])
         own.append(stretch)

@@ -10,14 +10,13 @@ import sys
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells
-from convseq_ros.core.types import Indices, Pose, Vector
+from convseq_ros.core.types import Flags, Gray, Halves, Indices, Pose, Vector
 from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Packed = npt.NDArray[np.float16]
-Gray = npt.NDArray[np.uint8]
+Packed = Halves
 
 NO_CELLS: Packed = np.zeros((0, 0, 0), np.float16)  # of a place of which none are kept
 PACKED_UNIT = np.float32(
@@ -130,12 +129,12 @@ class SessionBounds:
         first, end = self.span(index)
         return range(max(first, index - distance), min(end, index + distance + 1))
 
-    def near(self, indices: Indices, index: int, distance: int) -> npt.NDArray[np.bool_]:
+    def near(self, indices: Indices, index: int, distance: int) -> Flags:
         """Return which of some places (n,) are of the same session, within a distance."""
         there = self.around(index, distance)
         return (indices >= there.start) & (indices < there.stop)
 
-    def nearness(self, indices: Indices, others: Indices, distance: int) -> npt.NDArray[np.bool_]:
+    def nearness(self, indices: Indices, others: Indices, distance: int) -> Flags:
         """Return the same of some places (n,) for each of others (m,), as (m, n)."""
         apart = abs(indices - others[:, None])
         first, end = (np.broadcast_to(one, others.shape)[:, None] for one in self.spans(others))
@@ -237,7 +236,7 @@ def unpack_cells(packed: Packed) -> Cells:
     return np.multiply(packed, PACKED_UNIT, dtype=np.float32)
 
 
-def thumbnail(gray: npt.NDArray[np.uint8], width_px: int) -> bytes:
+def thumbnail(gray: Gray, width_px: int) -> bytes:
     """
     Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0.
 

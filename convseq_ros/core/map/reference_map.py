@@ -26,7 +26,7 @@ from convseq_ros.core.map.place import (
     thumbnail,
     unpack_cells,
 )
-from convseq_ros.core.types import Camera, Descriptor, Frame, Pose
+from convseq_ros.core.types import Camera, Descriptor, Frame, Halves, Pose
 import numpy as np
 import numpy.typing as npt
 
@@ -82,7 +82,7 @@ class ReferenceMap:
         return self.links.known >= len(self)
 
     @property
-    def global_descriptors(self) -> npt.NDArray[np.float16]:
+    def global_descriptors(self) -> Halves:
         """Of all places, shape (R, n); not to be written to."""
         return self.places.descriptors.view
 
@@ -111,7 +111,7 @@ class ReferenceMap:
     def add(
         self,
         place: Place,
-        packed: npt.NDArray[np.float16],
+        packed: Halves,
         thumbnail: bytes = b'',
         known_descriptor: npt.ArrayLike | None = None,
         image: bytes | None = None,
@@ -144,7 +144,7 @@ class ReferenceMap:
         mount = (known and known.mount) or self.usual_mount or query.mount
         return replace(known or query, mount=mount)
 
-    def packed(self, index: int) -> npt.NDArray[np.float16]:
+    def packed(self, index: int) -> Halves:
         """Return the packed cells of a place."""
         return self.pictures([index])[0].packed
 

@@ -31,10 +31,9 @@ from convseq_ros.core.map.lock import BESIDE, MapLock, PART
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import Halves
 from convseq_ros.errors import MapError
 from convseq_ros.regular_file import sync
-import numpy as np
-import numpy.typing as npt
 
 _AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
 
@@ -107,9 +106,7 @@ class MapWriter:
         marks = ', '.join('?' * len(values))
         self._database.rows(f'INSERT INTO {table} VALUES ({marks})', values)
 
-    def add(
-        self, place: Place, picture: Picture, global_descriptor: npt.NDArray[np.float16]
-    ) -> None:
+    def add(self, place: Place, picture: Picture, global_descriptor: Halves) -> None:
         """Append a place; its global descriptor has shape (n,)."""
         while self._sessions <= place.session:
             self.add_session(MapSession(str(uuid4()), '', place.stamp_ns))

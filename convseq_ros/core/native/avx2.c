@@ -6,7 +6,7 @@
 #define VARIANT avx2
 #define LANES 8
 #define ROWS 6
-#define SMALL_SUMS // dot products of bytes are added up in 16 bits; see small_dots
+#define SMALL_SUMS // dot products of bytes are added up in 16 bits; see raw_dots
 #include "vectors.h"
 
 // Add products of a query's bytes with a reference's, two and two, in 16 bits. One of both has to

@@ -16,18 +16,17 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
 from convseq_ros.core.geometry.lens import Points, rays_through
-from convseq_ros.core.geometry.structure import Floats, Sight, Structure, triangulate
+from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
 from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
-from convseq_ros.core.types import Camera, Frame
+from convseq_ros.core.types import Camera, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 _CV2: Any = cv2  # whose types lack SIFT
-Pairs = npt.NDArray[np.int64]  # (m, 2), of a keypoint of the one image and its like in the other
+Pairs = Indices  # (m, 2), of a keypoint of the one image and its like in the other
 
 
 @constants
@@ -58,11 +57,11 @@ class Keypoints:
     """What is found in an image; equal to itself only."""
 
     shares: Points  # (n, 2), across and down, of the image: in (0, 1)
-    looks: npt.NDArray[np.float32]  # (n, 128)
+    looks: Floats  # (n, 128)
     size_px: tuple[int, int]  # of the image, width and height
 
 
-def keypoints(gray: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_]) -> Keypoints:
+def keypoints(gray: Gray, seen: Flags) -> Keypoints:
     """Return the keypoints of an image (H, W), where a mask of any size says that it is seen."""
     size = gray.shape[1], gray.shape[0]
     mask = None
@@ -91,7 +90,7 @@ def alike(one: Keypoints, other: Keypoints) -> Pairs:
     return np.column_stack((rows[kept], best[kept]))
 
 
-def of_one_scene(one: Points, other: Points) -> npt.NDArray[np.bool_]:
+def of_one_scene(one: Points, other: Points) -> Flags:
     """Return which of some pairs, in pixels without distortion, have one epipolar geometry."""
     none = np.zeros(len(one), np.bool_)
     if len(one) < KEYPOINT.fewest:
@@ -123,7 +122,7 @@ class KeypointView(LensView):
     keypoints: Keypoints
 
     @property
-    def scale(self) -> Floats:
+    def scale(self) -> Doubles:
         """Units across and down for a length of 1 before the lens."""
         width, height = self.keypoints.size_px
         camera = self.camera
@@ -131,7 +130,7 @@ class KeypointView(LensView):
         return np.array((camera.fx_px * across, camera.fy_px * down)) / KEYPOINT.unit_px
 
     @cached_property
-    def rays(self) -> Floats:
+    def rays(self) -> Doubles:
         """Of each keypoint, (n, 3), z is 1; NaN where it cannot be told."""
         flat = rays_through(self.camera, self.keypoints.shares)
         return np.column_stack((flat, np.ones(len(flat))))
@@ -169,7 +168,7 @@ class _Place:
 
     view: KeypointView
     structure: Structure
-    neighbours: Floats  # (k, 3), where they are, from the place's lens
+    neighbours: Doubles  # (k, 3), where they are, from the place's lens
 
 
 class ImagePoses:
@@ -231,11 +230,7 @@ def _place(
 
 
 def _view(
-    reference_map: ReferenceMap,
-    seen: npt.NDArray[np.bool_],
-    max_mpx: float,
-    index: int,
-    camera: Camera,
+    reference_map: ReferenceMap, seen: Flags, max_mpx: float, index: int, camera: Camera
 ) -> KeypointView | None:
     """Return a place by its keypoints; None if its image was not kept, or is damaged."""
     gray = reference_map.images.image(index, max_mpx)

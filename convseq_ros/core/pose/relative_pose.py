@@ -20,7 +20,6 @@ from convseq_ros.core.geometry.displacement import Arranged, followed
 from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
 from convseq_ros.core.geometry.structure import (
     DEPTH,
-    Floats,
     measured,
     Sight,
     smoothed,
@@ -34,7 +33,7 @@ from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
-from convseq_ros.core.types import Camera, Candidate, Frame, Pose, RelativePose, Shift
+from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
@@ -64,13 +63,13 @@ class CellView(LensView):
     regions: Arranged
 
     @property
-    def scale(self) -> Floats:
+    def scale(self) -> Doubles:
         """Cells across and down for a length of 1 before the lens."""
         height, width = cell_px(self.camera, self.regions.side)
         return np.array((self.camera.fx_px / width, self.camera.fy_px / height))
 
     @cached_property
-    def rays(self) -> Floats:
+    def rays(self) -> Doubles:
         """Of each region, (n, 3), z is 1; NaN where it cannot be told."""
         side = self.regions.side
         grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)
@@ -83,13 +82,13 @@ class CellView(LensView):
         down, across = np.nan_to_num(np.nanmedian(went, axis=0)) if len(went) else (0.0, 0.0)
         return self.sight_from(other, moved, (round(down), round(across)))
 
-    def sight_of_followed(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Sight:
+    def sight_of_followed(self, other: 'CellView', moved: Matrix, inverse_m: Doubles) -> Sight:
         """Return the same, each region searched about where its inverse depth (n,) takes it."""
         went = np.nan_to_num(self._went(other, moved, inverse_m))
         places = followed(self.regions, other.regions, went)
         return Sight(rays(other.camera, places, self.regions.side), moved, other.scale)
 
-    def _went(self, other: 'CellView', moved: Matrix, inverse_m: Floats) -> Floats:
+    def _went(self, other: 'CellView', moved: Matrix, inverse_m: Doubles) -> Doubles:
         """Return by how many rows and columns regions of such inverse depths move, (n, 2)."""
         own = self.rays
         points = own @ moved[:3, :3].T + np.outer(inverse_m, moved[:3, 3])

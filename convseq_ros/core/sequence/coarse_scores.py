@@ -16,13 +16,8 @@ from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Indices, Row
+from convseq_ros.core.types import Descriptor, Doubles, Floats, Halves, Indices, Row
 import numpy as np
-import numpy.typing as npt
-
-Halves = npt.NDArray[np.float16]
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 _AT_ONCE = 4096  # rows in float32, for 4 MB of memory
 

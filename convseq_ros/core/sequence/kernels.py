@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import ctypes
 
 from convseq_ros.core.compiled import address, array, kernel, SIZE
-from convseq_ros.core.types import Indices, Row
+from convseq_ros.core.types import Doubles, Floats, Halves, Indices, Row
 import numpy as np
 import numpy.typing as npt
 
@@ -21,7 +21,7 @@ def scores_along(
     rows: Sequence[Row | None],
     steps: npt.NDArray[np.intp],
     starts: Indices,
-    expected: npt.NDArray[np.float64] | None,
+    expected: Doubles | None,
 ) -> Row:
     """
     Return what `sequence_scores` does of all places, (R,), to 1e-6.
@@ -43,7 +43,7 @@ def scores_along(
     return scores
 
 
-def products(rows: npt.NDArray[np.float16], direction: npt.NDArray[np.float32]) -> Row:
+def products(rows: Halves, direction: Floats) -> Row:
     """Return the products, in float32, of rows (R, n) and a direction (n,), shape (R,)."""
     padded = np.zeros(-(-len(direction) // _PADDED) * _PADDED, np.float32)
     padded[: len(direction)] = direction

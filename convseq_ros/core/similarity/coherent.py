@@ -17,14 +17,12 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
 from convseq_ros.core.similarity.global_similarity import Blocks, Wide, widened
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Doubles, Floats, Indices
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
 # Scores in [0, 1], (n,), shifts in cells, (n, 2), and global similarities (n,) if they are known.
-Compared = tuple[Floats, npt.NDArray[np.float64], Floats | None]
+Compared = tuple[Floats, Doubles, Floats | None]
 
 
 @constants
@@ -43,7 +41,7 @@ class CoherentQuery:
     """What is compared of a query: its G salient regions."""
 
     regions: Regions  # (G, 32), from `projected_regions`
-    index: npt.NDArray[np.int64]  # (G,), where they lie, row by row
+    index: Indices  # (G,), where they lie, row by row
     side: int  # regions in a row of the image
 
 

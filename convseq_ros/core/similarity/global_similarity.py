@@ -6,11 +6,12 @@ from math import isqrt
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Regions
+from convseq_ros.core.types import Doubles, Floats
 import numpy as np
 import numpy.typing as npt
 
-Blocks = npt.NDArray[np.float32]  # of B x B numbers of 32, in one vector (L,)
-Wide = npt.NDArray[np.float32]  # (B, B + 2 M, 32), a query's, with room to move it by M
+Blocks = Floats  # of B x B numbers of 32, in one vector (L,)
+Wide = Floats  # (B, B + 2 M, 32), a query's, with room to move it by M
 
 
 @constants
@@ -32,7 +33,7 @@ def region_blocks(regions: Regions) -> Blocks:
     return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
 
 
-def rounded(blocks: npt.NDArray[np.float32]) -> Blocks:
+def rounded(blocks: Floats) -> Blocks:
     """Return blocks of any shape in one vector, in whole numbers of which 2 ** 17 are one."""
     return np.rint(blocks.ravel() * np.float32(GLOBAL_SIMILARITY.unit))
 
@@ -46,7 +47,7 @@ def widened(blocks: Blocks, side: int) -> Wide:
     return wide
 
 
-def global_similarity(query: Wide, references: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+def global_similarity(query: Wide, references: Doubles) -> Floats:
     """Return cosines, in [0, 1], of a query, shifted as is best, and references (n, L): (n,)."""
     count, width = query.shape[:2]
     moved = [query[:, first : first + count].ravel() for first in range(width - count + 1)]
@@ -54,14 +55,12 @@ def global_similarity(query: Wide, references: npt.NDArray[np.float64]) -> npt.N
     return from_products(best, query, lengths(references))
 
 
-def from_products(
-    best: npt.NDArray[np.float64], query: Wide, others: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float32]:
+def from_products(best: Doubles, query: Wide, others: Doubles) -> Floats:
     """Return cosines in [0, 1] from the products with references, and their lengths."""
     both = lengths(query.ravel()) * others
     return np.clip(best / np.where(both > 0, both, 1), 0, 1).astype(np.float32)
 
 
-def lengths(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def lengths(vectors: npt.NDArray[np.floating]) -> Doubles:
     """Return the lengths of vectors (..., L) of whole numbers."""
     return np.sqrt(np.einsum('...i,...i->...', vectors, vectors, dtype=np.float64))

@@ -7,12 +7,10 @@ from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.place import Packed
-from convseq_ros.core.types import Descriptor
-import numpy as np
-import numpy.typing as npt
+from convseq_ros.core.types import Descriptor, Doubles, Floats
 
 # In [0, 1], (n,), and shifts in cells, rows and columns, (n, 2), if the kernel tells.
-Scores = tuple[npt.NDArray[np.float32], npt.NDArray[np.float64] | None]
+Scores = tuple[Floats, Doubles | None]
 # Regions as they are compared, (N, 32), and their blocks, None without a background.
 Shown = tuple[Regions, Any]
 

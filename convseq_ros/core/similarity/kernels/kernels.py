@@ -38,7 +38,7 @@ from convseq_ros.core.similarity.global_similarity import (
 )
 from convseq_ros.core.similarity.kernels.numpy_kernels import NORMALIZATION, WINDOWS
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor
+from convseq_ros.core.types import Descriptor, Floats
 import numpy as np
 import numpy.typing as npt
 
@@ -248,7 +248,7 @@ def _grid(side: int) -> tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
 def _alike(
     query: Wide, references: Sequence[_Reference], where: npt.NDArray[np.uint64]
-) -> npt.NDArray[np.float32] | None:
+) -> Floats | None:
     """Return global similarities, as the definition does; None if a reference has no blocks."""
     if not all(one.blocks for one in references):
         return None

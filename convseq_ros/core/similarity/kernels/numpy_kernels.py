@@ -22,10 +22,9 @@ from convseq_ros.core.similarity.global_similarity import (
     Wide,
 )
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor, Shift
+from convseq_ros.core.types import Descriptor, Doubles, Floats, Indices, Shift
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 
 @constants
@@ -64,7 +63,7 @@ def less_background(regions: Regions, background: Regions | None) -> Shown:
     return shown, None if background is None else region_blocks(shown)
 
 
-def window(sigma_cells: float) -> npt.NDArray[np.float64]:
+def window(sigma_cells: float) -> Doubles:
     """Return the Gaussian of the votes, 13 numbers, rounded so that all libraries agree."""
     cells = np.arange(-COHERENT.reach_cells, COHERENT.reach_cells + 1)
     return np.exp(-(cells**2) / (2 * sigma_cells**2)).astype(np.float32).astype(float)
@@ -75,7 +74,7 @@ WINDOWS = {1: WINDOW, COHERENT.rough_step: window(COHERENT.rough_sigma)}  # by s
 
 
 def coherent_score(
-    query: CoherentQuery, reference: Regions, window: npt.NDArray[np.float64] = WINDOW
+    query: CoherentQuery, reference: Regions, window: Doubles = WINDOW
 ) -> tuple[float, Shift]:
     """
     Return which share of the regions agrees on one shift, and that shift.
@@ -119,9 +118,7 @@ def _scratch(rows: int, columns: int) -> tuple[Regions, Regions]:
     return one.reshape(rows, columns), other.reshape(columns, rows)
 
 
-def _votes(
-    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64] | slice, side: int
-) -> npt.NDArray[np.float64]:
+def _votes(start: Indices, end: Indices | slice, side: int) -> Doubles:
     """Return how often each shift of rows and columns occurs, zero in the middle."""
     span, where = 2 * side - 1, _grid(side)
     counts = np.bincount(where[end] - where[start] + where[-1], minlength=span * span)
@@ -129,7 +126,7 @@ def _votes(
 
 
 @cache
-def _grid(side: int) -> npt.NDArray[np.int64]:
+def _grid(side: int) -> Indices:
     """Return where regions lie in a grid of shifts, whose middle is where the last one lies."""
     rows = np.arange(side)
     return (rows[:, None] * (2 * side - 1) + rows).ravel()
@@ -161,7 +158,7 @@ class _NumpyCoherent(CoherentPair):
         return *found, global_similarity(wide, np.array(blocks, np.float64))
 
 
-def pair_scores(salient: Regions, references: Sequence[Regions]) -> npt.NDArray[np.float32]:
+def pair_scores(salient: Regions, references: Sequence[Regions]) -> Floats:
     """
     Return how similar a query is to each of R references, (R,), in [0, 1]; it is not symmetric.
 

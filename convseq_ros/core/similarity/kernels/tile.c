@@ -6,15 +6,29 @@
 // A query lies as [rows][numbers], up to full tiles; a reference as [blocks][numbers][COLUMNS], or
 // for bytes as [blocks][numbers / 4][2][4 * LANES]. In both, the last region is repeated.
 #ifdef SMALL_SUMS
+#define START(start) 0 // nothing was added to a reference's bytes
+#define ADDED(origin) (origin)
+#else
+#define START(start) (start)
+#define ADDED(origin) OFFSET
 
-// Write dot products of bytes of unit vectors, as sums of two numbers of 16 bits. A query's and a
-// reference's bytes have lengths whose product is below 2 ** 15: so have all sums, in any order.
-INLINE void small_dots(const int8_t *query, const int8_t *block, int are_positive,
-                       Words sums[ROWS][2])
+static inline Words add_twos(Words sum, Words reference, QueryStep query, int are_positive)
 {
+    (void)are_positive;
+    return dot(sum, reference, query);
+}
+#endif
+
+// Write dot products of bytes; where sums are small, as sums of two numbers of 16 bits: a query's
+// and a reference's bytes have lengths whose product is below 2 ** 15, and so have all sums, in any
+// order. `start`: what sums begin with, to make up for what was added to a reference's bytes.
+INLINE void raw_dots(const int8_t *query, const int8_t *block, const int32_t *start,
+                     int are_positive, Words sums[ROWS][2])
+{
+    (void)start;
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
-        sums[row][0] = sums[row][1] = splat(0);
+        sums[row][0] = sums[row][1] = splat(START(start[row]));
     // Else the compiler keeps the address of every number, and runs out of registers.
     __asm__("" : "+r"(query));
 #pragma GCC unroll 8
@@ -29,30 +43,12 @@ INLINE void small_dots(const int8_t *query, const int8_t *block, int are_positiv
     }
 }
 
-#endif
-
-// Write dot products of bytes. They are exact, so all processors find the same. `start`: what sums
-// begin with, to make up for what was added to a reference's bytes.
+// Write the same of bytes that are not negative. They are exact, so all processors find the same.
 INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                       Words sums[ROWS][2])
 {
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        sums[row][0] = sums[row][1] = splat(start[row]);
-#ifndef SMALL_SUMS
-    __asm__("" : "+r"(query)); // as above
-#pragma GCC unroll 8
-    for (int step = 0; step < STEPS; step++) {
-        Words left = reference_step(block, step, 0), right = reference_step(block, step, 1);
-#pragma GCC unroll 16
-        for (int row = 0; row < ROWS; row++) {
-            QueryStep own = query_step(query + row * NUMBERS, step);
-            sums[row][0] = dot(sums[row][0], left, own);
-            sums[row][1] = dot(sums[row][1], right, own);
-        }
-    }
-#else
-    small_dots(query, block, 1, sums);
+    raw_dots(query, block, start, 1, sums);
+#ifdef SMALL_SUMS
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         sums[row][0] = added(sums[row][0], 1), sums[row][1] = added(sums[row][1], 1);
@@ -63,18 +59,13 @@ INLINE void byte_dots(const int8_t *query, const int8_t *block, const int32_t *s
 INLINE void labelled_dots(const int8_t *query, const int8_t *block, const int32_t *start,
                           const int32_t *labels, Words words[ROWS][2])
 {
-#ifdef SMALL_SUMS
-    (void)start; // nothing was added
-    small_dots(query, block, 0, words);
-#pragma GCC unroll 16
-    for (int row = 0; row < ROWS; row++)
-        for (int half = 0; half < 2; half++) // 2 ** 15 is too large for 16 bits, its negative not
-            words[row][half] = splat(labels[row + half]) - added(words[row][half], INT16_MIN);
-#else
-    byte_dots(query, block, start, words);
+    raw_dots(query, block, start, 0, words);
 #pragma GCC unroll 16
     for (int row = 0; row < ROWS; row++)
         for (int half = 0; half < 2; half++)
+#ifdef SMALL_SUMS // 2 ** 15 is too large for 16 bits, its negative not
+            words[row][half] = splat(labels[row + half]) - added(words[row][half], INT16_MIN);
+#else
             words[row][half] = labelled(words[row][half], labels[row + half]);
 #endif
 }
@@ -102,15 +93,8 @@ static inline intptr_t rounded_up(intptr_t count, intptr_t step)
     return (count + step - 1) / step * step;
 }
 
-// What is added to bytes that lie above an origin: if they may be, they are told as they were.
-#ifdef SMALL_SUMS
-#define ADDED(origin) (origin)
-#else
-#define ADDED(origin) OFFSET
-#endif
-
 // Regions of a query and of a reference in a tile; what is added to a reference's bytes that lie
-// above an origin of 0, and above one of 127.
+// above an origin of 0, and above one of 127: if they may be, they are told as they were.
 SHOWN const int32_t CALL(shape)[] = {ROWS, COLUMNS, ADDED(0), ADDED(127)};
 
 // Lay out the regions [count][32] of a reference as bytes, above an origin, which sums make up for.
@@ -159,11 +143,7 @@ KERNEL(peak)(intptr_t loops, int32_t *found)
 #pragma GCC unroll 12
         for (int one = 0; one < 12; one++) {
             __asm__ volatile("" : REGISTER(reference)); // every product is made
-#ifdef SMALL_SUMS
             sums[one] = add_twos(sums[one], reference, query, 0);
-#else
-            sums[one] = dot(sums[one], reference, query);
-#endif
         }
     for (int one = 1; one < 12; one++)
         sums[0] += sums[one];
