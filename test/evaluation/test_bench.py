@@ -9,6 +9,8 @@ from convseq_ros.config import Config
 from convseq_ros.errors import ConfigError, ConvseqError
 from convseq_ros.evaluation.bench import evaluate, Plan
 from convseq_ros.evaluation.data_set import open_data_set
+from convseq_ros.evaluation.method_name import parse_method
+from convseq_ros.evaluation.methods import KINDS, make_method
 from convseq_ros.evaluation.recognition import with_known
 from convseq_ros.evaluation.run_folder import EXTRA_COLUMNS, read_run
 from convseq_ros.results import COLUMNS
@@ -263,3 +265,56 @@ def test_accuracy_on_corridor_is_as_published(shared_data, tmp_path):
     assert found['seqslam'] == pytest.approx(0.5, abs=0.02)
     assert {name: found[f'vprbench-{name}'] for name in SINGLE} == pytest.approx(SINGLE, abs=1e-3)
     assert found['longer'] > SINGLE['netvlad']
+
+
+@pytest.mark.parametrize(
+    ('text', 'label', 'kind', 'argument', 'length'),
+    [
+        ('convseq', 'convseq', 'convseq', '', None),
+        ('convseq-k10', 'convseq-k10', 'convseq', '', 10),
+        ('convseq-forward', 'convseq-forward', 'convseq-forward', '', None),
+        ('convseq-forward-k5', 'convseq-forward-k5', 'convseq-forward', '', 5),
+        ('scores:a/net.npy@dynamic', 'net-dynamic', 'scores', 'a/net.npy', 0),
+        ('net=scores:a-k3.npy@k7', 'net', 'scores', 'a-k3.npy', 7),
+        ('descriptors:q.npy,r.npy@single', 'q-single', 'descriptors', 'q.npy,r.npy', 1),
+        ('net=onnx:m.onnx@k10+size=224x224+mean=0.5,0.5', 'net', 'onnx', 'm.onnx', 10),
+    ],
+)
+def test_a_text_names_label_kind_files_and_length(text, label, kind, argument, length):
+    name = parse_method(text)
+    assert (name.label, name.kind, name.argument, name.length) == (label, kind, argument, length)
+    assert name.options == ({'size': '224x224', 'mean': '0.5,0.5'} if kind == 'onnx' else {})
+
+
+def test_the_length_of_a_method_wins_over_the_parameter():
+    config = with_known(Config(), {'fixed_length': 7})
+    lengths = {
+        kind: make_method(parse_method(kind), config).config.sequence.fixed_length
+        for kind, row in KINDS.items()
+        if not row.argument
+    }
+    assert lengths == {
+        'convseq': 7, 'convseq-forward': 7, 'cohog': 1, 'seqslam': 10, 'hog': 1, 'orb-bow': 1,
+        'sift-vlad': 1,
+    }  # fmt: skip
+
+
+def test_the_published_methods_match_as_published():
+    config = with_known(Config(), {'matching': 'coherent', 'search': 'shortlist'})
+    for kind in ('cohog', 'convseq-forward'):
+        method = make_method(parse_method(kind), config)
+        assert method.config.matching.matching == 'regional'
+        assert method.config.matching.search == 'exhaustive'
+
+
+@pytest.mark.parametrize('text', ['convseq-k1', 'convseq@single', 'convseq@k1', 'convseq-k10'])
+def test_so_many_frames_are_decided_by_their_margin(text):
+    config = make_method(parse_method(text), Config()).config
+    assert config.sequence.fixed_length == (10 if '10' in text else 1) and not config.believes
+    asked = make_method(parse_method(f'{text}+acceptance_rule=belief'), Config()).config
+    assert asked.believes
+
+
+@pytest.mark.parametrize('text', ['convseq', 'convseq@dynamic', 'convseq+rival_distance=20'])
+def test_any_other_recogniser_decides_as_it_does_without_the_bench(text):
+    assert make_method(parse_method(text), Config()).config.believes

@@ -148,23 +148,14 @@ def verdicts(**changes):
     return Verdicts(**(usual | changes))
 
 
-def test_each_accuracy_has_its_own_denominator():
+def test_figures_of_five_frames():
     found = figures(verdicts(), 'score')
     assert found['accuracy_matched'] == pytest.approx(2 / 3)
     assert found['accuracy_all'] == pytest.approx(2 / 4)
-
-
-def test_recall_at_full_precision_is_among_the_matched_queries_that_have_an_answer():
-    assert figures(verdicts(), 'score')['recall_at_100_precision'] == pytest.approx(1 / 3)
-    assert figures(verdicts(), 'margin')['recall_at_100_precision'] == pytest.approx(2 / 3)
-
-
-def test_the_area_counts_right_matches():
-    found = figures(verdicts(), 'score')
     assert found['auc_pr'] == pytest.approx(1 / 2 * 1 + 1 / 2 * 2 / 4)
-
-
-def test_decisions_are_counted_over_known_places():
+    # Among the matched queries that have an answer.
+    assert found['recall_at_100_precision'] == pytest.approx(1 / 3)
+    assert figures(verdicts(), 'margin')['recall_at_100_precision'] == pytest.approx(2 / 3)
     assert decisions(verdicts()) == {
         'accepted': 3,
         'accepted_right': 1,

@@ -116,7 +116,14 @@ def test_a_model_that_is_too_slow_is_told(client, vpr, net, net_map, street, ima
         camera.publish(image(street[index], (100 + index) * SECOND))
         time.sleep(0.05)
     slow = re.compile(r'frames dropped: .* of which the model takes \d{3} ms')
-    client.wait_for(lambda: any(slow.search(one.status[0].message) for one in told))
+
+    def is_told():
+        states = [one.status[0] for one in told]
+        return any(
+            one.level == DiagnosticStatus.WARN and slow.search(one.message) for one in states
+        )
+
+    client.wait_for(is_told)
 
 
 def test_another_model_or_none_of_its_kind_is_refused_at_the_start(vpr, net, net_map, tmp_path):

@@ -110,18 +110,3 @@ def test_images_of_another_type_are_named_with_the_remedy(
     client.node.create_publisher(kind, topic, 1)
     vpr('-r', f'image:={named}', map_path=map_path, **PERIOD)
     assert status_with(client, remedy).level == DiagnosticStatus.WARN
-
-
-def test_dropped_frames_are_a_warning(client, vpr, map_path, street, image, held):
-    vpr(map_path=map_path, queue_size=1, **PERIOD)
-    heard = client.listen(DiagnosticArray, '/diagnostics')
-    camera = client.camera(Image)
-    sent = 0
-
-    def warned():
-        nonlocal sent
-        sent += 1
-        camera.publish(image(street[sent % 25], sent * SECOND))
-        return any('dropped' in message.status[0].message for message in heard)
-
-    client.wait_for(warned)

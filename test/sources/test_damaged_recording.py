@@ -75,17 +75,20 @@ def test_a_frame_that_is_whole_in_the_file_is_never_lost(recorder, layout, pictu
         assert len(read(path)[0]) == saved - 1
 
 
-def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
+def test_a_split_recording_is_in_natural_order_and_keeps_whole_files_when_the_last_is_cut(
     recorder, tmp_path, pictures
 ):
     folder = tmp_path / 'split'
     folder.mkdir()
-    for number, part in enumerate((pictures[:6], pictures[6:])):
+    for number, part in ((9, pictures[:6]), (10, pictures[6:])):
         base = tmp_path / str(number)
         base.mkdir()
         file = recorder.write('mcap plain', recorder.drive(part), base)
         (folder / f'split_{number}.mcap').write_bytes(file.read_bytes())
-    last = folder / 'split_1.mcap'
+    frames, _, warnings = read(folder)
+    np.testing.assert_array_equal([frame.gray for frame in frames], pictures)
+    assert not warnings
+    last = folder / 'split_10.mcap'
     last.write_bytes(last.read_bytes()[:3000])
     frames, _, warnings = read(folder)
     assert 6 < len(frames) < 12
@@ -93,7 +96,7 @@ def test_a_split_recording_keeps_its_whole_files_when_the_last_is_cut(
     last.write_bytes(b'')
     frames, _, warnings = read(folder)
     assert len(frames) == 6
-    assert 'split_1.mcap' in warnings[0]
+    assert 'split_10.mcap' in warnings[0]
     assert 'left out' in warnings[0]
 
 

@@ -175,19 +175,6 @@ def test_stamped_poses_are_read(recorder, kind):
     assert read_poses(path, '') == [(42, Pose((7.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)))]
 
 
-def test_a_folder_of_bags_without_metadata_is_read_in_natural_order(recorder, tmp_path, pictures):
-    folder = tmp_path / 'split'
-    folder.mkdir()
-    for number, part in ((9, pictures[:5]), (10, pictures[5:])):
-        base = tmp_path / str(number)
-        base.mkdir()
-        recorder.write('mcap file', recorder.drive(part), base).rename(folder / f'd_{number}.mcap')
-    recording = open_source(folder)
-    assert len(recording) == 12
-    assert_frames_show(list(recording), pictures)
-    assert recording.warnings == []
-
-
 def test_pictures_beside_a_recording_are_not_mistaken_for_it(recorder, pictures):
     path = recorder.write('mcap folder', recorder.drive(pictures))
     (path / 'preview.png').write_bytes(recorder.compressed(pictures[0]).data.tobytes())
