@@ -14,20 +14,10 @@ import tempfile
 from threading import Event, Thread
 from typing import IO, Self
 
-from convseq_ros.core.types import Match, RelativePose
+from convseq_ros.core.types import Match, Reason, RelativePose, Status
 from convseq_ros.errors import SourceError
 from convseq_ros.regular_file import refuse_irregular, replace_safely
 
-COLUMNS = (
-    'query_index', 'query_stamp_ns', 'status', 'reason', 'reference_index', 'reference_stamp_ns',
-    'score', 'confidence', 'sequence_length', 'best_index', 'best_score', 'shift_rows',
-    'shift_cols', 'pairs_scored', 'duration_ms', 'shift_rows_px', 'shift_cols_px',
-    'relative_yaw_rad', 'inliers', 'localization', 'localization_quality', 'relative_x_m',
-    'relative_y_m', 'relative_z_m', 'relative_qx', 'relative_qy', 'relative_qz', 'relative_qw',
-    'position_sigma_m', 'heading_sigma_rad', 'implausible_m', 'session', 'camera',
-    'anchor_session', 'anchor_stamp_ns',
-)  # fmt: skip
-_HEADER = ','.join(COLUMNS) + '\n'
 _SYNC_EVERY_S = 1.0  # what a cut of the power may cost
 
 
@@ -81,6 +71,10 @@ def _relative(pose: RelativePose | None) -> dict[str, str | None]:
 
 def _decimals(value: float | None, count: int) -> str | None:
     return None if value is None else f'{value:.{count}f}'
+
+
+COLUMNS = tuple(row(Match(0, 0, Status.SKIPPED, Reason.WEAK), 0.0))
+_HEADER = ','.join(COLUMNS) + '\n'
 
 
 class ResultWriter:

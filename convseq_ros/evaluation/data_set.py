@@ -25,7 +25,7 @@ class Part:
     odom: str = ''  # of a recording: the poses that a truth of kind `poses` takes
     count: int = 0  # images that must be there; 0 for any number
     simulated: SimulatedDrive | None = None  # images that are drawn; there is no path then
-    backwards: bool = False  # the last image comes first
+    backwards: bool = False  # the last image comes first, all at an even pace
 
     def __post_init__(self) -> None:
         if (self.path != Path()) == (self.simulated is not None):

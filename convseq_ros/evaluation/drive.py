@@ -17,7 +17,7 @@ from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Descriptor, Frame
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.simulated import SimulatedDrive
+from convseq_ros.evaluation.data_set import Part
 from convseq_ros.onnx_model import open_model
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
@@ -30,22 +30,19 @@ import numpy.typing as npt
 class Images:
     """The images of a drive, which can be read again and again."""
 
-    path: Path  # folder, recording or video
-    topic: str = ''
-    simulated: SimulatedDrive | None = None  # what is drawn instead
-    backwards: bool = False  # the last one first, at an even pace
+    part: Part  # where they are
     reading: ReadingConfig = ReadingConfig()  # which images are too large
 
     @cached_property
     def sha256(self) -> str:
         """Of the list of images (see `content_digest`), or of what they are drawn by."""
-        if self.simulated:
-            facts = json.dumps(asdict(self.simulated), sort_keys=True)
+        if self.part.simulated:
+            facts = json.dumps(asdict(self.part.simulated), sort_keys=True)
             return hashlib.sha256(facts.encode()).hexdigest()
         try:
-            return content_digest(self.path)
+            return content_digest(self.part.path)
         except OSError as error:
-            raise SourceError(f'{self.path}: {error.strerror}; check the path') from None
+            raise SourceError(f'{self.part.path}: {error.strerror}; check the path') from None
 
     @property
     def in_color(self) -> 'Images':
@@ -53,8 +50,9 @@ class Images:
         return replace(self, reading=replace(self.reading, keeps_color=True))
 
     def __iter__(self) -> Iterator[Frame]:
-        source = self.simulated or open_source(self.path, self.topic, self.reading)
-        if not self.backwards:
+        part = self.part
+        source = part.simulated or open_source(part.path, part.topic, self.reading)
+        if not part.backwards:
             yield from source
             return
         whole = list(source)
@@ -134,7 +132,7 @@ def describe_drive(images: Images, encoding: EncodingConfig) -> Drive:
         names.append(frame.source)
         readable.append(frame.gray is not None)
     if not durations:
-        raise SourceError(f'{images.path}: none of its {len(names)} images can be read')
+        raise SourceError(f'{images.part}: none of its {len(names)} images can be read')
     return Drive(encoding, stamps_ns, names, readable, descriptors, float(np.median(durations)))
 
 

@@ -78,7 +78,7 @@ def _images(part: Part, data_set: DataSet, reading: ReadingConfig) -> Images:
             f'{data_set.name}: {part.path} is missing; '
             f'{data_set.where or "correct the path in its file"}'
         )
-    return Images(part.path, part.topic, part.simulated, part.backwards, reading)
+    return Images(part, reading)
 
 
 def _truth(data_set: DataSet, query: Drive, reference: Drive, reading: ReadingConfig) -> Truth:

@@ -139,13 +139,9 @@ def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def read_scores(
-    path: Path,
-    queries: int,
-    references: int,
-    lower_is_better: bool = False,
-    reading: ReadingConfig = ReadingConfig(),
+    path: Path, queries: int, references: int, reading: ReadingConfig = ReadingConfig()
 ) -> npt.NDArray[np.float32]:
-    """Return the pair scores in a .npy file, (queries, references), higher is more similar."""
+    """Return the pair scores in a .npy file, (queries, references)."""
     scores = _numbers_in(path, reading)
     if scores.shape != (queries, references):
         found = ' x '.join(map(str, scores.shape))
@@ -154,7 +150,7 @@ def read_scores(
             f'{path}: a matrix of {found} scores for {queries} queries and {references} '
             f'references; expected query by reference{advice}'
         )
-    return -scores if lower_is_better else scores
+    return scores
 
 
 def read_descriptors(
@@ -185,9 +181,8 @@ def _given_scores(material: Material, name: MethodName, config: Config) -> PairS
     if lower not in ('true', 'false'):
         raise ConfigError(f'method {name.label}: lower_is_better is true or false, not {lower!r}')
     queries, references = material.truth.right.shape
-    path = Path(name.argument)
-    scores = read_scores(path, queries, references, lower == 'true', config.reading)
-    return PairScores(scores)
+    scores = read_scores(Path(name.argument), queries, references, config.reading)
+    return PairScores(-scores if lower == 'true' else scores)
 
 
 def _given_descriptors(material: Material, name: MethodName, config: Config) -> PairScores:

@@ -33,13 +33,11 @@ def share(part: int, whole: int) -> float | None:
 
 def precision_recall(correct: Flags, values: Values, positives: int | None = None) -> Curve:
     """
-    Return the exact precision-recall curve; ValueError if shapes differ or a value is NaN.
+    Return the exact precision-recall curve.
 
     `correct` (M,) says which answers are right, `values` (M,) how sure the method is; `positives`
     counts the right answers that are to be found, by default those among the M.
     """
-    if correct.shape != values.shape or np.isnan(values).any():
-        raise ValueError(f'expected two of one shape, no NaN: {correct.shape}, {values.shape}')
     order = np.argsort(-values, kind='stable')
     falling = values[order]
     last_of_tie = np.flatnonzero(np.append(falling[1:] != falling[:-1], len(falling) > 0))

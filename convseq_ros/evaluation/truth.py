@@ -34,10 +34,6 @@ class Truth:
         """Which references lie up to 3 frames beyond the tolerance, shape (Q, R)."""
         return _widened(self.right, SLIP_FRAMES) & ~self.right
 
-    def __post_init__(self) -> None:
-        if self.right.ndim != 2 or self.right.dtype != np.bool_:
-            raise ValueError(f'expected (Q, R) bool, got {self.right.shape} {self.right.dtype}')
-
 
 def same_index(queries: int, references: int, tolerance: int) -> Truth:
     """Return the truth of drives with one place an index; SourceError if their lengths differ."""

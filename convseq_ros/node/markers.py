@@ -77,12 +77,9 @@ def closure_markers(
     nodes = _marker(header, 'loop_nodes', Marker.SPHERE_LIST, (0.3, 0.3, 0.3), (0.0, 0.8, 1.0))
     edges = _marker(header, 'loop_edges', Marker.LINE_LIST, (0.1, 0.0, 0.0), (0.9, 0.9, 0.0))
     for query, reference in closures:
-        if query:
-            pair = [point_message(query), point_message(reference)]
-            nodes.points.extend(pair)
-            edges.points.extend(pair)
-        else:
-            nodes.points.append(point_message(reference))
+        ends = [point_message(one) for one in (query, reference) if one]
+        nodes.points.extend(ends)
+        edges.points.extend(ends if query else ())
     # RViz warns of lists without points; what was drawn before shall be gone as well.
     for marker in (nodes, edges):
         if not marker.points:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of merit and scorecards, by hand, as properties, and against scikit-learn."""
 
-import math
-
 from convseq_ros.evaluation.metrics import (
     average_precision,
     block_intervals,
@@ -39,12 +37,6 @@ def test_of_nothing_there_is_nothing():
     assert len(curve.threshold) == 0
     assert average_precision(curve) is None
     assert recall_at_full_precision(curve) is None
-
-
-@pytest.mark.parametrize('values', [numbers(math.nan, 1), numbers(1)])
-def test_values_that_cannot_be_ranked_are_refused(values):
-    with pytest.raises(ValueError, match='expected two of one shape'):
-        precision_recall(flags(1, 0), values)
 
 
 answers = strategies.lists(

@@ -74,17 +74,15 @@ def read_runs(folders: Iterable[Path], reading: ReadingConfig = ReadingConfig())
 
 def right_to_show(right: npt.NDArray[np.bool_], best: int | None) -> int | None:
     """Return the middle of the run of right references (R,) nearest to the best, or longest."""
-    edges = np.flatnonzero(np.diff(right.astype(np.int8), prepend=0, append=0))
-    spans: list[tuple[int, int]] = list(
-        zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
-    )
-    if not spans:
+    there = np.flatnonzero(right)
+    if not len(there):
         return None
+    runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
     if best is None:
-        first, last = max(spans, key=lambda span: span[1] - span[0])
+        run = max(runs, key=len)
     else:
-        first, last = min(spans, key=lambda span: max(span[0] - best, best - span[1], 0))
-    return (first + last) // 2
+        run = min(runs, key=lambda one: int(abs(one - best).min()))
+    return int(run[(len(run) - 1) // 2])
 
 
 def _shown(run: Run, name: str) -> Shown:
