@@ -51,10 +51,9 @@ class FleetScores:
         """Return what `Coarse` says; who lacks frames of the drive is told them."""
         drive, last = (self._camera, self._drive, self._frame), [self._directions[-1]]
         asked = Question(self._usual, self._both, *drive, last, along, newest, passed)
-        answer = self._ask(asked)
-        if answer.lacks:
-            answer = self._ask(replace(asked, directions=[*self._directions]))
-        return np.union1d(answer.along.places, answer.newest.places)
+        answer = self._ask(asked) or self._ask(replace(asked, directions=[*self._directions]))
+        assert answer is not None
+        return np.union1d(answer[0][0], answer[1][0])
 
 
 _TRIES = 3  # of a question, each with a new worker
@@ -203,7 +202,10 @@ class Fleet:
             for worker in self._workers
         ]
         found = self._ask_all('answer', [(question, some) for some in offsets])
-        return merged([one for one in found if one is not None], question)
+        return merged(
+            [one for one, worker in zip(found, self._workers, strict=True) if not worker.problem],
+            question,
+        )
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places; blank of a shard that is missing."""

@@ -49,21 +49,9 @@ class Question:
     passed: Sequence[range] = ()  # of the fleet's places
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Best:
-    """Places of the fleet with the highest scores, the best first; ties by number."""
-
-    places: Indices = field(default_factory=lambda: np.zeros(0, np.int64))  # (n,)
-    scores: Row = field(default_factory=lambda: np.zeros(0, np.float32))  # (n,)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Answer:
-    """What some shards say together."""
-
-    along: Best = Best()
-    newest: Best = Best()
-    lacks: bool = False  # frames of the drive: it is to be asked with all of them
+Best = tuple[Indices, Row]  # places of the fleet, and their scores, the best first; ties by number
+# Of some shards, by the drive so far, and by the newest frame; None if frames of the drive lack.
+Answer = tuple[Best, Best] | None
 
 
 @dataclass(eq=False, slots=True)
@@ -94,11 +82,11 @@ class Shard:
     def answer(self, question: Question, offset: int) -> Answer:
         """Answer of a map whose first place has a number in the fleet."""
         if (known := self._followed(question)) is None:
-            return Answer(lacks=True)
+            return None
         passed = [range(one.start - offset, one.stop - offset) for one in question.passed]
         sums, row = known.track.sums, known.row
         along, newest = top(sums, question.along, passed), top(row, question.newest, passed)
-        return Answer(Best(along + offset, sums[along]), Best(newest + offset, row[newest]))
+        return (along + offset, sums[along]), (newest + offset, row[newest])
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         return self._map.pictures(indices, with_images)
@@ -166,14 +154,15 @@ class Holder:
 
 
 def merged(answers: Sequence[Answer], question: Question) -> Answer:
-    if any(one.lacks for one in answers):
-        return Answer(lacks=True)
-    along = _best([one.along for one in answers], question.along)
-    return Answer(along, _best([one.newest for one in answers], question.newest))
+    whole = [one for one in answers if one]
+    if len(whole) < len(answers):
+        return None
+    along = _best([one for one, _ in whole], question.along)
+    return along, _best([one for _, one in whole], question.newest)
 
 
 def _best(parts: Sequence[Best], count: int) -> Best:
-    places = np.concatenate([Best().places, *(one.places for one in parts)])
-    scores = np.concatenate([Best().scores, *(one.scores for one in parts)])
+    places = np.concatenate([np.zeros(0, np.int64), *(one for one, _ in parts)])
+    scores = np.concatenate([np.zeros(0, np.float32), *(one for _, one in parts)])
     order = np.lexsort((places, -scores))[:count]
-    return Best(places[order], scores[order])
+    return places[order], scores[order]
