@@ -35,6 +35,7 @@ import cv2
 import numpy as np
 
 from bench import material
+from bench.work import resident_mb
 
 FIRST = 2000  # places of the map that holds the street, whose images the others repeat
 FRAMES = 200  # of the drive through the street
@@ -71,12 +72,6 @@ def open_thin(first: Path, count: int) -> None:
         return ReferenceMap(known.encoding, places, pictures, known.keyframes, sessions=sessions)
 
     shard.open_map = opened
-
-
-def resident_mb() -> float:
-    """Return how much memory this process has."""
-    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:

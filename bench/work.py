@@ -1,15 +1,22 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a part of the bench is given."""
+"""What a part of the bench is given, and the memory that it takes."""
 
 from dataclasses import dataclass
 from functools import cached_property
+import os
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from bench import material
+
+
+def resident_mb() -> float:
+    """Return how much memory this process has."""
+    pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 @dataclass(frozen=True)

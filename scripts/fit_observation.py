@@ -71,7 +71,7 @@ def of_laps(folder: Path) -> Drive:
     config = make_config({'threads': 1})
     truth = laps.read_truth(folder / 'ground_truth.csv')
     drive = list(ImageFolder(folder / 'drive'))
-    where = [laps.place(truth, frame) for frame in drive]
+    where = [laps.place(truth, laps.number(frame)) for frame in drive]
     places = [math.nan if at is None else float(at) for at in where]
     shown = list(zip(drive, places, strict=True))
     count = sum(laps.number(frame) <= laps.FIRST_LAP for frame in drive)

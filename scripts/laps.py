@@ -57,9 +57,8 @@ def read_truth(path: Path) -> dict[int, int]:
     return {int(row['frame']): int(row['place']) for row in sure}
 
 
-def place(truth: dict[int, int], frame: Frame) -> int | None:
-    """Return where a frame was taken, if that is known."""
-    here = number(frame)
+def place(truth: dict[int, int], here: int) -> int | None:
+    """Return where a frame was taken, by its number, if that is known."""
     near = min(truth, key=lambda known: abs(known - here))
     return (truth[near] + here - near) % LAP if abs(here - near) <= REACH else None
 
@@ -113,7 +112,7 @@ def main() -> None:
     online = make_config({**settings, 'mode': 'online', 'exclusion_s': EXCLUSION_S})
     drive, other = (list(ImageFolder(chosen.data / name)) for name in ('drive', 'other'))
     truth = read_truth(chosen.data / 'ground_truth.csv')
-    where = {frame.stamp_ns: place(truth, frame) for frame in drive}
+    where = {frame.stamp_ns: place(truth, number(frame)) for frame in drive}
     lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
     head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted', 'first')
     for name, mapped, query, asked, known, how in (

@@ -11,11 +11,9 @@ night, in one session and in three. `round`: a drawn round, driven 34 times in o
 drawn ways, right is within 5 m of where the camera is.
 """
 
-import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
-import math
 from multiprocessing import Process
 from pathlib import Path
 import resource
@@ -29,15 +27,15 @@ from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.session import Session
-from convseq_ros.core.types import Pose, Reason
-from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.core.types import Pose
 from convseq_ros.simulation.route import Corner, Route
 from convseq_ros.sources.folder import ImageFolder
 from convseq_ros.sources.recording import read_poses
+from drives import away_m, head, lanes, options, PASSED_OVER, RIGHT_M, row, shots
 import laps
 import numpy as np
 
-RIGHT_M, STEP_M, ASIDE_M, LANES_EVERY_M = 5.0, 2.0, 1.0, 30.0
+STEP_M = 2.0
 PASS_NS = 10**11 * 3  # from the start of one pass to that of the next
 LIGHTS = ('day', 'evening', 'night', 'overcast')
 BEGINNING = 15  # keyframes of a round that do not count
@@ -57,23 +55,14 @@ def ring(width_m: float, depth_m: float, town: int) -> Route:
 
 def driven(route: Route, number: int, light: str) -> Iterator[tuple[Frame, Pose]]:
     """Yield the frames of a pass by its number, and where they were taken."""
-    rng = np.random.default_rng(number)
-    at = np.arange(0.0, route.length_m + LANES_EVERY_M, LANES_EVERY_M)
-    lanes = rng.uniform(-ASIDE_M, ASIDE_M, len(at)) - 1.0
-    drive = Drive(
-        num_frames=int((route.length_m - 1) / STEP_M),
-        speed_mps=10 * STEP_M,
-        start_m=0.13 * (number % 10),
-        start_ns=number * PASS_NS,
-        lanes=tuple(zip(at.tolist(), lanes.tolist(), strict=True)),
-        light=light,
-        noise=3.0,
-        seed=number,
-        width_px=SHAPE[1],
-        height_px=SHAPE[0],
-    )
-    for shot in draw(route, drive):
-        yield replace(shot.frame, pose=None), shot.pose
+    drawn = shots(
+        route, num_frames=int((route.length_m - 1) / STEP_M), speed_mps=10 * STEP_M,
+        start_m=0.13 * (number % 10), start_ns=number * PASS_NS, light=light, noise=3.0,
+        lanes=lanes(route.length_m, -1.0, 1.0, np.random.default_rng(number)), seed=number,
+        width_px=SHAPE[1], height_px=SHAPE[0],
+    )  # fmt: skip
+    for _, frame in drawn:
+        yield replace(frame, pose=None), frame.pose
 
 
 def of_laps(data: Path) -> None:
@@ -81,7 +70,7 @@ def of_laps(data: Path) -> None:
     config = make_config({'exclusion_s': laps.EXCLUSION_S})
     drive = [*ImageFolder(data / 'laps' / 'drive')]
     truth = laps.read_truth(data / 'laps' / 'ground_truth.csv')
-    where = {frame.stamp_ns: laps.place(truth, frame) for frame in drive}
+    where = {frame.stamp_ns: laps.place(truth, laps.number(frame)) for frame in drive}
     of = {frame.stamp_ns: laps.number(frame) for frame in drive}
     made = build_map(drive, None, config)
     links = {link.place: link for link in made.links.each()}
@@ -144,17 +133,15 @@ def _links(made: ReferenceMap) -> dict[int, int]:
 
 
 def _judged(links: dict[int, int], true: dict[int, Pose]) -> tuple[int, int]:
-    off = [math.dist(true[one].position, true[two].position) for one, two in links.items()]
-    right = sum(metres <= RIGHT_M for metres in off)
-    return right, len(off) - right
+    right = sum(away_m(true[one], true[two]) <= RIGHT_M for one, two in links.items())
+    return right, len(links) - right
 
 
 def of_round(_data: Path, rounds: int = 34, max_looks: int = 8) -> None:
     """Print how a map grows that a robot drives the same round with again and again."""
     config = make_config({'mode': 'online', 'max_looks': max_looks, 'exclusion_s': 6.0})
     route, true, first = ring(60.0, 40.0, 3), dict[int, Pose](), 0
-    print('| round | light | right of keyframes | false | added | left | times one round |')
-    print('|---|---|---|---|---|---|---|')
+    head('round', 'light', 'right of keyframes', 'false', 'added', 'left', 'times one round')
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, 'round.db')
         for number in range(rounds):
@@ -165,16 +152,16 @@ def of_round(_data: Path, rounds: int = 34, max_looks: int = 8) -> None:
                 true[frame.stamp_ns] = pose
                 match = session.recognizer.process(frame)
                 session.save()
-                if match.reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
+                if match.reason in PASSED_OVER:
                     continue
-                there = match.accepted and true[match.accepted.reference_stamp_ns].position
-                found.append(math.dist(there, pose.position) <= RIGHT_M if there else None)
+                there = match.accepted and true[match.accepted.reference_stamp_ns]
+                found.append(away_m(there, pose) <= RIGHT_M if there else None)
             session.close()
             places, later = len(open_map(path)), found[BEGINNING:]
             first = first or places
             right = f'{later.count(True)} of {len(later)}'
-            row = number + 1, light, right, found.count(False), session.added, places
-            print('| ' + ' | '.join(map(str, row)) + f' | {places / first:.1f} |', flush=True)
+            grown = session.added, places, f'{places / first:.1f}'
+            row(number + 1, light, right, found.count(False), *grown)
 
 
 def of_poses(_data: Path) -> None:
@@ -253,16 +240,12 @@ PARTS: dict[str, Callable[[Path], None]] = {
 }  # fmt: skip
 
 
-def main(arguments: Iterable[str] | None = None) -> int:
+def main() -> None:
     """Measure, and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--data', type=Path, required=True)
-    parser.add_argument('--part', nargs='+', choices=PARTS, default=[*PARTS])
-    chosen = parser.parse_args(None if arguments is None else [*arguments])
+    chosen = options(__doc__, data=None, part=[*PARTS])
     for part in chosen.part:
         PARTS[part](chosen.data)
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

@@ -112,16 +112,7 @@ def laps_material(data: Path, config: Config) -> Iterator[Material]:
             for one in own:
                 (folder / one.name).symlink_to(one.resolve())
             parts.append(Part(folder))
-            numbers = [int(one.stem) for one in own]
-            near = [min(truth, key=lambda known, here=here: abs(known - here)) for here in numbers]
-            places.append(
-                np.array(
-                    [
-                        truth[known] + here - known if abs(here - known) <= laps.REACH else np.nan
-                        for here, known in zip(numbers, near, strict=True)
-                    ]
-                )
-            )
+            places.append(np.array([laps.place(truth, int(one.stem)) for one in own], float))
         data_set = DataSet('laps', parts[0], TruthSource('none'), parts[1])
         material = open_material(data_set, config.encoding)
         query, reference = places

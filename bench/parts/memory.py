@@ -9,7 +9,6 @@ Each is opened and used by processes of its own: this module, started with a map
 import json
 import os
 from pathlib import Path
-import re
 import statistics
 import subprocess
 import sys
@@ -22,7 +21,7 @@ import numpy as np
 
 from bench.finding import Finding
 from bench.material import queries_path
-from bench.work import Work
+from bench.work import resident_mb, Work
 
 _WANTED_SIZE = 100_000
 _MOST_MB, _MOST_OPEN_S, _MOST_KB = 250, 3, 20
@@ -77,7 +76,7 @@ def use(path: Path, queries: Path) -> dict[str, float]:
     images = np.load(queries, mmap_mode='r')  # only its head: what is mapped is resident
     _, height, width = images.shape
     Session(None, Config()).warm_up()
-    before_mb, start_s = _resident_mb(), time.perf_counter()
+    before_mb, start_s = resident_mb(), time.perf_counter()
     session = Session(path, Config())
     open_s = time.perf_counter() - start_s
     session.warm_up()
@@ -85,14 +84,7 @@ def use(path: Path, queries: Path) -> dict[str, float]:
         begin = images.offset + number * height * width
         image = np.fromfile(queries, np.uint8, height * width, offset=begin)
         session.recognizer.process(Frame(number * _PERIOD_NS, image.reshape(height, width)))
-    return {'open_s': open_s, 'before_mb': before_mb, 'resident_mb': _resident_mb()}
-
-
-def _resident_mb() -> float:
-    status = Path('/proc/self/status').read_text(encoding='ascii')
-    found = re.search(r'VmRSS:\s+(\d+) kB', status)
-    assert found
-    return int(found[1]) / 1e3
+    return {'open_s': open_s, 'before_mb': before_mb, 'resident_mb': resident_mb()}
 
 
 if __name__ == '__main__':

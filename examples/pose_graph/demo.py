@@ -33,6 +33,7 @@ from trajectory_error import absolute_error_m
 
 Errors = Mapping[str, tuple[float, float]]
 _MARKER = '.convseq-demo-slam'
+_BLOCK_M = 110.0, 70.0  # of the town
 _COUNTS = (0, 1, 3, 6, 12)
 _RIGHT_M, _RIGHT_DEG = 2.0, 10.0  # what a right closure says is off by less
 _VPR = {
@@ -51,14 +52,6 @@ def main() -> int:
     parser.add_argument('--false', type=int, default=6, help='false closures sent live (6)')
     parser.add_argument('--draws', type=int, default=10, help='of false closures, each count (10)')
     parser.add_argument('--seed', type=int, default=0, help='another town, drive and drift (0)')
-    parser.add_argument(
-        '--block',
-        type=float,
-        nargs=2,
-        default=(110.0, 70.0),
-        metavar='M',
-        help='width and depth of a block of the town (110 70)',
-    )
     chosen = parser.parse_args()
     try:
         _run(chosen)
@@ -72,7 +65,7 @@ def _run(chosen: argparse.Namespace) -> None:
     folder: Path = chosen.output.absolute()
     make_empty(folder, _MARKER)
     _say('drawing a drive through a town')
-    route = two_blocks(*chosen.block, chosen.seed)
+    route = two_blocks(*_BLOCK_M, chosen.seed)
     recording = folder / 'drive'
     record(recording, route, chosen.seed)
     poses = dict(read_poses(recording, '/ground_truth'))
@@ -113,10 +106,9 @@ def _run(chosen: argparse.Namespace) -> None:
         f'{sum(is_false)} false ones sent in between: the graph kept {sum(live.kept)} and '
         f'rejected {len(closures) - sum(live.kept)}',
     )
-    _write_results(folder / 'results.json', errors, trials, len(ours), len(right))
     if chosen.picture:
         shutil.copyfile(picture, chosen.picture)
-    print(f'\nresults  {folder / "results.json"}\npicture  {chosen.picture or picture}')
+    print(f'\npicture  {chosen.picture or picture}')
 
 
 def _errors(
@@ -224,24 +216,6 @@ def _range(trial: Trial) -> str:
 def _least_most(counts: Sequence[int]) -> str:
     low, high = min(counts), max(counts)
     return str(low) if low == high else f'{low} - {high}'
-
-
-def _write_results(
-    path: Path, errors: Errors, trials: Sequence[Trial], sent: int, right: int
-) -> None:
-    path.write_text(
-        json.dumps(
-            {
-                'errors_m': errors,
-                'closures': sent,
-                'right': right,
-                'trials': [
-                    {name: getattr(trial, name) for name in Trial.__slots__} for trial in trials
-                ],
-            },
-            indent=2,
-        )
-    )
 
 
 def _say(what: str) -> None:
