@@ -1,18 +1,14 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sequence length, sequence scores at any velocity, and what is rescored exactly."""
+"""Sequence length, sequence scores, and what is rescored exactly."""
 
 from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
-from unittest.mock import patch
 
 from convseq_ros.config import EncodingConfig, SequenceConfig
-from convseq_ros.core.compiled import available
-from convseq_ros.core.decision.motion import MOTION
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.map.place import SessionBounds
-from convseq_ros.core.sequence import diagonals
 from convseq_ros.core.sequence.diagonals import diagonal, sequence_scores
 from convseq_ros.core.sequence.length import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
@@ -72,11 +68,6 @@ def test_uninformative_frames_are_passed_over():
     assert length(mixed, [1, 0.0, 0.5, 1]) == 3
 
 
-BOTH = sorted({sign * one for one in MOTION.velocities if one for sign in (1, -1)})
-
-COMPILED = [False, True] if available() else [False]
-
-
 def windows(count, length, unknown, seed):
     """Return whole rows, shorter ones, missing ones and unknown pairs."""
     rng = np.random.default_rng(seed)
@@ -98,37 +89,34 @@ SESSIONS = st.builds(
 )
 
 
-def by_definition(rows, velocity, end, bounds, partial):
+def by_definition(rows, end, bounds, partial):
     """Return what the diagonal that ends at a place scores, pair by pair."""
-    steps, (first, stop) = diagonal(len(rows), velocity), bounds.span(end)
+    first, stop = bounds.span(end)
     pairs = [
-        row[end - step] if row is not None and first <= end - step < min(stop, len(row)) else None
-        for row, step in zip(rows, steps, strict=True)
+        row[end - age] if row is not None and first <= end - age < min(stop, len(row)) else None
+        for age, row in enumerate(rows)
     ]
     pairs = np.array(pairs, float)
     known = np.isfinite(pairs)
     if not known[0] or 2 * known.sum() < len(rows):
         return -np.inf
     if not partial:
-        is_inside = first <= end - steps[-1] < min(stop, len(rows[0]))
-        return pairs[known].mean() if is_inside else -np.inf
+        return pairs[known].mean() if end - len(rows) + 1 >= first else -np.inf
     shown = [row is not None for row in rows]
     means = [np.nanmean(row) if row is not None and np.isfinite(row).any() else 0 for row in rows]
     return np.where(known, pairs, means)[shown].mean()
 
 
-@pytest.mark.parametrize('compiled', COMPILED)
 @pytest.mark.parametrize('partial', [False, True])
-@given(rows=DRAWN, velocity=st.sampled_from(BOTH), bounds=SESSIONS)
-def test_scores_are_those_of_the_definition(compiled, partial, rows, velocity, bounds):
+@given(rows=DRAWN, bounds=SESSIONS)
+def test_scores_are_those_of_the_definition(partial, rows, bounds):
     some = np.arange(0, len(rows[0]), 1 + len(rows[0]) // 40)
-    expected = [by_definition(rows, velocity, end, bounds, partial) for end in some.tolist()]
-    with patch.object(diagonals, 'available', lambda: compiled):
-        found = sequence_scores(rows, velocity, partial=partial, bounds=bounds)
+    expected = [by_definition(rows, end, bounds, partial) for end in some.tolist()]
+    found = sequence_scores(rows, partial=partial, bounds=bounds)
     assert found.shape == (len(rows[0]),)
     assert found[some] == pytest.approx(expected, abs=1e-5)
     if not partial:  # ends that are chosen score what they score among all
-        assert sequence_scores(rows, velocity, some, bounds=bounds) == pytest.approx(expected)
+        assert sequence_scores(rows, some, bounds=bounds) == pytest.approx(expected)
 
 
 def test_a_diagonal_meets_a_reference_for_each_frame_ahead_or_backwards():

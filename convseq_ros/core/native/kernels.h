@@ -21,11 +21,10 @@ static inline Sums add_fours(Sums sum, Words one, Words other)
 #endif
 
 #include "../encoding/kernels.c"
-#include "../sequence/kernels.c"
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
 #include "../similarity/kernels/regions.c"
 #include "../similarity/kernels/references.c"
-#include "../similarity/kernels/coarse.c"
+#include "../sequence/kernels.c"
 #include "../geometry/kernels.c"

@@ -1,86 +1,65 @@
 // Copyright 2026 The convseq_ros authors
 // SPDX-License-Identifier: Apache-2.0
-// Mean scores along the diagonals of a sequence of frames.
+// Coarse scores: products of many rows of numbers in half precision with one vector.
 
 enum {
-    ENDS = 512, // of diagonals at a time: what rows hold of them stays in the nearest cache
-    STRIDE = 64, // of them at once, whose sums stay in registers
+    ABREAST = 4, // rows at a time: what waits for one sum adds to another
+    AHEAD = 8192, // bytes that memory is asked for before they are needed
 };
 
-// Add up the pairs on diagonals, by their ends, if all are known and in their session, with room
-// for a stride behind; return whether they are, else the sums are worth nothing.
-static int add_up_known(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                        intptr_t start, intptr_t end, intptr_t frames, intptr_t first,
-                        intptr_t ends, float *restrict sums)
+// Add 16 products to 16 sums.
+static inline void add_products(const uint16_t *row, const float *direction, Floats *sums)
 {
-    Words unknown = {0};
-    for (intptr_t frame = 0; frame < frames; frame++) {
-        intptr_t met = first - steps[frame], length = lengths[frame] < end ? lengths[frame] : end;
-        if (met < start || met + ends + STRIDE > length)
-            return 0;
-    }
-    for (intptr_t place = 0; place < ends; place += STRIDE) {
-        Floats total[STRIDE / LANES] = {0};
-        for (intptr_t frame = 0; frame < frames; frame++)
-#pragma GCC unroll 8
-            for (int one = 0; one < STRIDE / LANES; one++)
-                total[one] += floats(rows[frame] + first - steps[frame] + place + one * LANES);
-        for (int one = 0; one < STRIDE / LANES; one++)
-            unknown |= total[one] != total[one];
-        memcpy(sums + place, total, sizeof total);
-    }
-    for (int lane = 0; lane < LANES; lane++)
-        if (unknown[lane])
-            return 0;
-    return 1;
+    for (int part = 0; part < 16 / LANES; part++)
+        sums[part] = fused(widened(row + part * LANES), floats(direction + part * LANES),
+                           sums[part]);
 }
 
-// Add up the pairs on diagonals, by their ends, and count those that are known; others, outside a
-// row or the session, or not numbers, count as expected. No newest pair, no score.
-static void add_up(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                   const float *expected, intptr_t start, intptr_t end, intptr_t frames,
-                   intptr_t first, intptr_t ends, float *restrict sums, int32_t *restrict known)
+// Write the products of so many rows with one vector. All processors add alike, to 16 sums.
+INLINE void multiply(const uint16_t *rows, int count, intptr_t numbers, const float *direction,
+                     float *products)
 {
-    int is_done = add_up_known(rows, lengths, steps, start, end, frames, first, ends, sums);
-    for (intptr_t place = 0; place < ends; place++) {
-        known[place] = is_done ? (int32_t)frames : 0;
-        sums[place] = is_done ? sums[place] : 0;
-    }
-    for (intptr_t frame = 0; frame < frames && !is_done; frame++) {
-        intptr_t length = lengths[frame] < end ? lengths[frame] : end;
-        const int32_t otherwise = frame ? 0 : -(int32_t)frames;
-        for (intptr_t place = 0; place < ends; place++) {
-            intptr_t met = first + place - steps[frame];
-            float score = met >= start && met < length ? rows[frame][met] : NAN;
-            sums[place] += score == score ? score : expected[frame];
-            known[place] += score == score ? 1 : otherwise;
-        }
-    }
+    Floats sums[ABREAST][16 / LANES] = {0};
+    for (intptr_t first = 0; first < numbers; first += 16)
+#pragma GCC unroll 4
+        for (int row = 0; row < count; row++)
+            add_products(rows + row * numbers + first, direction + first, sums[row]);
+#pragma GCC unroll 4
+    for (int row = 0; row < count; row++)
+        products[row] = added_up(sums[row], 16 / LANES);
 }
 
-// Write the mean scores along all diagonals, by their ends, or -inf with fewer known pairs. What
-// lies partly off its session counts, too, unless they are to be whole: then a diagonal, which
-// reaches from so far before its end or, negative, to after it, is scored inside its session
-// alone, and its mean is that of the known pairs.
-KERNEL(scores_along)(const float *const *rows, const intptr_t *lengths, const intptr_t *steps,
-                     const float *expected, const int64_t *bounds, intptr_t frames,
-                     intptr_t fewest, intptr_t reach, intptr_t is_whole, float *scores)
+// Write the products of rows [count][numbers] in half precision with one vector, which has zeros
+// behind it up to a multiple of 16: what lies behind a row counts for nothing.
+KERNEL(products)(const uint16_t *rows, intptr_t count, intptr_t numbers, const float *direction,
+                 float *products)
 {
-    int32_t known[ENDS];
-    for (intptr_t session = 0, first = 0; first < lengths[0];) {
-        intptr_t start = bounds[session], end = bounds[session + 1];
-        intptr_t ends = end - first < ENDS ? end - first : ENDS;
-        add_up(rows, lengths, steps, expected, start, end, frames, first, ends, scores + first,
-               known);
-        for (intptr_t place = 0; place < ends; place++) {
-            intptr_t at = first + place;
-            int is_inside = reach < 0 ? at < end + reach : at >= start + reach;
-            int is_scored = known[place] >= fewest && (is_inside || !is_whole);
-            float count = (float)(is_whole ? known[place] : frames);
-            scores[at] = is_scored ? scores[at] / count : -INFINITY;
-        }
-        first += ends;
-        session += first == end;
+    uint16_t *last = calloc((size_t)rounded_up(numbers, 16), sizeof *last);
+    intptr_t row = 0;
+    for (; (row + ABREAST - count) * numbers + 16 <= 0 && last; row += ABREAST) {
+        const uint16_t *own = rows + row * numbers;
+        for (intptr_t byte = 0; byte < 2 * ABREAST * numbers; byte += 64)
+            __builtin_prefetch((const char *)own + AHEAD + byte);
+        multiply(own, ABREAST, numbers, direction, products + row);
     }
-    return 0;
+    for (; row < count && last; row++) { // behind the last rows there may be no memory of ours
+        memcpy(last, rows + row * numbers, (size_t)numbers * sizeof *last);
+        multiply(last, 1, numbers, direction, products + row);
+    }
+    free(last);
+    return last ? 0 : -1;
+}
+
+// Return 0 if dot products of bytes, and sums of products in single and half precision, are right.
+KERNEL(probe)(void)
+{
+    uint16_t halves[16];
+    float direction[16], product = 0;
+    // Bytes 1 and 2 again and again, wherever a layout has a region's four.
+    int32_t dots = 0, expected = 1 + 2 * 2 + 3 + 2 * 4;
+    for (int number = 0; number < 16; number++)
+        halves[number] = 0x3c00, direction[number] = (float)number; // ones
+    CALL(peak)(1, &dots);
+    CALL(products)(halves, 1, 16, direction, &product);
+    return dots != 12 * expected || product != 120;
 }
