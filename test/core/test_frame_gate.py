@@ -27,11 +27,12 @@ from convseq_ros.core.frame_gate import (
     Standstill,
 )
 from convseq_ros.core.similarity.overlap import PaperSimilarity
-from convseq_ros.core.types import Pose, Reason
+from convseq_ros.core.types import Reason
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
 from drives import shots_of
 import numpy as np
+from poses import at
 import pytest
 
 STEP_NS = 100_000_000
@@ -48,11 +49,6 @@ def test_stamps_are_next_late_or_of_a_clock_that_jumped_back():
     assert order.update(5 * SECOND - 2) is late
     order.reset()
     assert order.update(0) is Order.NEXT
-
-
-def at(x, turned_rad=0.0):
-    turned = 0.0, 0.0, math.sin(turned_rad / 2), math.cos(turned_rad / 2)
-    return Pose((float(x), 0.0, 0.0), turned)
 
 
 @pytest.fixture
@@ -130,7 +126,7 @@ def test_by_odometry_keyframes_come_at_the_way_asked_for_however_long_it_takes()
 def test_turning_on_the_spot_makes_keyframes():
     keyframes = choosing(keyframe_distance_m=1.0)
     turns = [0.0, 0.2, 0.4, 0.6, 0.8]
-    found = [turn for turn in turns if taken(keyframes, 0, BLANK, at(0, turn))]
+    found = [turn for turn in turns if taken(keyframes, 0, BLANK, at(0, yaw=turn))]
     assert found == [0.0, 0.4, 0.8]
 
 
@@ -177,7 +173,7 @@ def test_images_are_asked_only_where_they_should_be(settings):
 
 @pytest.mark.parametrize(
     ('pose', 'holds'),
-    [(at(0.04), True), (at(0.06), False), (at(0.0, 0.2), True), (at(0.0, 0.4), False)],
+    [(at(0.04), True), (at(0.06), False), (at(0.0, yaw=0.2), True), (at(0.0, yaw=0.4), False)],
 )
 def test_odometry_decides_where_it_is_given(pose, holds):
     still = watching(stationary_m=0.05)
@@ -327,7 +323,7 @@ def test_keyframes_are_those_that_the_scene_of_every_frame_tells(light, speed_mp
         gate = FrameGate(config, config.keyframes, PaperSimilarity())
         reasons = []
         for index, gray in enumerate(frames):
-            pose = Pose((0.13 * way[index], 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) if odometry else None
+            pose = at(0.13 * way[index]) if odometry else None
             encode = partial(counted, gray, count)
             shown = (gray,) if by_glance else ()
             reasons.append(gate.update(index * 33_333_333, pose, encode, *shown).reason)

@@ -22,6 +22,7 @@ from convseq_ros.sources.camera_info import fitted
 import cv2
 from hypothesis import given, strategies
 import numpy as np
+from poses import at as pose
 import pytest
 
 from test.core.measured_pose import drawn_street, measured, off
@@ -236,11 +237,6 @@ def test_a_camera_is_fitted_to_smaller_images_and_turns_stay_what_they_are():
 FLOORS = {'position_sigma_m': 0.5, 'heading_sigma_rad': 0.1}
 
 
-def pose(x, y=0.0, degrees=0.0):
-    half = math.radians(degrees) / 2
-    return Pose((float(x), float(y), 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
-
-
 def along(*poses):
     return [Place(stamp, pose=each) for stamp, each in enumerate(poses)]
 
@@ -280,7 +276,8 @@ def test_neighbours_that_score_nearly_as_well_spread_it():
 
 
 def test_in_a_bend_doubt_between_places_is_doubt_about_the_heading():
-    places = along(pose(0, degrees=170), pose(1, degrees=-170), pose(2, degrees=-150))
+    turns = np.radians([170, -170, -150])
+    places = along(*(pose(x, yaw=turn) for x, turn in enumerate(turns)))
     row = np.array([0.5, 0.5, 0.1], np.float32)
     estimate = estimate_pose(places, 1, yaw_rad=0.0, row=row, **FLOORS)
     assert estimate.covariance[5, 5] == pytest.approx(0.1**2 + math.radians(20) ** 2 / 2)
@@ -296,7 +293,8 @@ def test_without_a_known_turn_the_heading_is_less_certain():
 def test_a_turn_to_the_left_turns_the_pose_counter_clockwise():
     looking_east = estimate_pose(EAST, 2, yaw_rad=math.pi / 2)
     assert looking_east.pose.position == (12.0, 0.0, 0.0)
-    assert looking_east.pose.orientation == pytest.approx(pose(0, degrees=90).orientation)
+    east = pose(0, yaw=math.pi / 2)
+    assert looking_east.pose.orientation == pytest.approx(east.orientation)
     # About the vertical of the map, however the camera is tilted: pitched down, then to the left.
     tilted = Pose((0.0, 0.0, 0.0), (0.0, 0.6, 0.0, 0.8))
     assert turned(tilted, math.pi).orientation == pytest.approx((-0.6, 0.0, 0.8, 0.0), abs=1e-12)

@@ -16,9 +16,10 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Camera, Frame, Pose, Reason, Status
+from convseq_ros.core.types import Camera, Frame, Reason, Status
 import cv2
 import numpy as np
+from poses import at
 import pytest
 
 STEP_NS = 100_000_000
@@ -44,10 +45,6 @@ def map_of(third_places, keyframes):
     for index, packed in enumerate(third_places):
         made.add(Place(index), packed)
     return made
-
-
-def at(place):
-    return Pose((float(place), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=False):

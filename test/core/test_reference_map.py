@@ -12,6 +12,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Frame, Pose
 import cv2
 import numpy as np
+from poses import at
 import pytest
 
 ENCODING = EncodingConfig(image_size_px=64)
@@ -111,10 +112,6 @@ SECOND = 10**9
 SMALL = EncodingConfig(image_size_px=64)
 GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
 DESCRIPTOR = describe(GRAY, SMALL)
-
-
-def at(x):
-    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 def grown(online, seconds, poses=None, earlier=0):

@@ -19,11 +19,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
 SECOND = 1_000_000_000
-
 MS = 1_000_000
-
 K = [100.0, 0.0, 80.0, 0.0, 100.0, 60.0, 0.0, 0.0, 1.0]
-
 QUICK = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -101,8 +98,6 @@ class Tracked:
     """An Odometry that hears what the test says, without a graph."""
 
     def __init__(self, monkeypatch, wait_s=0.05, publishers=1):
-        from unittest.mock import Mock
-
         self.subscription = Mock()
         monkeypatch.setattr(module, 'FollowingSubscription', self.subscription)
         self.node = Mock()
@@ -110,15 +105,18 @@ class Tracked:
         self.odometry = module.Odometry(self.node, wait_s)
         self.hear = self.subscription.call_args.args[3]
 
+    def wait_for_pose(self, stamp_ns):
+        """Ask for a pose in a thread; return it, and what it is going to find."""
+        found = []
+        waiting = threading.Thread(target=lambda: found.append(self.odometry.pose_at(stamp_ns)))
+        waiting.start()
+        return waiting, found
+
 
 def test_an_image_waits_for_its_odometry(monkeypatch):
     tracked = Tracked(monkeypatch, wait_s=20.0)
     tracked.hear(odometry(0, SECOND))
-    found = []
-    waiting = threading.Thread(
-        target=lambda: found.append(tracked.odometry.pose_at(SECOND + 50 * MS))
-    )
-    waiting.start()
+    waiting, found = tracked.wait_for_pose(SECOND + 50 * MS)
     tracked.hear(odometry(1, SECOND + 100 * MS))
     waiting.join(10)
     assert found[0].position[0] == 0.5
@@ -156,11 +154,7 @@ def test_after_three_waits_in_vain_no_image_waits_until_odometry_comes_again(mon
     tracked.odometry.waiting.wait_s = 3600.0
     assert tracked.odometry.pose_at(SECOND + 500 * MS) is None
     tracked.hear(odometry(1, SECOND + 100 * MS))
-    found = []
-    waiting = threading.Thread(
-        target=lambda: found.append(tracked.odometry.pose_at(SECOND + 150 * MS))
-    )
-    waiting.start()
+    waiting, found = tracked.wait_for_pose(SECOND + 150 * MS)
     waiting.join(0.05)
     assert not found
     tracked.hear(odometry(2, SECOND + 200 * MS))

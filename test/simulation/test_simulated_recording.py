@@ -5,7 +5,6 @@
 from dataclasses import replace
 import math
 
-from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.odometry import Drift, Odometer, with_odometry
@@ -13,6 +12,7 @@ from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.recording import read_camera, read_poses
 import numpy as np
+from poses import at as pose
 import pytest
 
 DRIVE = Drive(num_frames=4, width_px=64, height_px=48, heading_deg=80.0)
@@ -79,17 +79,13 @@ def test_the_camera_is_described_for_every_image(tmp_path, shots):
 NONE = Drift(scale=0.0, yaw_bias_deg=0.0, noise_m=0.0, yaw_noise_deg=0.0)
 
 
-def pose(x, y, yaw):
-    return Pose((x, y, 0.0), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
-
-
 def yaw_of(pose):
     return 2 * math.atan2(pose.orientation[2], pose.orientation[3])
 
 
 def straight(drift, metres=100):
     odometer = Odometer(drift)
-    return [odometer.moved_to(pose(float(x), 0.0, 0.0)) for x in range(metres + 1)]
+    return [odometer.moved_to(pose(x)) for x in range(metres + 1)]
 
 
 def test_without_drift_it_is_the_truth_seen_from_the_start():

@@ -17,6 +17,7 @@ from convseq_ros.sources.pose_track import pose_from_message, PoseTrack
 import cv2
 from hypothesis import given, strategies
 import numpy as np
+from poses import at as pose
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
@@ -176,25 +177,20 @@ SECOND = 1_000_000_000
 MS = 1_000_000
 
 
-def pose(x, degrees=0.0):
-    half = math.radians(degrees) / 2
-    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
-
-
 def degrees_of(found):
     return math.degrees(2 * math.atan2(found.orientation[2], found.orientation[3]))
 
 
 @given(strategies.floats(0, 1), strategies.floats(-170, 170))
 def test_a_turn_goes_on_at_a_steady_rate(share, turn):
-    track = PoseTrack([(0, pose(0)), (SECOND, pose(4, turn))])
+    track = PoseTrack([(0, pose(0)), (SECOND, pose(4, yaw=math.radians(turn)))])
     found = track.at(round(share * SECOND))
     assert found.position[0] == pytest.approx(4 * share, abs=1e-6)
     assert degrees_of(found) == pytest.approx(share * turn, abs=1e-4)
 
 
 def test_a_moment_after_the_last_pose_the_motion_is_taken_to_go_on():
-    track = PoseTrack([(0, pose(0)), (SECOND // 2, pose(1, 10))])
+    track = PoseTrack([(0, pose(0)), (SECOND // 2, pose(1, yaw=math.radians(10)))])
     late = track.at(SECOND // 2 + 100 * MS)
     assert late.position[0] == pytest.approx(1.2)
     assert degrees_of(late) == pytest.approx(12, abs=1e-3)

@@ -11,6 +11,7 @@ from convseq_ros.core.rigid import of_roll_pitch_yaw
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from poses import at
 import pytest
 
 NARROW = 0.1  # places; so what is moved goes to one place
@@ -220,15 +221,11 @@ def test_the_order_of_sessions_makes_no_difference(a_map, one, other, steps, bot
 ERROR = 0.1
 
 
-def at(x, yaw=0.0):
-    return of_roll_pitch_yaw((float(x), 0.0, 0.0), 0.0, 0.0, yaw)
-
-
 def moved(reference_map, *xs, places=(10,), both=False, missing=0, yaw=0.0):
     """Return velocities, and what becomes of places after odometry was at some x."""
     model = MotionModel(reference_map, both, ERROR)
     for x in xs:
-        model.move(None if x is None else at(x, yaw), missing)
+        model.move(None if x is None else at(x, yaw=yaw), missing)
     return model.velocities, *model.moved(np.array(places))
 
 

@@ -8,8 +8,9 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.types import Frame, LocalizationState, Pose, Reason, Status
+from convseq_ros.core.types import Frame, LocalizationState, Reason, Status
 import numpy as np
+from poses import at
 import pytest
 
 pytestmark = pytest.mark.once
@@ -76,10 +77,6 @@ def drive(described):
 
 def accepted(matches):
     return [match.accepted and match.accepted.reference_index for match in matches]
-
-
-def at(x):
-    return Pose((float(x), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 @both_searches

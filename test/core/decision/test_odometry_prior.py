@@ -4,17 +4,12 @@
 
 from convseq_ros.config import RobotConfig
 from convseq_ros.core.decision.odometry_prior import OdometryPrior, SLACK
-from convseq_ros.core.types import Pose
 import numpy as np
+from poses import at
 import pytest
 
-AHEAD, LEFT = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 NONE = 10**9  # places from here on are of this drive: none
 TENTH = RobotConfig(odometry_way_error=0.1, odometry_turn_error=0.0)
-
-
-def at(x, y=0.0, orientation=AHEAD):
-    return Pose((float(x), float(y), 0.0), orientation)
 
 
 def fixed(whole, place=100, config=TENTH, grows=False, way=0):
