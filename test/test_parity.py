@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 pytest.importorskip('rosbags')
+pytest.importorskip('mcap')
 
 from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.cameras import Cameras
@@ -30,11 +31,9 @@ from convseq_ros.sources import open_source
 import cv2
 from descriptor_models import made
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
+import recordings
 
-START_NS = 1_700_000_000_000_000_000
-STEP_NS = 100_000_000
+START_NS, STEP_NS = recordings.START_NS, recordings.STEP_NS
 NUM_FRAMES = 36
 STEPS_PX = [2] * 8 + [60] * 8 + [20] * 8 + [1] * 12
 BLACK, UNREADABLE, LATE, JUMP = 5, 13, 21, 28
@@ -77,26 +76,17 @@ def map_path(drive, encoding, tmp_path_factory):
 @pytest.fixture(scope='module')
 def recording(drive, tmp_path_factory):
     """Return a recording with a black, an unreadable and a late image and a jump of the clock."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kinds = store.types
-    path = tmp_path_factory.mktemp('parity') / 'drive'
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection('/camera', 'sensor_msgs/msg/Image', typestore=store)
-        for index, gray in enumerate(drive):
-            stamp_ns = START_NS + index * STEP_NS
-            stamp_ns -= 2 * STEP_NS if index == LATE else 0
-            stamp_ns -= 25 * STEP_NS if index >= JUMP else 0
-            stamp = kinds['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
-            pixels = np.zeros_like(gray) if index == BLACK else gray
-            header, shape = kinds['std_msgs/msg/Header'](stamp, 'camera'), (240, 320)
-            message = kinds['sensor_msgs/msg/Image'](
-                header, *shape, 'mono8', 0, 320, pixels.ravel()
-            )
-            if index == UNREADABLE:
-                message = replace(message, step=3)
-            data = store.serialize_cdr(message, message.__msgtype__)
-            writer.write(connection, START_NS + index * STEP_NS, data)
-    return path
+    rows = []
+    for index, gray in enumerate(drive):
+        stamp_ns = START_NS + index * STEP_NS
+        stamp_ns -= 2 * STEP_NS if index == LATE else 0
+        stamp_ns -= 25 * STEP_NS if index >= JUMP else 0
+        pixels = np.zeros_like(gray) if index == BLACK else gray
+        changes = {'step': 3} if index == UNREADABLE else {}
+        message = recordings.image(pixels, stamp_ns, **changes)
+        rows.append(('/camera', START_NS + index * STEP_NS, message))
+    folder = tmp_path_factory.mktemp('parity')
+    return recordings.write_recording(folder, 'mcap folder', rows)
 
 
 def answers_of_the_core(recording, map_path, encoding, path, topics):

@@ -9,37 +9,31 @@ from convseq_ros.sources.camera_info import camera_from_info, fitted
 from convseq_ros.sources.recording import read_camera
 import numpy as np
 import pytest
+import recordings
 
 K = (500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0)
 P = (400.0, 0.0, 300.0, 0.0, 0.0, 410.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
 
 
-@pytest.fixture
-def info(recorder):
-    """Return a maker of CameraInfo messages."""
-    kinds = recorder.ros2.types
-
-    def make(k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0)):
-        stamp = kinds['builtin_interfaces/msg/Time'](1, 0)
-        x, y, height, width = roi
-        return kinds['sensor_msgs/msg/CameraInfo'](
-            kinds['std_msgs/msg/Header'](stamp, 'camera'),
-            size[1],
-            size[0],
-            'plumb_bob',
-            np.zeros(5),
-            np.array(k),
-            np.eye(3).ravel(),
-            np.array(p),
-            *binning,
-            kinds['sensor_msgs/msg/RegionOfInterest'](x, y, height, width, False),
-        )
-
-    return make
+def info(k=K, p=P, size=(640, 480), binning=(0, 0), roi=(0, 0, 0, 0)):
+    kinds = recordings.ROS2.types
+    x, y, height, width = roi
+    return kinds['sensor_msgs/msg/CameraInfo'](
+        recordings.header(10**9),
+        size[1],
+        size[0],
+        'plumb_bob',
+        np.zeros(5),
+        np.array(k),
+        np.eye(3).ravel(),
+        np.array(p),
+        *binning,
+        kinds['sensor_msgs/msg/RegionOfInterest'](x, y, height, width, False),
+    )
 
 
-def test_k_is_taken_and_p_where_it_is_zero(info):
+def test_k_is_taken_and_p_where_it_is_zero():
     assert camera_from_info(info()) == CAMERA
     rectified = camera_from_info(info(k=(0.0,) * 9))
     assert rectified == Camera(640, 480, 400.0, 410.0, 300.0, 230.0)
@@ -54,47 +48,47 @@ def test_k_is_taken_and_p_where_it_is_zero(info):
         {'size': (0, 480)},
     ],
 )
-def test_an_impossible_camera_is_refused_in_one_line(info, change):
+def test_an_impossible_camera_is_refused_in_one_line(change):
     with pytest.raises(SourceError, match='calibrate it') as caught:
         camera_from_info(info(**change))
     assert '\n' not in str(caught.value)
 
 
-def test_binning_and_a_region_of_interest_count(info):
+def test_binning_and_a_region_of_interest_count():
     assert camera_from_info(info(binning=(2, 2))) == Camera(320, 240, 250.0, 255.0, 160.0, 120.0)
     part = camera_from_info(info(roi=(100, 40, 200, 400)))
     assert part == Camera(400, 200, 500.0, 510.0, 220.0, 200.0)
 
 
-def test_a_recording_tells_of_its_first_calibrated_camera(info, recorder, pictures):
+def test_a_recording_tells_of_its_first_calibrated_camera(write, pictures):
     rows = [
         ('/camera_info', 1, info(k=(0.0,) * 9, p=(0.0,) * 12)),
         ('/camera_info', 2, info(size=(0, 0))),
         ('/camera_info', 3, info()),
     ]
-    path = recorder.write('mcap folder', [*recorder.drive(pictures), *rows])
+    path = write('mcap folder', [*recordings.drive(pictures), *rows])
     assert read_camera(path) == CAMERA
     with pytest.raises(SourceError, match='--camera-info /camera_info'):
         read_camera(path, '/other')
 
 
-def test_a_recording_without_a_usable_camera_says_why(info, recorder):
-    path = recorder.write('mcap folder', [('/info', 1, info(size=(0, 0)))])
+def test_a_recording_without_a_usable_camera_says_why(write):
+    path = write('mcap folder', [('/info', 1, info(size=(0, 0)))])
     with pytest.raises(SourceError, match=r'of /info can be used: .*calibrate'):
         read_camera(path)
 
 
-def test_frames_know_their_pose_and_a_camera_of_their_size(info, recorder, pictures):
-    step = recorder.step_ns
+def test_frames_know_their_pose_and_a_camera_of_their_size(write, pictures):
+    step = recordings.STEP_NS
     rows = [
-        *recorder.drive(pictures),
+        *recordings.drive(pictures),
         ('/info', 1, info()),
         *(
-            ('/odom', i, recorder.odometry(float(i), recorder.start_ns + 2 * i * step))
+            ('/odom', i, recordings.odometry(float(i), recordings.START_NS + 2 * i * step))
             for i in range(3)
         ),
     ]
-    path = recorder.write('mcap folder', rows)
+    path = write('mcap folder', rows)
     source = open_annotated(path, odom='/odom', camera_info='/info')
     frames = list(source)
     assert len(source) == len(frames) == 12

@@ -16,6 +16,7 @@ from convseq_ros.sources import open_source
 from convseq_ros.sources.inflate import inflate
 import numpy as np
 import pytest
+import recordings
 from rosbags.typesys.store import Typestore
 import zstandard
 
@@ -41,8 +42,8 @@ def read(path):
 
 
 @pytest.mark.parametrize('layout', MCAPS)
-def test_cut_mcap_yields_every_frame_up_to_the_cut(recorder, layout, pictures):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_cut_mcap_yields_every_frame_up_to_the_cut(write, layout, pictures):
+    path = write(layout, recordings.drive(pictures))
     whole = path.read_bytes()
     counts = []
     for cut in [*range(0, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
@@ -51,7 +52,7 @@ def test_cut_mcap_yields_every_frame_up_to_the_cut(recorder, layout, pictures):
         counts.append(len(frames))
         for i, frame in enumerate(frames):
             np.testing.assert_array_equal(frame.gray, pictures[i])
-            assert frame.stamp_ns == recorder.start_ns + recorder.step_ns * i
+            assert frame.stamp_ns == recordings.START_NS + recordings.STEP_NS * i
         assert bool(error) == (not frames)
         if frames:
             assert len(warnings) == 1
@@ -64,8 +65,8 @@ def test_cut_mcap_yields_every_frame_up_to_the_cut(recorder, layout, pictures):
 
 
 @pytest.mark.parametrize('layout', ['mcap plain', 'mcap without chunks'])
-def test_a_frame_that_is_whole_in_the_file_is_never_lost(recorder, layout, pictures):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_a_frame_that_is_whole_in_the_file_is_never_lost(write, layout, pictures):
+    path = write(layout, recordings.drive(pictures))
     whole = path.read_bytes()
     ends = [whole.index(gray.tobytes()) + gray.size for gray in pictures]
     for saved, end in enumerate(ends, start=1):
@@ -76,14 +77,14 @@ def test_a_frame_that_is_whole_in_the_file_is_never_lost(recorder, layout, pictu
 
 
 def test_a_split_recording_is_in_natural_order_and_keeps_whole_files_when_the_last_is_cut(
-    recorder, tmp_path, pictures
+    write, tmp_path, pictures
 ):
     folder = tmp_path / 'split'
     folder.mkdir()
     for number, part in ((9, pictures[:6]), (10, pictures[6:])):
         base = tmp_path / str(number)
         base.mkdir()
-        file = recorder.write('mcap plain', recorder.drive(part), base)
+        file = recordings.write_recording(base, 'mcap plain', recordings.drive(part))
         (folder / f'split_{number}.mcap').write_bytes(file.read_bytes())
     frames, _, warnings = read(folder)
     np.testing.assert_array_equal([frame.gray for frame in frames], pictures)
@@ -102,8 +103,8 @@ def test_a_split_recording_is_in_natural_order_and_keeps_whole_files_when_the_la
 
 @pytest.mark.parametrize('layout', ['db3 file', 'sqlite3 folder', 'ros1 bag'])
 @pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.9, 0.999])
-def test_other_cut_recordings_are_one_clear_error(recorder, layout, share, pictures):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_other_cut_recordings_are_one_clear_error(write, layout, share, pictures):
+    path = write(layout, recordings.drive(pictures))
     file = path / 'drive.db3' if path.is_dir() else path
     whole = file.read_bytes()
     file.write_bytes(whole[: int(len(whole) * share)])
@@ -112,10 +113,10 @@ def test_other_cut_recordings_are_one_clear_error(recorder, layout, share, pictu
     assert str(file) in error
 
 
-def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(recorder, tmp_path, pictures):
-    path = recorder.write('mcap zstd', recorder.drive(pictures))
+def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(write, tmp_path, pictures):
+    path = write('mcap zstd', recordings.drive(pictures))
     source = open_source(path)
-    recorder.write('mcap zstd', recorder.drive(pictures[:10]))
+    write('mcap zstd', recordings.drive(pictures[:10]))
     assert len(list(source)) == 10
     assert '10 images' in source.warnings[0] and '12' in source.warnings[0]
 
@@ -123,8 +124,8 @@ def test_frames_that_an_index_lists_but_that_are_gone_are_a_warning(recorder, tm
 @pytest.mark.parametrize(
     'layout', ['mcap folder', *MCAPS, 'db3 file', 'sqlite3 folder', 'ros1 bag']
 )
-def test_flipped_bits_give_frames_or_one_error(recorder, layout, pictures):
-    path = recorder.write(layout, recorder.drive(pictures[:6]))
+def test_flipped_bits_give_frames_or_one_error(write, layout, pictures):
+    path = write(layout, recordings.drive(pictures[:6]))
     file = next(path.glob('drive.*')) if path.is_dir() else path
     whole = file.read_bytes()
     rng = np.random.default_rng(11)
@@ -139,13 +140,13 @@ def test_flipped_bits_give_frames_or_one_error(recorder, layout, pictures):
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3', '.bag'])
 @pytest.mark.parametrize('kind', ['text', 'zip', 'empty', 'zeros', 'picture'])
-def test_foreign_files_are_one_clear_error(recorder, tmp_path, suffix, kind, pictures):
+def test_foreign_files_are_one_clear_error(tmp_path, suffix, kind, pictures):
     path = tmp_path / f'drive{suffix}'
     if kind == 'zip':
         with zipfile.ZipFile(path, 'w') as archive:
             archive.writestr('a.txt', 'hello' * 100)
     else:
-        png = recorder.compressed(pictures[0]).data.tobytes()
+        png = recordings.compressed(pictures[0]).data.tobytes()
         contents = {'text': b'hello\n' * 50, 'empty': b'', 'zeros': bytes(9999), 'picture': png}
         path.write_bytes(contents[kind])
     frames, error, _ = read(path)
@@ -162,8 +163,8 @@ def test_paths_that_are_no_recording_are_one_clear_error(tmp_path):
 
 
 @pytest.mark.parametrize('content', [None, '', 'a: b', '[1, 2', '\x00'])
-def test_metadata_of_a_recorder_is_not_needed(recorder, layout, pictures, content):
-    folder = recorder.write(layout, recorder.drive(pictures))
+def test_metadata_of_a_recorder_is_not_needed(write, layout, pictures, content):
+    folder = write(layout, recordings.drive(pictures))
     if not (folder / 'metadata.yaml').exists():
         pytest.skip('no folder')
     if content is None:
@@ -212,10 +213,8 @@ def zeros(megabytes, piece=bytes(MEGABYTE)):
 
 @pytest.mark.parametrize('declared', [400 * MEGABYTE, 1000, 2**62])
 @pytest.mark.parametrize('layout', ['mcap plain', 'mcap zstd'])
-def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(
-    recorder, pictures, layout, declared
-):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(write, pictures, layout, declared):
+    path = write(layout, recordings.drive(pictures))
     whole = path.read_bytes()
     packed = zeros(400)
     head = struct.pack('<QQQI', 0, 2**62, declared, 0) + struct.pack('<I', 4) + b'zstd'
@@ -235,17 +234,17 @@ def test_a_chunk_takes_no_more_memory_than_it_declares_and_may(
 @pytest.mark.parametrize(
     'layout', ['mcap zstd', 'mcap lz4', 'ros1 bag', 'sqlite3 folder compressed messages']
 )
-def test_how_large_a_chunk_may_be_is_a_parameter(recorder, layout):
+def test_how_large_a_chunk_may_be_is_a_parameter(write, layout):
     large = [np.full((1100, 1000), index, np.uint8) for index in range(2)]
-    path = recorder.write(layout, recorder.drive(large))
+    path = write(layout, recordings.drive(large))
     assert len([*open_source(path, reading=ReadingConfig(max_file_mb=1.2))]) == 2
     with pytest.raises(SourceError, match='max_file_mb'):
         [*open_source(path, reading=ReadingConfig(max_file_mb=1.0))]
     assert len([*open_source(path)]) == 2
 
 
-def test_many_chunks_of_zeros_are_no_recording(recorder, pictures):
-    path = recorder.write('mcap plain', recorder.drive(pictures))
+def test_many_chunks_of_zeros_are_no_recording(write, pictures):
+    path = write('mcap plain', recordings.drive(pictures))
     whole = path.read_bytes()
     packed = zeros(240, record(0x80, bytes(MEGABYTE - 9)))  # of a private kind, passed over
     head = struct.pack('<QQQI', 0, 1, 240 * MEGABYTE, 0) + struct.pack('<I', 4) + b'zstd'
@@ -255,8 +254,8 @@ def test_many_chunks_of_zeros_are_no_recording(recorder, pictures):
     assert 'which no recording does' in in_time(lambda: read(path))[1]
 
 
-def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(recorder, pictures):
-    path = recorder.write('mcap zstd', recorder.drive(pictures))
+def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(write, pictures):
+    path = write('mcap zstd', recordings.drive(pictures))
     whole = path.read_bytes()
     at = first(whole, 8)
     length = 9 + struct.unpack_from('<Q', whole, at + 1)[0]
@@ -265,8 +264,8 @@ def test_an_index_that_lists_a_chunk_again_and_again_is_no_trouble(recorder, pic
     assert len(frames) == 12
 
 
-def test_nothing_is_made_of_message_definitions_in_a_file(recorder, layout, pictures, monkeypatch):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_nothing_is_made_of_message_definitions_in_a_file(write, layout, pictures, monkeypatch):
+    path = write(layout, recordings.drive(pictures))
     assert len(read(path)[0]) == 12
     monkeypatch.setattr(Typestore, 'register', lambda *_: pytest.fail('made code of data'))
     assert len(read(path)[0]) == 12
@@ -286,8 +285,8 @@ def test_a_device_and_links_in_a_circle_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize('pipe', ['other.mcap', 'other.db3'])
-def test_a_pipe_in_a_folder_is_left_out(recorder, pictures, pipe):
-    path = recorder.write('mcap folder', recorder.drive(pictures))
+def test_a_pipe_in_a_folder_is_left_out(write, pictures, pipe):
+    path = write('mcap folder', recordings.drive(pictures))
     (path / pipe).unlink(missing_ok=True)
     os.mkfifo(path / pipe)
     frames, _, warnings = in_time(lambda: read(path))
@@ -312,8 +311,8 @@ TRIGGER = 'CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM topics; E
     ('change', 'told'),
     [(COMPUTED, 'is computed'), (VIEW, 'no plain table'), (TRIGGER, 'no plain table')],
 )
-def test_a_database_that_computes_is_refused(recorder, pictures, change, told):
-    path = recorder.write('db3 file', recorder.drive(pictures))
+def test_a_database_that_computes_is_refused(write, pictures, change, told):
+    path = write('db3 file', recordings.drive(pictures))
     with sqlite3.connect(path) as database:
         database.executescript(change)
     assert told in read(path)[1]

@@ -19,7 +19,7 @@ from hypothesis import given, strategies
 import numpy as np
 from poses import at as pose
 import pytest
-from rosbags.typesys import get_typestore, Stores
+import recordings
 
 AHEAD = '1 0 0 0 0 1 0 0 0 0 1 2.5'  # of a lens: 2.5 m along its axis
 # Turned by 90 degrees to the right, about the axis that points down; 1 m to the right and 3 down.
@@ -238,14 +238,11 @@ def test_there_is_no_pose_before_after_or_in_a_long_gap():
     assert PoseTrack([]).at(0) is None
 
 
-KINDS = get_typestore(Stores.ROS2_JAZZY).types
-
-
 def fix(stamp_ns, latitude, longitude, altitude=0.0, status=0):
-    stamp = KINDS['builtin_interfaces/msg/Time'](*divmod(stamp_ns, SECOND))
-    return KINDS['sensor_msgs/msg/NavSatFix'](
-        KINDS['std_msgs/msg/Header'](stamp, 'gps'),
-        KINDS['sensor_msgs/msg/NavSatStatus'](status, 1),
+    kinds = recordings.ROS2.types
+    return kinds['sensor_msgs/msg/NavSatFix'](
+        recordings.header(stamp_ns, 'gps'),
+        kinds['sensor_msgs/msg/NavSatStatus'](status, 1),
         latitude,
         longitude,
         altitude,
@@ -285,17 +282,17 @@ def test_a_robot_that_stands_heads_as_it_did():
     assert len({pose.orientation for _, pose in poses}) == 1
 
 
-def test_a_map_of_fixes_has_poses_and_tells_their_frame(recorder, pictures, tmp_path, capsys):
-    start_ns = recorder.start_ns
+def test_a_map_of_fixes_has_poses_and_tells_their_frame(write, pictures, tmp_path, capsys):
+    start_ns = recordings.START_NS
     rows = [
-        *recorder.drive(pictures),
+        *recordings.drive(pictures),
         *(
             ('/fix', index, fix(start_ns + index * SECOND * 11 // 10, 48.1, 11.6 + 1e-5 * index))
             for index in range(3)
         ),
         ('/fix', 9, fix(start_ns + SECOND // 2, 0.0, 0.0, status=-1)),
     ]
-    path = recorder.write('mcap file', rows)
+    path = write('mcap file', rows)
     source = open_annotated(path, odom='/fix')
     assert source.pose_frame == 'ENU 48.1 11.6'
     east = [frame.pose.position[0] for frame in source]
@@ -309,11 +306,11 @@ def test_a_map_of_fixes_has_poses_and_tells_their_frame(recorder, pictures, tmp_
     assert (session['frame'], session['with_pose']) == ('ENU 48.1 11.6', len(pictures))
 
 
-def test_a_topic_without_a_fix_is_one_line(recorder, pictures):
+def test_a_topic_without_a_fix_is_one_line(write, pictures):
     rows = [
-        *recorder.drive(pictures),
+        *recordings.drive(pictures),
         ('/fix', 1, fix(1, 91.0, 0.0)),
         ('/fix', 2, fix(2, math.nan, 0.0)),
     ]
     with pytest.raises(SourceError, match='no pose of /fix is whole and finite'):
-        open_annotated(recorder.write('mcap file', rows), odom='/fix')
+        open_annotated(write('mcap file', rows), odom='/fix')

@@ -15,6 +15,7 @@ from convseq_ros.sources.topics import typestore
 import cv2
 import numpy as np
 import pytest
+import recordings
 
 TOPIC = '/camera/image_raw'
 
@@ -25,58 +26,58 @@ def assert_frames_show(frames, pictures):
         np.testing.assert_array_equal(frame.gray, picture)
 
 
-def test_every_layout_gives_the_same_frames_again_and_again(recorder, layout, pictures):
-    rows = [('/chatter', recorder.start_ns, recorder.text()), *recorder.drive(pictures)]
-    path = recorder.write(layout, rows)
+def test_every_layout_gives_the_same_frames_again_and_again(write, layout, pictures):
+    rows = [('/chatter', recordings.START_NS, recordings.text()), *recordings.drive(pictures)]
+    path = write(layout, rows)
     recording = open_source(path)
     assert isinstance(recording, Recording)
     assert (recording.name, recording.topic, len(recording)) == (path.name, TOPIC, 12)
     for _ in range(2):
         frames = list(recording)
         assert_frames_show(frames, pictures)
-        stamps = [recorder.start_ns + recorder.step_ns * i for i in range(12)]
+        stamps = [recordings.START_NS + recordings.STEP_NS * i for i in range(12)]
         assert [frame.stamp_ns for frame in frames] == stamps
         assert {frame.source for frame in frames} == {TOPIC}
         assert not any(frame.problem for frame in frames)
     assert recording.warnings == []
 
 
-def test_raw_messages_are_cdr_with_time_and_type(recorder, layout, pictures):
-    path = recorder.write(layout, recorder.drive(pictures))
+def test_raw_messages_are_cdr_with_time_and_type(write, layout, pictures):
+    path = write(layout, recordings.drive(pictures))
     messages = list(Recording(path, TOPIC).messages())
     assert len(messages) == 12
     for i, (log_time_ns, type_name, cdr) in enumerate(messages):
-        stamp_ns = recorder.start_ns + recorder.step_ns * i
+        stamp_ns = recordings.START_NS + recordings.STEP_NS * i
         assert type_name == 'sensor_msgs/msg/Image'
         assert log_time_ns == stamp_ns + 5_000_000
         assert messages[i].stamp_ns == stamp_ns
-        image = recorder.ros2.deserialize_cdr(cdr, type_name)
+        image = recordings.ROS2.deserialize_cdr(cdr, type_name)
         np.testing.assert_array_equal(image.data.reshape(24, 32), pictures[i])
         assert image.header.frame_id == 'camera'
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
 @pytest.mark.parametrize('name', ['png', 'bgr8; png compressed bgr8'])
-def test_compressed_topics_are_read(recorder, storage, name, pictures):
+def test_compressed_topics_are_read(write, storage, name, pictures):
     rows = [
-        ('/camera/image_raw/compressed', i, recorder.compressed(gray, i + 1, name=name))
+        ('/camera/image_raw/compressed', i, recordings.compressed(gray, i + 1, name=name))
         for i, gray in enumerate(pictures)
     ]
-    recording = open_source(recorder.write(storage, rows))
+    recording = open_source(write(storage, rows))
     assert recording.type_name == 'sensor_msgs/msg/CompressedImage'
     assert_frames_show(list(recording), pictures)
 
 
-def two_cameras(recorder, pictures):
-    rows = recorder.drive(pictures[:4], '/left/image_raw')
-    rows += recorder.drive(pictures[4:], '/right/image_raw')
-    rows.append(('/chatter', recorder.start_ns, recorder.text()))
+def two_cameras(pictures):
+    rows = recordings.drive(pictures[:4], '/left/image_raw')
+    rows += recordings.drive(pictures[4:], '/right/image_raw')
+    rows.append(('/chatter', recordings.START_NS, recordings.text()))
     return sorted(rows, key=lambda row: row[1])
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'sqlite3 folder', 'ros1 bag'])
-def test_several_image_topics_are_listed_ready_to_paste(recorder, storage, pictures):
-    path = recorder.write(storage, two_cameras(recorder, pictures))
+def test_several_image_topics_are_listed_ready_to_paste(write, storage, pictures):
+    path = write(storage, two_cameras(pictures))
     with pytest.raises(SourceError) as caught:
         open_source(path)
     first, *others = str(caught.value).splitlines()
@@ -89,8 +90,8 @@ def test_several_image_topics_are_listed_ready_to_paste(recorder, storage, pictu
 
 
 @pytest.mark.parametrize('wanted', ['/right/image_raw', 'right/image_raw'])
-def test_a_topic_asked_for_is_read_alone(recorder, wanted, pictures):
-    path = recorder.write('mcap folder', two_cameras(recorder, pictures))
+def test_a_topic_asked_for_is_read_alone(write, wanted, pictures):
+    path = write('mcap folder', two_cameras(pictures))
     recording = open_source(path, wanted)
     assert recording.topic == '/right/image_raw'
     assert len(recording) == 8
@@ -102,8 +103,8 @@ def test_a_topic_asked_for_is_read_alone(recorder, wanted, pictures):
     ('wanted', 'problem'),
     [('/front', "no topic '/front'"), ('/chatter', "'/chatter' is of type std_msgs/msg/String")],
 )
-def test_a_wrong_topic_lists_the_right_ones(recorder, storage, wanted, problem, pictures):
-    path = recorder.write(storage, two_cameras(recorder, pictures))
+def test_a_wrong_topic_lists_the_right_ones(write, storage, wanted, problem, pictures):
+    path = write(storage, two_cameras(pictures))
     with pytest.raises(SourceError) as caught:
         open_source(path, wanted)
     assert problem in str(caught.value).splitlines()[0]
@@ -113,30 +114,28 @@ def test_a_wrong_topic_lists_the_right_ones(recorder, storage, wanted, problem, 
 
 @pytest.mark.parametrize('wanted', ['', '/camera'])
 @pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'db3 file', 'ros1 bag'])
-def test_a_recording_without_images_names_what_it_has(recorder, storage, wanted):
-    path = recorder.write(storage, [('/chatter', 1, recorder.text())])
+def test_a_recording_without_images_names_what_it_has(write, storage, wanted):
+    path = write(storage, [('/chatter', 1, recordings.text())])
     with pytest.raises(SourceError, match=r'/chatter \(std_msgs/msg/String\)') as caught:
         open_source(path, wanted)
     assert '\n' not in str(caught.value)
 
 
-def test_time_of_recording_stands_in_for_missing_stamps_with_one_warning(
-    recorder, layout, pictures
-):
-    rows = [(TOPIC, 1000 + i, recorder.image(gray, 0)) for i, gray in enumerate(pictures)]
-    recording = open_source(recorder.write(layout, rows))
+def test_time_of_recording_stands_in_for_missing_stamps_with_one_warning(write, layout, pictures):
+    rows = [(TOPIC, 1000 + i, recordings.image(gray, 0)) for i, gray in enumerate(pictures)]
+    recording = open_source(write(layout, rows))
     for _ in range(2):
         assert [frame.stamp_ns for frame in recording] == [1000 + i for i in range(12)]
     assert len(recording.warnings) == 1
     assert 'no stamp' in recording.warnings[0]
 
 
-def test_images_that_cannot_be_decoded_are_frames_with_a_problem(recorder, layout, pictures):
-    rows = recorder.drive(pictures[:5])
+def test_images_that_cannot_be_decoded_are_frames_with_a_problem(write, layout, pictures):
+    rows = recordings.drive(pictures[:5])
     bad = {1: {'encoding': '32FC1'}, 2: {'step': 3}, 3: {'data': np.zeros(9, np.uint8)}}
     for i, changes in bad.items():
         rows[i] = (*rows[i][:2], replace(rows[i][2], **changes))
-    frames = list(open_source(recorder.write(layout, rows)))
+    frames = list(open_source(write(layout, rows)))
     assert [frame.gray is None for frame in frames] == [False, True, True, True, False]
     named = [frame.problem.split(':')[0] for frame in frames]
     assert named == ['', 'encoding', 'step', 'data', '']
@@ -144,8 +143,8 @@ def test_images_that_cannot_be_decoded_are_frames_with_a_problem(recorder, layou
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'mcap file', 'mcap without chunks'])
-def test_frames_stream_without_reading_the_rest(recorder, storage, pictures, monkeypatch):
-    recording = open_source(recorder.write(storage, recorder.drive(pictures)))
+def test_frames_stream_without_reading_the_rest(write, storage, pictures, monkeypatch):
+    recording = open_source(write(storage, recordings.drive(pictures)))
     decoded = []
     monkeypatch.setitem(
         DECODERS,
@@ -157,35 +156,35 @@ def test_frames_stream_without_reading_the_rest(recorder, storage, pictures, mon
 
 
 @pytest.mark.parametrize('storage', ['mcap folder', 'db3 file', 'ros1 bag'])
-def test_odometry_is_read_by_stamp(recorder, storage, pictures):
-    rows = recorder.drive(pictures)
-    rows += [('/odom', i, recorder.odometry(float(i), 100 - i)) for i in range(1, 6)]
-    poses = read_poses(recorder.write(storage, rows), '/odom')
+def test_odometry_is_read_by_stamp(write, storage, pictures):
+    rows = recordings.drive(pictures)
+    rows += [('/odom', i, recordings.odometry(float(i), 100 - i)) for i in range(1, 6)]
+    poses = read_poses(write(storage, rows), '/odom')
     assert poses == [
         (100 - i, Pose((float(i), 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))) for i in (5, 4, 3, 2, 1)
     ]
 
 
 @pytest.mark.parametrize('kind', ['PoseStamped', 'PoseWithCovarianceStamped'])
-def test_stamped_poses_are_read(recorder, kind):
-    odometry = recorder.odometry(7.0, 42)
+def test_stamped_poses_are_read(write, kind):
+    odometry = recordings.odometry(7.0, 42)
     pose = odometry.pose.pose if kind == 'PoseStamped' else odometry.pose
-    message = recorder.ros2.types[f'geometry_msgs/msg/{kind}'](odometry.header, pose)
-    path = recorder.write('mcap folder', [('/pose', 1, message)])
+    message = recordings.ROS2.types[f'geometry_msgs/msg/{kind}'](odometry.header, pose)
+    path = write('mcap folder', [('/pose', 1, message)])
     assert read_poses(path, '') == [(42, Pose((7.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8)))]
 
 
-def test_pictures_beside_a_recording_are_not_mistaken_for_it(recorder, pictures):
-    path = recorder.write('mcap folder', recorder.drive(pictures))
-    (path / 'preview.png').write_bytes(recorder.compressed(pictures[0]).data.tobytes())
+def test_pictures_beside_a_recording_are_not_mistaken_for_it(write, pictures):
+    path = write('mcap folder', recordings.drive(pictures))
+    (path / 'preview.png').write_bytes(recordings.compressed(pictures[0]).data.tobytes())
     assert len(open_source(path)) == 12
     (path / 'metadata.yaml').unlink()
     assert open_source(path).topic == ''
 
 
 @pytest.mark.parametrize('module', ['rosbags', 'mcap'])
-def test_a_missing_library_is_one_line_of_advice(recorder, pictures, monkeypatch, module):
-    path = recorder.write('mcap file', recorder.drive(pictures))
+def test_a_missing_library_is_one_line_of_advice(write, pictures, monkeypatch, module):
+    path = write('mcap file', recordings.drive(pictures))
     path.write_bytes(path.read_bytes()[:-20])
     typestore.cache_clear()
     for name in (f'{module}.typesys', f'{module}.records'):
@@ -195,22 +194,22 @@ def test_a_missing_library_is_one_line_of_advice(recorder, pictures, monkeypatch
     assert '\n' not in str(caught.value)
 
 
-def depth(recorder, number, stamp_ns, **changes):
+def depth(number, stamp_ns, **changes):
     """Return a message of one depth, in millimetres."""
     data = np.full((24, 32), 1000 + number, '<u2')
     fields = {'encoding': '16UC1', 'step': 64, 'data': data.view(np.uint8).ravel(), **changes}
-    return recorder.image(np.zeros((24, 32), np.uint8), stamp_ns, **fields)
+    return recordings.image(np.zeros((24, 32), np.uint8), stamp_ns, **fields)
 
 
-def test_both_encodings_and_both_orders_of_bytes(recorder):
+def test_both_encodings_and_both_orders_of_bytes():
     metres = np.linspace(0.5, 8, 24 * 32).reshape(24, 32)
     metres[0, 0] = np.nan
     big = metres.astype('>f4')
     message = depth(
-        recorder, 0, 5, encoding='32FC1', step=128, is_bigendian=1, data=big.view(np.uint8).ravel()
+        0, 5, encoding='32FC1', step=128, is_bigendian=1, data=big.view(np.uint8).ravel()
     )
     assert np.allclose(decode_depth(message), metres, equal_nan=True)
-    assert decode_depth(depth(recorder, 7, 5))[0, 0] == pytest.approx(1.007)
+    assert decode_depth(depth(7, 5))[0, 0] == pytest.approx(1.007)
 
 
 @pytest.mark.parametrize(
@@ -223,31 +222,30 @@ def test_both_encodings_and_both_orders_of_bytes(recorder):
         ({'data': np.zeros(0, np.uint8)}, 'too short'),
     ],
 )
-def test_what_is_no_depth_image_is_refused_in_a_line(recorder, changes, word):
+def test_what_is_no_depth_image_is_refused_in_a_line(changes, word):
     with pytest.raises(ImageError, match=word):
-        decode_depth(depth(recorder, 0, 5, **changes))
+        decode_depth(depth(0, 5, **changes))
 
 
-def test_a_depth_image_that_is_too_large_is_not_decoded(recorder):
+def test_a_depth_image_that_is_too_large_is_not_decoded():
     rows = np.zeros((200, 200), '<u2')
-    message = depth(
-        recorder, 0, 5, height=200, width=200, step=400, data=rows.view(np.uint8).ravel()
-    )
+    message = depth(0, 5, height=200, width=200, step=400, data=rows.view(np.uint8).ravel())
     with pytest.raises(ImageError, match='max_image_mpx'):
         decode_depth(message, ReadingConfig(max_image_mpx=0.01))
 
 
-def test_a_frame_gets_the_depth_of_its_moment(recorder, pictures):
+def test_a_frame_gets_the_depth_of_its_moment(write, pictures):
     """Depth comes 3 ms later, is missing once, damaged once, and once far too late."""
-    rows = recorder.drive(pictures)
+    rows = recordings.drive(pictures)
     for number in range(len(pictures)):
-        at_ns = recorder.start_ns + number * recorder.step_ns + (60_000_000 if number == 6 else 0)
+        at_ns = recordings.START_NS + number * recordings.STEP_NS
+        at_ns += 60_000_000 if number == 6 else 0
         changes = {'encoding': 'rgb8'} if number == 4 else {}
-        message = depth(recorder, number, at_ns + 3_000_000, **changes)
+        message = depth(number, at_ns + 3_000_000, **changes)
         if number != 2:
             rows.append(('/depth', at_ns + 8_000_000, message))
     rows.sort(key=lambda row: row[1])
-    path = recorder.write('mcap file', rows)
+    path = write('mcap file', rows)
     source = open_annotated(path, '/camera/image_raw', depth='/depth')
     for _ in range(2):
         told = [frame.depth_m for frame in source]
