@@ -34,11 +34,7 @@ class Cameras:
         coarse: Callable[[], Coarse | None] = lambda: None,
         describe: Describe | None = None,
     ) -> None:
-        """
-        Make what recognises; `coarse` makes what knows coarse scores, one for each camera.
-
-        `describe` is the model of the map, if it is of one.
-        """
+        """Make what recognises; `coarse` makes what knows coarse scores, for each camera."""
         self.config = config
 
         def made(number: int) -> PlaceRecognizer:

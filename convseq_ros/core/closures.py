@@ -26,11 +26,7 @@ class Closures:
     def complete(
         self, match: Match, frame: Frame, features: Features, config: AcceptanceConfig
     ) -> Match:
-        """
-        Return an answer with candidates, complete.
-
-        No match follows another one sooner than `closure_interval_s`.
-        """
+        """Return an answer complete; no match follows another sooner than `closure_interval_s`."""
         if not match.candidates:
             return match
         match = replace(match, candidates=self._matcher.with_shift(features, match.candidates))

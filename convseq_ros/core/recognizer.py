@@ -21,7 +21,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.sequence.coarse_scores import Coarse
-from convseq_ros.core.sequence.length import choose_length
+from convseq_ros.core.sequence.diagonals import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Descriptor, Frame, Match, Reason, Status

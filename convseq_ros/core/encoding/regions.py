@@ -44,11 +44,7 @@ def regions_in_a_row(size: int, step: int = 1, span: int = REGION.span) -> int:
 
 
 def joined_regions(cells: Cells, span: int = REGION.span, step: int = 1) -> Regions:
-    """
-    Return the n x n-cell regions of cells (S, S, 8) as unit rows, ((S - n + 1)^2, 8 n^2).
-
-    Of rows and columns of regions, one of each `step` is taken.
-    """
+    """Return n x n-cell regions of cells (S, S, 8), each `step`-th, as unit rows (N, 8 n^2)."""
     cells = np.ascontiguousarray(cells)
     (height, width, bins), (row, column, one) = cells.shape, cells.strides
     # In memory, the cells of a region that lie side by side are one run of numbers.
@@ -73,11 +69,7 @@ def projection() -> tuple[Floats, Floats]:
 
 
 def projected_regions(cells: Cells, step: int = 1) -> Regions:
-    """
-    Return the projected 3 x 3-cell regions of cells (S, S, 8), unit rows, ((S - 2)^2, 32).
-
-    Of rows and columns of regions, one of each `step` is taken.
-    """
+    """Return the projected regions of 3 x 3 cells, each `step`-th, of cells: unit rows (N, 32)."""
     mean, axes = projection()
     return unit((joined_regions(cells, step=step) - mean) @ axes)
 

@@ -32,11 +32,7 @@ class MASK:
 
 
 def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
-    """
-    Return a frame whose image and camera are turned counter-clockwise, as an encoding says.
-
-    The camera that comes out is where its own record, or else the robot's, says.
-    """
+    """Return a frame turned as an encoding says; its camera is where it, else the robot, says."""
     turns = encoding.image_rotation_deg // 90
     gray, camera = frame.gray, frame.camera
     if gray is not None and turns:

@@ -104,11 +104,7 @@ def align(
 
 
 def start_by_points(structure: Structure, sight: Sight) -> Matrix | None:
-    """
-    Return the motion to a lens by SQPnP and RANSAC, for `align` to start from; None if it fails.
-
-    Only points whose depths are known well are asked.
-    """
+    """Return the motion to a lens by SQPnP and RANSAC on well-known depths; None if that fails."""
     deviations = structure.inverse_m * np.sqrt(structure.information)
     known = np.isfinite(sight.seen).all(axis=1) & (deviations > ALIGNMENT.least_depth_sigmas)
     if known.sum() < ALIGNMENT.fewest_points:

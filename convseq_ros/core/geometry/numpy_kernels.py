@@ -79,11 +79,7 @@ def fit_motion(found: Displacements, side: int, start: tuple[int, int]) -> Motio
 def verified(
     query: Arranged, references: Sequence[Arranged], starts: Sequence[tuple[int, int]]
 ) -> Doubles:
-    """
-    Return inliers, strength, and what the upper and the left half add to it, (n, 4).
-
-    As `Verification` has them, of a query and n references, given their common shifts.
-    """
+    """Return what `Verification` has, of a query and n references by their shifts, (n, 4)."""
     judged = np.empty((len(references), 4))
     for row, reference, start in zip(judged, references, starts, strict=True):
         found = displacements(query, reference, start)
@@ -139,11 +135,7 @@ def _turned(means: Floats, start: tuple[int, int]) -> Floats:
 
 @lru_cache(_NORMS_KEPT)
 def _norms(side: int, start: tuple[int, int]) -> tuple[Floats, Floats]:
-    """
-    Return the sums of weights by place and displacement, (side, side, span, span).
-
-    And what is added to means: 0, or -inf where the images do not share a place; sums are 1 there.
-    """
+    """Return sums of weights, (side, side, span, span), and 0 where images share, else -inf."""
     away = np.arange(-FIELD.reach_cells, FIELD.reach_cells + 1)
     y, x, i, j = np.ogrid[:side, :side, :_SPAN, :_SPAN]
     row, column = y + start[0] + away[i], x + start[1] + away[j]
@@ -221,11 +213,7 @@ def align(known: Structure, seen: Doubles, scale: Doubles, sigmas: Doubles, star
 def _slopes(
     turned: Doubles, inverse: Doubles, way: Doubles, flat: Doubles, scale: Doubles
 ) -> tuple[Doubles, Doubles]:
-    """
-    Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n).
-
-    Of regions `turned`, (3, n), with inverse depths (n,), a way (3, 1) and pictures (2, n).
-    """
+    """Return how pictures move by turns and ways, (6, 2, n), and by inverse depths, (2, n)."""
     (x, y, z), (u, v) = turned, flat
     zero = np.zeros_like(x)
     across = -u * y, z + u * x, -y, inverse, zero, -u * inverse

@@ -38,11 +38,7 @@ class TwoView:
 
 
 def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
-    """
-    Return the motion from one lens to another by what both saw, (n, 2) each; None if few agree.
-
-    `scale` is cells across and down for a length of 1 in their planes.
-    """
+    """Return the motion between lenses that saw (n, 2) each, by cells; None if few agree."""
     known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
     first, second = first[known], second[known]
     if len(first) < TWO_VIEW.fewest:

@@ -43,11 +43,7 @@ class Edge:
 
 
 def edges_of(poses: Poses, session: Sequence[int], links: Iterable[Link]) -> Iterator[Edge]:
-    """
-    Yield the steps of odometry within each session, then the links that are measured in metres.
-
-    `session` is that of each place; a step goes from a place to the next one that has a pose.
-    """
+    """Yield steps of odometry between posed places of a session, then links known in metres."""
     for one, two in pairwise(poses):
         if session[one] == session[two]:
             moved = inverse(poses[one]) @ poses[two]

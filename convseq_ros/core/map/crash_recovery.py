@@ -17,7 +17,7 @@ import shutil
 import sqlite3
 import struct
 import tempfile
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from convseq_ros.core.map.database import DAMAGED, Database
 from convseq_ros.core.map.format import PAGE_BYTES
@@ -34,7 +34,6 @@ _NAMES_OTHERS = bytes.fromhex('d9d505f920a163d7')
 EMPTY = 'is empty, no map yet'
 _HEAD, _FRAME = struct.Struct('>8I'), struct.Struct('>6I')
 _MAGIC = 0x377F0682  # the last bit tells the order of the bytes that are summed
-_WORDS = 0xFFFFFFFF  # sums are of 32 bits
 _SUMMED_OF_HEAD = 24  # bytes
 _SUMMED = 8  # bytes of a frame's head that are summed, before its page
 _PAGE_BYTES = frozenset(1 << power for power in range(9, 17))  # that SQLite has
@@ -43,20 +42,8 @@ _LOOKED_AT = 8192  # frames; 500 places, which are the most in a commit, take so
 Words = npt.NDArray[np.uint32]
 
 
-class _Weights(NamedTuple):
-    """What each word adds to both sums, shape (words,), and what sums from before add."""
-
-    first: Words
-    second: Words
-    before: tuple[int, int, int, int]
-
-
 def open_to_read(path: Path) -> Database:
-    """
-    Return a map file that is not changed.
-
-    If a crash left it with a journal, or it is not for this user to share in a log, a mended copy.
-    """
+    """Return a map file that is not changed: a mended copy if it must be mended to be read."""
     if path.is_dir():
         raise MapError(f'{path}: is a folder; name the map file in it')
     if not path.is_file():
@@ -186,19 +173,21 @@ def _damaged_at(log: BinaryIO) -> int:
     """Return where damage begins; -1 if there is none, or nothing that was safe."""
     head = log.read(_HEAD.size)
     magic, _, page_bytes, _, *salts, first, second = _HEAD.unpack(head)
-    sums, order = (first, second), '<>'[magic & 1]
+    sums, order = np.array((first, second), np.uint32), '<>'[magic & 1]
     is_head = magic & ~1 == _MAGIC and page_bytes in _PAGE_BYTES
-    if not is_head or _sums(head[:_SUMMED_OF_HEAD], order, (0, 0)) != sums:
+    nothing = np.zeros(2, np.uint32)
+    if not is_head or (_sums(head[:_SUMMED_OF_HEAD], order, nothing) != sums).any():
         return 0  # it is safe before anything follows it
     at, size = _HEAD.size, _FRAME.size + page_bytes
     while len(frame := log.read(size)) == size:
         _, _, *own, first, second = _FRAME.unpack_from(frame)
         content = frame[:_SUMMED] + frame[_FRAME.size :]
-        found = _sums(content, order, sums)
+        found, stored = _sums(content, order, sums), np.array((first, second), np.uint32)
         flipped = sum((a ^ b).bit_count() for a, b in zip(own, salts, strict=True))
-        if found != (first, second) or flipped:
-            is_flip = flipped == 1 and found == (first, second)
-            is_flip |= not flipped and _is_one_bit(content, order, sums, (first, second))
+        is_right = bool((found == stored).all())
+        if flipped or not is_right:
+            is_flip = flipped == 1 and is_right
+            is_flip |= not flipped and _is_one_bit(content, order, sums, stored)
             return at if is_flip or _commits(log, at, size, salts) > 1 else -1
         sums, at = found, at + size
     return -1
@@ -216,40 +205,32 @@ def _commits(log: BinaryIO, at: int, size: int, salts: list[int]) -> int:
     return found
 
 
-def _sums(content: bytes, order: str, before: tuple[int, int]) -> tuple[int, int]:
-    """Return the sums of some bytes, going on from those before."""
-    words, weights = np.frombuffer(content, f'{order}u4'), _weights(len(content) // 4)
-    a, b, c, d = weights.before
-    first = a * before[0] + b * before[1] + int((words * weights.first).sum(dtype=np.uint32))
-    second = c * before[0] + d * before[1] + int((words * weights.second).sum(dtype=np.uint32))
-    return first & _WORDS, second & _WORDS
+def _sums(content: bytes, order: str, before: Words) -> Words:
+    """Return both sums (2,) of some bytes, going on from those before."""
+    words = np.frombuffer(content, f'{order}u4').astype(np.uint32)
+    weights, of_before = _weights(len(words))
+    return (words[:, None] * weights).sum(axis=0, dtype=np.uint32) + of_before @ before
 
 
-def _is_one_bit(
-    content: bytes, order: str, before: tuple[int, int], stored: tuple[int, int]
-) -> bool:
+def _is_one_bit(content: bytes, order: str, before: Words, stored: Words) -> bool:
     """Tell whether one flipped bit, of what is summed or of the sums, makes them differ."""
     found = _sums(content, order, before)
-    if sum((one ^ other).bit_count() for one, other in zip(found, stored, strict=True)) == 1:
+    if sum(int(one).bit_count() for one in found ^ stored) == 1:
         return True
-    weights = _weights(len(content) // 4)
-    for sign in (1, -1):
-        first, second = (
-            np.uint32(sign * (one - other) & _WORDS)
-            for one, other in zip(found, stored, strict=True)
-        )
-        for bit in np.arange(32, dtype=np.uint32):
-            if np.any((weights.first << bit == first) & (weights.second << bit == second)):
-                return True
-    return False
+    weights, _ = _weights(len(content) // 4)
+    bits = weights[..., None] << np.arange(32, dtype=np.uint32)
+    return any(
+        (bits == off[:, None]).all(axis=1).any() for off in (found - stored, stored - found)
+    )
 
 
 @cache
-def _weights(count: int) -> _Weights:
+def _weights(count: int) -> tuple[Words, Words]:
+    """Return what each word adds to both sums, (words, 2), and what sums before add, (2, 2)."""
     # Of two words x, y: first += x + second; second += y + first.
-    pairs, a, b, c, d = [], 1, 0, 0, 1  # the power of [[1, 1], [1, 2]] so far
+    of_words, onward = (np.array(one, np.uint32) for one in ([[1, 0], [1, 1]], [[1, 1], [1, 2]]))
+    pairs, power = [], np.eye(2, dtype=np.uint32)
     for _ in range(count // 2):
-        pairs.append(((a + b, b), (c + d, d)))
-        a, b, c, d = (one & _WORDS for one in (a + b, a + 2 * b, c + d, c + 2 * d))
-    both = np.array(pairs[::-1], np.uint64).astype(np.uint32).transpose(1, 0, 2)
-    return _Weights(both[0].ravel(), both[1].ravel(), (a, b, c, d))
+        pairs.append((power @ of_words).T)
+        power = power @ onward
+    return np.concatenate(pairs[::-1]), power

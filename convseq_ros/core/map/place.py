@@ -237,11 +237,7 @@ def unpack_cells(packed: Packed) -> Cells:
 
 
 def thumbnail(gray: Gray, width_px: int) -> bytes:
-    """
-    Return a JPEG of an image (H, W), reduced to a width; empty if the width is 0.
-
-    Of an image that is narrower than a quarter of its height, the height is four times the width.
-    """
+    """Return a JPEG of an image (H, W), of a width, at most 4 times as high; empty if it is 0."""
     if not width_px:
         return b''
     height, width = gray.shape

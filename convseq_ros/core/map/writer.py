@@ -221,11 +221,7 @@ def save_map(
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """
-    Give a name under which a map is made, which takes its place at the end, or is deleted.
-
-    MapError if another program adds to the map, or the file cannot be written.
-    """
+    """Give a name to make a map under, which replaces it at the end; MapError if it cannot."""
     target = path.resolve()
     prefix, folder = f'{target.name}.', target.parent
     with MapLock(path):

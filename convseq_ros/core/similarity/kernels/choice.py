@@ -10,11 +10,7 @@ from convseq_ros.errors import ConfigError
 
 
 def chosen_kernels(matching: MatchingConfig) -> tuple[PairScore, PairScore]:
-    """
-    Return the kernel for a way of matching, and one whose scores are those of the definition.
-
-    ConfigError if the machine cannot run the kernel that is asked for.
-    """
+    """Return the kernel for a way of matching, and an exact one; ConfigError if it cannot run."""
     definition = DEFINITIONS[matching.matching]
     wanted = matching.kernel
     if wanted == 'numpy' or (wanted == 'auto' and not available()):
