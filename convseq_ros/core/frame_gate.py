@@ -234,7 +234,7 @@ class Standstill:
             return False
         if (still := self._by_pose(pose)) is None:
             still, last = False, self._descriptor
-            if self._by_image and last is not None and not self._has_moved(seen):
+            if self._by_image and last is not None and not self._apart(seen) > GLANCE.moved:
                 most = self._config.stationary_overlap
                 still = self._similarity(descriptor, last, most) > most
         if not still:
@@ -245,15 +245,11 @@ class Standstill:
         """Return whether it stands still whatever the frame shows in detail: by way or glance."""
         if not self.asks_for_image(pose):
             return bool(self._by_pose(pose))
-        if seen is None or self._seen is None:
-            return False
-        return distance(seen, self._seen) < self._most_apart
+        return self._apart(seen) < self._most_apart
 
-    def _has_moved(self, seen: Glance | None) -> bool:
-        """Return whether a glance alone says that it moves."""
-        if seen is None or self._seen is None:
-            return False
-        return distance(seen, self._seen) > GLANCE.moved
+    def _apart(self, seen: Glance | None) -> float:
+        """Return how far a glance is from that of the last that moved; NaN without one."""
+        return math.nan if seen is None or self._seen is None else distance(seen, self._seen)
 
     def pass_over(self, pose: Pose | None, seen: Glance | None) -> None:
         """Take in where a frame was that moved, and a glance of it, whatever else it shows."""

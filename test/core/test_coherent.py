@@ -19,8 +19,7 @@ from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
 from convseq_ros.core.similarity.background import Background
-from convseq_ros.core.similarity.coherent import extract
-from convseq_ros.core.similarity.global_similarity import global_similarity, region_blocks, widened
+from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
 from convseq_ros.core.similarity.kernels.numpy_kernels import (
     coherent_score,
     normalized,

@@ -349,8 +349,8 @@ def test_a_flipped_bit_of_what_was_committed_is_told(ended, tmp_path, at, open_i
 def test_a_size_of_pages_that_cannot_be_is_told(ended, tmp_path, size):
     def declare(data):
         data[8:12] = size.to_bytes(4, 'big')
-        sums = _sums(bytes(data[:24]), '<>'[data[3] & 1], (0, 0))
-        data[24:32] = b''.join(one.to_bytes(4, 'big') for one in sums)
+        sums = _sums(bytes(data[:24]), '<>'[data[3] & 1], np.zeros(2, np.uint32))
+        data[24:32] = sums.astype('>u4').tobytes()
 
     with pytest.raises(MapError, match='damaged at byte 0'):
         MapReader(damaged(ended, tmp_path, declare))

@@ -8,10 +8,9 @@ from weakref import WeakMethod
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.map.place import Picture
+from convseq_ros.core.map.place import Picture, shown
 from convseq_ros.core.types import Doubles, Floats, Gray
 from convseq_ros.errors import MapError
-from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
 
@@ -80,8 +79,11 @@ class KeptImages:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
         with self._counted('image', index):
             jpeg, _ = self._read(index)
-            if jpeg is not None:
-                return reduced(_decoded(jpeg, max_mpx), KEPT_IMAGE.longest_px)
+            if jpeg is None:
+                return None
+            if (gray := shown(jpeg, max_mpx * 1e6)) is not None:
+                return reduced(gray, KEPT_IMAGE.longest_px)
+            raise ValueError(f'no JPEG within max_image_mpx, {max_mpx:g}; build the map again')
         return None
 
     def depths(self, index: int, cells: int) -> Depths | None:
@@ -99,17 +101,6 @@ class KeptImages:
         except (MapError, ValueError, cv2.error) as error:
             self.unreadable += 1
             self.problem = f'kept {what} of reference {index}: {error}'
-
-
-def _decoded(jpeg: bytes, max_mpx: float) -> Gray:
-    """Return what a JPEG shows; ValueError if it is damaged or declares too many pixels."""
-    size = declared(jpeg)
-    if size and size.pixels * size.passes > max_mpx * 1e6:
-        raise ValueError(f'it declares more than max_image_mpx, {max_mpx:g}; build the map again')
-    gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE) if size else None
-    if gray is None:
-        raise ValueError('it is no JPEG that can be decoded; build the map again')
-    return np.asarray(gray, np.uint8)
 
 
 def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) -> bytes | None:

@@ -247,10 +247,10 @@ def thumbnail(gray: Gray, width_px: int) -> bytes:
     return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
 
-def shown(jpeg: bytes) -> Gray | None:
-    """Return what a thumbnail shows (H, W); None if there is none, or none that was made here."""
+def shown(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
+    """Return what a JPEG shows (H, W); None if there is none, or of more pixels than it may."""
     size = declared(jpeg)
-    if size is None or size.pixels * size.passes > _MOST_PIXELS:
+    if size is None or size.pixels * size.passes > most_pixels:
         return None
     gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
     return None if gray is None else np.asarray(gray, np.uint8)

@@ -117,7 +117,7 @@ class RelativePoses:
         self.ways = Ways(reference_map)
         cells = reference_map.cell_shape[0]
         read = lru_cache(NEIGHBOURS.kept)
-        self._depths = read(lambda index: reference_map.images.depths(index, cells))
+        self._measured = read(lambda index: reference_map.images.depths(index, cells))
         self._images = ImagePoses(reference_map, self.ways, reading.max_image_mpx)
 
     def measure(self, features: Features, frame: Frame, found: Candidate) -> RelativePose | None:
@@ -186,7 +186,7 @@ class RelativePoses:
     ) -> Alignment | None:
         """Return how a query is aligned with a place; None if no depth is known, or few agree."""
         depths_m = self._depths(index)
-        if depths_m is not None and np.isfinite(depths_m).any():
+        if depths_m is not None:
             structure = measured(reference.rays, depths_m)
             found = _aligned_by_depth(structure, reference, sight, query)
             return found and _followed(found, structure, reference, query)
@@ -209,9 +209,12 @@ class RelativePoses:
         return _followed(found, triangulate(reference.rays, sights), reference, query)
 
     def _knows_depth(self, index: int, reference: CellView) -> bool:
-        depths_m = self._depths(index)
-        is_measured = depths_m is not None and bool(np.isfinite(depths_m).any())
-        return is_measured or bool(self._neighbours(index, reference))
+        return self._depths(index) is not None or bool(self._neighbours(index, reference))
+
+    def _depths(self, index: int) -> Doubles | None:
+        """Return the measured depths of a place's regions, if any is known."""
+        found = self._measured(index)
+        return found if found is not None and np.isfinite(found).any() else None
 
     def _neighbours(self, index: int, reference: CellView) -> list[tuple[CellView, Matrix]]:
         """Return views of a place's neighbours, and the motions of the lens to them."""

@@ -5,17 +5,18 @@ Coherent matching, ours: the share of regions that moved together from query to 
 
 At the true place the regions of the query are found again with one common shift; elsewhere,
 however similar the best counterparts are, their shifts scatter. So where each counterpart lies is
-asked, not how similar it is, which survives night, seasons and another viewpoint.
+asked, not how similar it is, which survives night, seasons and another viewpoint. The global
+similarity is that of whole images, one of which may have moved to the side.
 """
 
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from math import isqrt
 from typing import Any
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
-from convseq_ros.core.similarity.global_similarity import Blocks, Wide, widened
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
 from convseq_ros.core.types import Descriptor, Doubles, Floats, Indices
 import cv2
@@ -23,6 +24,8 @@ import numpy as np
 
 # Scores in [0, 1], (n,), shifts in cells, (n, 2), and global similarities (n,) if they are known.
 Compared = tuple[Floats, Doubles, Floats | None]
+Blocks = Floats  # of B x B numbers of 32, in one vector (L,)
+Wide = Floats  # (B, B + 2 M, 32), a query's, with room to move it by M
 
 
 @constants
@@ -34,6 +37,58 @@ class COHERENT:
     # Rough scores are those of every second region of both images, a sixteenth of the work.
     rough_step: int = 2
     rough_sigma: float = 1.0  # second regions
+
+
+@constants
+class GLOBAL_SIMILARITY:
+    """Chosen on real and darkened image pairs (docs/MATCHING.md)."""
+
+    block: int = 3  # regions in a row that are summed up
+    most_shift: int = 4  # blocks to either side
+    unit: float = (
+        2.0**17
+    )  # of a region's numbers; products of whole numbers are exact, in any order
+
+
+def region_blocks(regions: Regions) -> Blocks:
+    """Return the sums of 3 x 3 neighbouring regions (N, 32), as `rounded` does."""
+    side = isqrt(len(regions))
+    starts = np.arange(0, side, GLOBAL_SIMILARITY.block)
+    image = regions.reshape(side, side, -1)
+    return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
+
+
+def rounded(blocks: Floats) -> Blocks:
+    """Return blocks of any shape in one vector, in whole numbers of which 2 ** 17 are one."""
+    return np.rint(blocks.ravel() * np.float32(GLOBAL_SIMILARITY.unit))
+
+
+def widened(blocks: Blocks, side: int) -> Wide:
+    """Return a query's blocks with room for 4 on each side; `side`: regions in a row."""
+    count = -(-side // GLOBAL_SIMILARITY.block)
+    most = min(GLOBAL_SIMILARITY.most_shift, count - 1)
+    wide = np.zeros((count, count + 2 * most, blocks.size // count**2), np.float32)
+    wide[:, most : most + count] = blocks.reshape(count, count, -1)
+    return wide
+
+
+def global_similarity(query: Wide, references: Doubles) -> Floats:
+    """Return cosines, in [0, 1], of a query, shifted as is best, and references (n, L): (n,)."""
+    count, width = query.shape[:2]
+    moved = [query[:, first : first + count].ravel() for first in range(width - count + 1)]
+    best = (np.array(moved, np.float64) @ references.T).max(axis=0)
+    return from_products(best, query, lengths(references))
+
+
+def from_products(best: Doubles, query: Wide, others: Doubles) -> Floats:
+    """Return cosines in [0, 1] from the products with references, and their lengths."""
+    both = lengths(query.ravel()) * others
+    return np.clip(best / np.where(both > 0, both, 1), 0, 1).astype(np.float32)
+
+
+def lengths(vectors: Floats | Doubles) -> Doubles:
+    """Return the lengths of vectors (..., L) of whole numbers."""
+    return np.sqrt(np.einsum('...i,...i->...', vectors, vectors, dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,12 @@ from convseq_ros.core.encoding.regions import (
     regions_in_a_row,
 )
 from convseq_ros.core.map.place import Packed, PACKED_UNIT
-from convseq_ros.core.similarity.coherent import COHERENT, CoherentPair, CoherentQuery, Compared
-from convseq_ros.core.similarity.global_similarity import (
+from convseq_ros.core.similarity.coherent import (
     Blocks,
+    COHERENT,
+    CoherentPair,
+    CoherentQuery,
+    Compared,
     from_products,
     GLOBAL_SIMILARITY,
     lengths,

@@ -14,9 +14,12 @@ from convseq_ros.core.encoding.regions import (
     Regions,
     unit,
 )
-from convseq_ros.core.similarity.coherent import COHERENT, CoherentPair, CoherentQuery, Compared
-from convseq_ros.core.similarity.global_similarity import (
+from convseq_ros.core.similarity.coherent import (
     Blocks,
+    COHERENT,
+    CoherentPair,
+    CoherentQuery,
+    Compared,
     global_similarity,
     region_blocks,
     Wide,
@@ -77,21 +80,13 @@ def coherent_score(
     query: CoherentQuery, reference: Regions, window: Doubles = WINDOW
 ) -> tuple[float, Shift]:
     """
-    Return which share of the regions agrees on one shift, and that shift.
+    Return which share of the regions agrees on one shift, in [0, 1], and that shift.
 
     Every salient region of the query votes for the shift to its best counterpart in the
-    reference; every region of the reference votes for the shift from its best counterpart among
-    the query's salient ones, with the same weight in total. Votes are counted within a Gaussian
-    of 1.5 cells.
-
-    Returns
-    -------
-    score : float
-        In [0, 1].
-    shift : (float, float)
-        Rows and columns, in cells, from the query's regions to the reference's (N, 32); positive
-        columns: things are further right in the reference.
-
+    reference (N, 32); every region of the reference votes for the shift from its best counterpart
+    among the query's salient ones, with the same weight in total. Votes are counted within a
+    Gaussian of 1.5 cells. The shift is rows and columns, in cells, from the query to the
+    reference; positive columns: things are further right in the reference.
     """
     similarity, turned = _scratch(len(query.index), len(reference))
     np.dot(query.regions, reference.T, out=similarity)
