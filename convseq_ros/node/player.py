@@ -3,7 +3,7 @@
 """Publishes a recording or a folder of pictures to a live topic, with /clock."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import heapq
 from itertools import chain
 import math
@@ -116,23 +116,24 @@ class Player(Node):
 
     def __init__(self, source: Source, options: argparse.Namespace) -> None:
         super().__init__('convseq_player')
-        self._source = source
-        self._options = options
-        self._sent = 0
+        self._source, self._options, self._sent = source, options, 0
+        # Stamp of the first image of this round, and when it was sent (monotonic).
+        self._begun: tuple[int, int] | None = None
         compressed = getattr(source, 'type_name', '').endswith('CompressedImage')
         topic = self.resolve_topic_name(options.image_topic)
         if compressed and not topic.endswith(_COMPRESSED):
             topic += _COMPRESSED
         best_effort = options.best_effort
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        sides = self._messages_beside()
+        self._beside = self._messages_beside()
         first = next((cue.message for cue in images_of(source)), b'')
         size = len(first if isinstance(first, bytes) else first.data)
         self._large = size > _FRAGMENTED_BYTES
         depth = _DEPTH_FRAGMENTED if self._large else _DEPTH_WHOLE
         # Images last: who hears of them has heard of the others.
         self._sides: dict[str, Publisher] = {
-            what: self.create_publisher(_SIDES[what][0], what, _DEPTH_WHOLE) for what in sides
+            what: self.create_publisher(_SIDES[what][0], what, _DEPTH_WHOLE)
+            for what in self._beside
         }
         self._images: Publisher = self.create_publisher(
             CompressedImage if compressed else Image,
@@ -180,25 +181,23 @@ class Player(Node):
                 time.sleep(_TICK_S)
 
     def _play_once(self) -> None:
-        sent, now_ns = 0, None
-        for cue in cues_of(self._source, self._options.start, self._messages_beside()):
-            is_image = cue.what == _IMAGE
-            if is_image and self._sent and not sent:
-                now_ns = self._time_from(cue.stamp_ns)
-            elif is_image and not sent:
+        self._begun, before = None, self._sent
+        for cue in cues_of(self._source, self._options.start, self._beside):
+            is_first = cue.what == _IMAGE and self._sent == before
+            if is_first and before:
+                self._begun = cue.stamp_ns, time.monotonic_ns()
+            elif is_first:
                 # All that follows waits for what is lost at the beginning, up to 3 s.
                 self._acknowledge_sides()
                 self._say_time(cue.stamp_ns)
-            while now_ns and (left_s := self._tick(now_ns(), cue.stamp_ns)) > 0:
-                time.sleep(min(left_s, _TICK_S))
+            self._wait_until(cue.stamp_ns)
             if not self.context.ok():
                 return
             self._send(cue)
-            sent += is_image
-            if self._sent == 1 and is_image:
+            if is_first and not before:
                 # A subscriber that we know need not know us yet: time begins when it has answered.
                 self._acknowledge()
-                now_ns = self._time_from(cue.stamp_ns)
+                self._begun = cue.stamp_ns, time.monotonic_ns()
             _progress(self._sent, len(self._source), self._options.loop)
 
     def _send(self, cue: Cue) -> None:
@@ -210,18 +209,17 @@ class Player(Node):
         if self._large and self._sent % _UNACKNOWLEDGED == 0:
             self._acknowledge()
 
-    def _tick(self, now_ns: int, stamp_ns: int) -> float:
-        """Publish the time and return how many seconds are left until a stamp."""
-        if not self.context.ok():
-            return 0.0
-        self._say_time(now_ns)
-        left_ns: float = (stamp_ns - now_ns) / self._options.rate
-        return left_ns / 1e9
-
-    def _time_from(self, begin_ns: int) -> Callable[[], int]:
-        """Return what gives the time of the recording while it is played, from a stamp on."""
-        started_ns, rate = time.monotonic_ns(), self._options.rate
-        return lambda: begin_ns + round((time.monotonic_ns() - started_ns) * rate)
+    def _wait_until(self, stamp_ns: int) -> None:
+        """Publish the time, once it runs, until it is that of a stamp."""
+        rate = self._options.rate
+        while self._begun and self.context.ok():
+            first_ns, begun_ns = self._begun
+            now_ns = first_ns + round((time.monotonic_ns() - begun_ns) * rate)
+            self._say_time(now_ns)
+            left_s = (stamp_ns - now_ns) / rate / 1e9
+            if left_s <= 0:
+                return
+            time.sleep(min(left_s, _TICK_S))
 
     def _say_time(self, now_ns: int) -> None:
         self._clock_topic.publish(Clock(clock=stamp_from_ns(now_ns)))

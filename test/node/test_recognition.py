@@ -110,7 +110,7 @@ def test_numbers_go_on_when_the_map_changes(setup, image, gray):
 
 def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     old = setup.recognition.session
-    monkeypatch.setattr(Session, 'close', Mock(side_effect=MapError('map.db: disk full')))
+    monkeypatch.setattr(old, 'close', Mock(side_effect=MapError('map.db: disk full')))
     setup.recognition.swap(Session(None, CONFIG))
     assert setup.recognition.session is not old
     assert setup.statistics.unkept == 1
