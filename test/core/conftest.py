@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from test.core.measured_pose import drawn_street
+
 
 @pytest.fixture(scope='session')
 def image() -> Callable[..., np.ndarray]:
@@ -27,6 +29,12 @@ def image() -> Callable[..., np.ndarray]:
 def described(image) -> Callable[..., Descriptor]:
     """Return a maker of descriptors of these images."""
     return lambda place, seed=0: describe(image(place, seed))
+
+
+@pytest.fixture(scope='session')
+def street():
+    """Return the frames of two drives along a street, whose poses are known."""
+    return drawn_street()
 
 
 @pytest.fixture

@@ -21,14 +21,9 @@ from drives import shots_of
 import numpy as np
 import pytest
 
-from test.core.measured_pose import drawn_street, measured, off, SIZE
+from test.core.measured_pose import measured, off, SIZE
 
 KEEPS = Config(keyframes=replace(EVERY_FRAME, keep_images_px=320))
-
-
-@pytest.fixture(scope='module')
-def street():
-    return drawn_street()
 
 
 @pytest.fixture(scope='module')

@@ -25,12 +25,7 @@ import numpy as np
 from poses import at as pose
 import pytest
 
-from test.core.measured_pose import drawn_street, measured, off
-
-
-@pytest.fixture(scope='module')
-def street():
-    return drawn_street()
+from test.core.measured_pose import measured, off
 
 
 @pytest.fixture(scope='module')

@@ -47,43 +47,51 @@ def map_of(third_places, keyframes):
     return made
 
 
-def show(recognizer, image, places, *, step_ns=STEP_NS, start_ns=0, odometry=False):
-    """Return the answers to a drive, shown a little differently than in the map."""
-    return [
-        recognizer.process(
-            Frame(
-                start_ns + index * step_ns, image(place, 1), pose=at(place) if odometry else None
+@pytest.fixture(scope='module')
+def drive(image):
+    """Return a way to show places, one a step; None is a frame that never comes."""
+
+    def show(recognizer, places, start_ns=0, seed=1, odometry=False):
+        return [
+            recognizer.process(
+                Frame(
+                    start_ns + index * STEP_NS,
+                    image(place, seed),
+                    pose=at(place) if odometry else None,
+                )
             )
-        )
-        for index, place in enumerate(places)
-    ]
+            for index, place in enumerate(places)
+            if place is not None
+        ]
+
+    return show
 
 
-def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, image):
+def test_by_odometry_the_velocity_of_the_query_does_not_matter(third_places, drive):
     recognizer = PlaceRecognizer(map_of(third_places, BY_WAY), OWN)
     slowly = np.repeat(np.arange(30, 48), 2).tolist()
     places = [*slowly, *range(48, 60), *range(60, 88, 3)]
-    matches = show(recognizer, image, places, odometry=True)
+    matches = drive(recognizer, places, odometry=True)
     asked = [match for match in matches if match.reason is not Reason.BETWEEN_KEYFRAMES]
     assert [match.best.reference_index for match in asked[4:]] == [*range(14, 30)]
     assert all(match.accepted for match in asked[-6:])
 
 
-def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(image):
+def test_after_a_clock_jump_the_first_frame_is_a_keyframe_and_was_looked_at(drive):
     grown = ReferenceMap(SMALL, keyframes=BY_WAY)
     config = replace(ONLINE, keyframes=BY_WAY)
     recognizer = PlaceRecognizer(grown, config)
-    show(recognizer, image, range(7), start_ns=10**12, odometry=True)
-    show(recognizer, image, range(6, 12), odometry=True)
+    drive(recognizer, range(7), start_ns=10**12, odometry=True)
+    drive(recognizer, range(6, 12), odometry=True)
     assert recognizer.resets == 1 and recognizer.mapping.session_start == 3
     assert [int(place.pose.position[0]) for place in grown.places] == [0, 3, 6, 6, 9]
     assert all(grown.cells(index).any() for index in range(5))
 
 
 @pytest.mark.parametrize('keyframes', [BY_TIME, KeyframeConfig(), EVERY_FRAME])
-def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, image, keyframes):
+def test_an_unreadable_frame_has_no_candidates_wherever_it_comes(third_places, drive, keyframes):
     recognizer = PlaceRecognizer(map_of(third_places, keyframes), OWN)
-    known = show(recognizer, image, range(30, 61))
+    known = drive(recognizer, range(30, 61))
     assert known[-1].candidates
     stamps_ns = [(31 + index) * STEP_NS for index in range(8)]
     lost = [recognizer.process(Frame(stamp_ns, None, problem='cut')) for stamp_ns in stamps_ns]
@@ -102,20 +110,6 @@ def reference_map(image):
     for place in range(MAPPED):
         made.add(Place(place), pack_cells(describe(image(place), SMALL).cells))
     return made
-
-
-@pytest.fixture(scope='module')
-def drive(image):
-    """Return a way to show places, one a step; None is a frame that never comes."""
-
-    def show(recognizer, places, start_ns=0, seed=1):
-        return [
-            recognizer.process(Frame(start_ns + index * STEP_NS, image(place, seed)))
-            for index, place in enumerate(places)
-            if place is not None
-        ]
-
-    return show
 
 
 def test_a_robot_that_stands_still_is_told_the_same_and_it_is_no_match(reference_map, drive):

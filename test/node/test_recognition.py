@@ -14,9 +14,11 @@ from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Match, Pose, Reason, Status
 from convseq_ros.errors import ConvseqError, MapError
 from convseq_ros.node import progress_log
+from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results, ResultWriter
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from programs import wait_for
 import pytest
@@ -166,10 +168,11 @@ def told(monkeypatch):
     return lines
 
 
-def test_drops_are_told_with_their_cause_and_the_end_sums_up(
+def test_drops_are_told_with_their_cause_and_numbers_of_queries_count_them(
     quick, told, client, vpr, street, image, map_path, held
 ):
     node = vpr(map_path=map_path, queue_size=2)
+    answers = client.listen(DiagnosticArray, '/vpr_node/answer')
     camera = client.camera(Image)
     for index in range(8):
         camera.publish(image(street[index], index * SECOND + 1))
@@ -184,7 +187,9 @@ def test_drops_are_told_with_their_cause_and_the_end_sums_up(
     (first, *_) = client.wait_for(warned)
     assert 'frames dropped' in first and 'found the queue full (queue_size)' in first
     held.set()
-    client.wait_for(lambda: node._statistics.processed == 3)
+    client.wait_for(lambda: len(answers) == 3)
+    assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
+    assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
     client.wait_for(lambda: any(level == 'info' and 'frames came' in text for level, text in told))
     node.context.try_shutdown()
     client.wait_for(lambda: told[-1][1].startswith('at the end: 8 frames came, 3 processed'))

@@ -23,9 +23,11 @@ def set_parameter(client, name, value):
     return answer.results[0]
 
 
-def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path):
-    node = vpr(fixed_length=1)
+def test_without_a_map_the_node_waits_for_one(client, vpr, show, map_path, tmp_path):
+    node = vpr(fixed_length=1, save_map_path=tmp_path / 'copy.db')
     assert show(3) == -1
+    answer = client.call(Trigger, '/vpr_node/save_map')
+    assert (answer.success, answer.message) == (False, 'there is no map to save')
     answer = client.call(LoadMap, '/vpr_node/load_map', map_url=f'file://{map_path}')
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     assert show(3) == 3
@@ -104,12 +106,6 @@ def test_what_nobody_foresaw_fails_the_service_and_not_the_node(
     assert answer.result == LoadMap.Response.RESULT_INVALID_MAP_DATA
     assert show(3) == 3
     assert capfd.readouterr().err.count('ValueError: a surprise') == 2
-
-
-def test_no_map_cannot_be_saved(client, vpr, tmp_path):
-    vpr(save_map_path=tmp_path / 'copy.db')
-    answer = client.call(Trigger, '/vpr_node/save_map')
-    assert (answer.success, answer.message) == (False, 'there is no map to save')
 
 
 def test_reset_starts_the_sequence_anew(client, vpr, show, map_path):

@@ -159,19 +159,3 @@ def test_the_map_is_told_to_whoever_comes_late(client, vpr, map_path):
     assert found['map_id'] == open_map(map_path).map_id
     assert (found['places'], found['with_pose'], found['sessions']) == ('25', '25', '1')
     assert message.status[0].message == '25 places, 25 with a pose'
-
-
-def test_numbers_of_queries_count_frames_that_were_dropped(
-    client, vpr, street, image, map_path, held, tmp_path
-):
-    node = vpr(map_path=map_path, queue_size=2)
-    answers = client.listen(DiagnosticArray, '/vpr_node/answer')
-    camera = client.camera(Image)
-    for index in range(8):
-        camera.publish(image(street[index], index * SECOND + 1))
-        client.wait_for(lambda index=index: node._statistics.received == index + 1)
-    client.wait_for(lambda: node._worker.dropped == 5)
-    held.set()
-    client.wait_for(lambda: len(answers) == 3)
-    assert [client.values_of(one)['query_index'] for one in answers] == ['0', '6', '7']
-    assert [stamp_to_ns(one.header.stamp) // SECOND for one in answers] == [0, 6, 7]
