@@ -11,7 +11,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.core.map.place import unpack_cells
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import NoBackground
 from convseq_ros.core.similarity.pair_score import PairScore
@@ -132,14 +131,7 @@ class FeatureCache:
         made: list[Any] = [None] * len(packed)
 
         def prepare(_: int, lot: slice) -> None:
-            if self.pair.prepare_packed:
-                some = packed[lot], own.normalizes, own.of_map
-                made[lot] = self.pair.prepare_packed(*some)
-                return
-            for place in range(lot.start, lot.stop):
-                cells = unpack_cells(packed[place])
-                if cells.any():
-                    made[place] = self.pair.prepare(own.normalize(cells), own.of_map)
+            made[lot] = self.pair.prepare_packed(packed[lot], own.normalizes, own.of_map)
 
         self._threads.run([len(packed)], prepare)
         return made

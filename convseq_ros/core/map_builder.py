@@ -61,16 +61,13 @@ class MapBuilder:
         self._config = config
         self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
         self._mapping = OnlineMap(self.reference_map, config, name, frame)
-        self._describe = describe
         self._first_stage = FirstStage(describe, self.reference_map.encoding)
         links = links and config.encoding.keeps_cells
-        self._recognizer = self._make_recognizer() if links else None
-
-    def _make_recognizer(self) -> PlaceRecognizer:
-        made = PlaceRecognizer(self.reference_map, self._config, describe=self._describe)
-        # Whatever the stamps say, it is one session.
-        made.order, made.gate, made.mapping = AnyOrder(), self._gate, self._mapping
-        return made
+        self._recognizer = None
+        if links:
+            self._recognizer = own = PlaceRecognizer(self.reference_map, config, describe=describe)
+            # Whatever the stamps say, it is one session.
+            own.order, own.gate, own.mapping = AnyOrder(), self._gate, self._mapping
 
     @property
     def added(self) -> int:

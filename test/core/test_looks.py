@@ -5,8 +5,7 @@
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, make_config
 from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.looks import LOOK, surplus
-from convseq_ros.core.map.online import known_as
+from convseq_ros.core.map.online import known_as, LOOK, surplus
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -164,8 +164,10 @@ class MapSession:
     @property
     def row(self) -> Row:
         """Return what is stored of it."""
-        camera = json.dumps(_described(self.camera)) if self.camera else None
-        return self.id, self.name, self.start_ns, camera, self.frame
+        known = asdict(self.camera).items() if self.camera else ()
+        # What is unknown of a camera is left out.
+        camera = json.dumps({name: value for name, value in known if value or value == 0})
+        return self.id, self.name, self.start_ns, camera if known else None, self.frame
 
     @classmethod
     def of_row(cls, row: Row) -> 'MapSession':
@@ -173,11 +175,6 @@ class MapSession:
         ident, name, start_ns, camera, frame = row
         described = None if frame is None else str(frame)
         return cls(checked_id(ident), str(name), int(str(start_ns)), _camera(camera), described)
-
-
-def _described(camera: Camera) -> dict[str, object]:
-    """Return what is stored of a camera; what is unknown is left out."""
-    return {name: value for name, value in asdict(camera).items() if value or value == 0}
 
 
 def _camera(stored: object) -> Camera | None:

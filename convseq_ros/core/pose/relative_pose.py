@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
-from convseq_ros.core.geometry.alignment import align, Alignment, Precision, unshrunk
+from convseq_ros.core.geometry.alignment import align, Alignment, Precision, two_view, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged, followed
 from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
 from convseq_ros.core.geometry.structure import (
@@ -26,7 +26,6 @@ from convseq_ros.core.geometry.structure import (
     Structure,
     triangulate,
 )
-from convseq_ros.core.geometry.two_view import two_view
 from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_views, ERROR
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher

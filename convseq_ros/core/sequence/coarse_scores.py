@@ -92,14 +92,9 @@ class Centred:
         """Return the cosines (R,) of the first references in a direction."""
         row = products(references, direction)
         usual = (self._means.astype(np.float64) @ direction).astype(np.float32)
-        row -= np.repeat(usual, _lengths(starts, len(row)))
+        row -= np.repeat(usual, np.diff(np.minimum(starts, len(row)), append=len(row)))
         row *= self._nearness.view[: len(row)]
         return row
-
-
-def _lengths(starts: Indices, count: int) -> Indices:
-    """Return how many of the first references are of each session."""
-    return np.diff(np.minimum(starts, count), append=count)
 
 
 def sums_of(references: Halves) -> Doubles:

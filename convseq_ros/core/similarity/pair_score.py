@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from convseq_ros.core.encoding.regions import Cells, Regions
-from convseq_ros.core.map.place import Packed
+from convseq_ros.core.map.place import Packed, unpack_cells
 from convseq_ros.core.types import Descriptor, Doubles, Floats
 
 # In [0, 1], (n,), and shifts in cells, rows and columns, (n, 2), if the kernel tells.
@@ -25,9 +25,6 @@ class PairScore:
     normalize: Callable[[Cells], Cells] | None = None
     project: Callable[..., Regions] | None = None
     subtract: Callable[[Regions, Regions | None], Shown] | None = None
-    # From the packed cells of n references, whether to normalise them and the background to what
-    # `prepare` gives of each, None of one that shows nothing; only where one call makes them all.
-    prepare_packed: Callable[[Sequence[Packed], bool, Regions | None], list[Any]] | None = None
     # From a reference, as it is compared, to its regions (N, 32).
     regions_of: Callable[[Any], Regions] | None = None
     rough: 'PairScore | None' = None  # the same by a sixteenth of the work, with rough scores
@@ -43,6 +40,14 @@ class PairScore:
     def prepare(self, cells: Cells, background: Regions | None) -> Any:
         """Return what is compared of a reference, given its map's background."""
         raise NotImplementedError
+
+    def prepare_packed(
+        self, packed: Sequence[Packed], normalizes: bool, background: Regions | None
+    ) -> list[Any]:
+        """Return that of several, from their packed cells; None of one that shows nothing."""
+        normalize = (normalizes and self.normalize) or (lambda cells: cells)
+        every = map(unpack_cells, packed)
+        return [self.prepare(normalize(one), background) if one.any() else None for one in every]
 
     def compare(self, query: Any, references: Sequence[Any]) -> Scores:
         """Return the scores and shifts of a query and n references."""
