@@ -175,14 +175,16 @@ def test_the_launch_lines_of_the_readme_set_what_they_say(launched):
     assert node['parameters'][1] == {'mode': 'online', 'map_path': 'home.db', 'use_sim_time': True}
 
 
-def test_an_unknown_launch_argument_is_an_error(launched):
-    with pytest.raises(ValueError, match=r'no such argument: map_pth:=map.db; there are image'):
-        launched('ros2 launch convseq_ros vpr.launch.py map_pth:=map.db')
-
-
-def test_a_parameter_that_is_gone_is_an_error_that_says_what_to_set_instead(launched):
-    with pytest.raises(ValueError, match="'min_evidence' is gone: set min_confidence instead"):
-        launched('ros2 launch convseq_ros vpr.launch.py map_path:=map.db min_evidence:=2')
+@pytest.mark.parametrize(
+    ('argument', 'told'),
+    [
+        ('map_pth:=map.db', 'no such argument: map_pth:=map.db; there are image'),
+        ('min_evidence:=2', "'min_evidence' is gone: set min_confidence instead"),
+    ],
+)
+def test_an_unknown_launch_argument_is_an_error_and_one_that_is_gone_too(launched, argument, told):
+    with pytest.raises(ValueError, match=told):
+        launched(f'ros2 launch convseq_ros vpr.launch.py {argument}')
 
 
 def test_arguments_of_a_launch_file_that_includes_ours_are_its_own(monkeypatch, launched):

@@ -14,8 +14,7 @@ import time
 from convseq_ros.cli import COMMANDS, main, MOVED
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.results import read_results
-import numpy as np
-from pictures import written
+from pictures import scene, written
 from programs import run
 import pytest
 
@@ -23,15 +22,9 @@ COUNT = 24
 START = [sys.executable, '-c', 'import sys; from convseq_ros.cli import main; sys.exit(main())']
 
 
-def image(place):
-    rng = np.random.default_rng(place)
-    coarse = np.kron(rng.integers(0, 128, (12, 16)), np.ones((8, 8)))
-    return (coarse + rng.integers(0, 128, (96, 128))).astype(np.uint8)
-
-
 @pytest.fixture(scope='module')
 def drive(tmp_path_factory):
-    return written(tmp_path_factory.mktemp('data') / 'drive', map(image, range(COUNT)))
+    return written(tmp_path_factory.mktemp('data') / 'drive', map(scene, range(COUNT)))
 
 
 @pytest.fixture(scope='module')
@@ -137,7 +130,7 @@ def test_without_a_command_all_of_them_are_listed(capsys):
 
 
 def test_a_picture_that_is_none_is_one_line_and_keeps_what_was_added(capsys, tmp_path):
-    folder = written(tmp_path / 'drive', map(image, range(3)))
+    folder = written(tmp_path / 'drive', map(scene, range(3)))
     (folder / '9999.jpg').write_text('no picture')
     assert '9999.jpg' in refused(capsys, 'build-map', folder, tmp_path / 'map.db')
     assert len(open_map(tmp_path / 'map.db')) == 3
@@ -193,7 +186,7 @@ def _hear_sigint():
 
 
 def test_an_interrupted_build_keeps_what_was_added_and_says_so(tmp_path):
-    folder = written(tmp_path / 'drive', map(image, range(800)))
+    folder = written(tmp_path / 'drive', map(scene, range(800)))
     path = tmp_path / 'map.db'
     with subprocess.Popen(
         [*START, 'build-map', str(folder), str(path)],

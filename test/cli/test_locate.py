@@ -13,6 +13,7 @@ from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Pose
 import cv2
 import numpy as np
+import pictures
 import pytest
 
 # Sure of single frames that have nothing in common.
@@ -21,8 +22,7 @@ SETTINGS = ('--matching', 'regional', '--search', 'exhaustive', '--fixed-length'
 
 @pytest.fixture(scope='module')
 def walls():
-    noise = np.random.default_rng(7).integers(0, 256, (25, 120, 160), np.uint8)
-    return [cv2.GaussianBlur(picture, (5, 5), 1.0) for picture in noise]
+    return pictures.walls(25)
 
 
 @pytest.fixture(scope='module', params=[True, False], ids=['poses', 'no_poses'])

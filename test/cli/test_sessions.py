@@ -16,20 +16,13 @@ from convseq_ros.core.map_builder import MapBuilder
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import MapError
-import cv2
 import numpy as np
+from pictures import scene
 import pytest
 
 DRIVES, PLACES = 5, 14
 CONFIG = Config(encoding=EncodingConfig(image_size_px=256))
 AHEAD = (0.0, 0.0, 0.0, 1.0)
-
-
-def shown(place, seed):
-    """Return what a place looks like (96, 128), with noise by a seed."""
-    coarse = np.random.default_rng(place).random((20, 20)).astype(np.float32)
-    noise = np.random.default_rng([place, seed]).random((96, 128))
-    return ((cv2.resize(coarse, (128, 96)) + noise / 2) * 150).astype(np.uint8)
 
 
 def frames(drive, count=PLACES):
@@ -38,7 +31,8 @@ def frames(drive, count=PLACES):
         pose = Pose((float(index), float(drive), 0.0), AHEAD) if drive % 2 else None
         place = 100 * (drive % 3) + index
         camera = Camera(128, 96, 90.0 + drive, 90.0, 64.0, 48.0)
-        yield Frame(10**12 + index * 10**9, shown(place, drive), f'{drive}', pose, camera=camera)
+        gray = scene(place, drive, (128, 96))
+        yield Frame(10**12 + index * 10**9, gray, f'{drive}', pose, camera=camera)
 
 
 @pytest.fixture(scope='module')

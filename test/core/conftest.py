@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.types import Descriptor
-import cv2
 import numpy as np
+from pictures import scene
 import pytest
 
 from test.core.measured_pose import drawn_street
@@ -16,13 +16,7 @@ from test.core.measured_pose import drawn_street
 @pytest.fixture(scope='session')
 def image() -> Callable[..., np.ndarray]:
     """Return a maker of grey images (120, 160): what a place looks like, with noise by a seed."""
-
-    def make(place: int, seed: int = 0) -> np.ndarray:
-        coarse = np.random.default_rng(place).random((20, 20)).astype(np.float32)
-        noise = np.random.default_rng([place, seed]).random((120, 160))
-        return ((cv2.resize(coarse, (160, 120)) + noise / 2) * 150).astype(np.uint8)
-
-    return make
+    return scene
 
 
 @pytest.fixture(scope='session')

@@ -12,20 +12,14 @@ from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.place import pack_cells, Picture, Place, thumbnail
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
-import cv2
 import numpy as np
+from pictures import scene
 import pytest
 
 pytestmark = pytest.mark.once
 
 COUNT = 20_000
 DRAWN = 50
-
-
-def image(place):
-    rng = np.random.default_rng(place)
-    coarse = cv2.resize(rng.random((30, 40)).astype(np.float32), (640, 480))
-    return ((coarse + rng.random((480, 640)) / 4) * 200).astype(np.uint8)
 
 
 def drawn_cells(place):
@@ -41,7 +35,7 @@ def large(tmp_path_factory):
     rng = np.random.default_rng(0)
     cells = [pack_cells(drawn_cells(place)) for place in range(DRAWN)]
     known = [global_descriptor(drawn_cells(place)).astype(np.float32) for place in range(DRAWN)]
-    thumbnails = [thumbnail(image(place), 128) for place in range(DRAWN)]
+    thumbnails = [thumbnail(scene(place, size=(640, 480)), 128) for place in range(DRAWN)]
     with MapWriter(path, EncodingConfig(), KeyframeConfig()) as writer:
         for index in range(COUNT):
             place = Place(index * 10**8, '/camera/image_raw', Pose((index, 0, 0), (0, 0, 0, 1)))
@@ -52,7 +46,7 @@ def large(tmp_path_factory):
 
 
 def test_a_reference_takes_at_most_seventeen_kilobytes_of_disk_and_its_thumbnail(large):
-    thumbnails = [len(thumbnail(image(place), 128)) for place in range(DRAWN)]
+    thumbnails = [len(thumbnail(scene(place, size=(640, 480)), 128)) for place in range(DRAWN)]
     assert large.stat().st_size / COUNT - np.mean(thumbnails) <= 17_400
 
 

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data sets as YAML, and which of their references are right; what is refused in one line."""
 
+from convseq_ros.config import EncodingConfig
 from convseq_ros.errors import ConfigError, ConvseqError, SourceError
 from convseq_ros.evaluation.data_set import open_data_set, ready_made
+from convseq_ros.evaluation.material import open_material
 from convseq_ros.evaluation.truth import (
     listed,
     of_the_past,
@@ -15,14 +17,6 @@ from convseq_ros.evaluation.truth import (
 )
 import numpy as np
 import pytest
-
-
-def test_paths_start_at_the_file(street):
-    data_set = open_data_set(str(street.file))
-    assert data_set.name == 'street'
-    assert data_set.query.path == street.folder / 'query'
-    assert data_set.reference.path == street.folder / 'reference'
-    assert not data_set.online
 
 
 def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(tmp_path):
@@ -37,10 +31,7 @@ def test_the_sets_of_the_paper_are_ready_made_and_say_where_their_images_belong(
         assert data_set.source
 
 
-def test_missing_images_of_a_ready_made_set_are_asked_for(tmp_path, street):
-    from convseq_ros.config import EncodingConfig
-    from convseq_ros.evaluation.material import open_material
-
+def test_missing_images_of_a_ready_made_set_are_asked_for(tmp_path):
     with pytest.raises(SourceError, match=r'corridor/query is missing; put VPR-Bench') as caught:
         open_material(open_data_set('corridor', tmp_path), EncodingConfig())
     assert '\n' not in str(caught.value)

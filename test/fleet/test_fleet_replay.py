@@ -179,11 +179,9 @@ def test_maps_are_those_of_build_map(maps, tmp_path):
     own, built = open_map(own), open_map(made / 'drive_1.db')
     assert [one.name for one in own.sessions] == [one.name for one in built.sessions]
     assert [*own.places] == [*built.places] and len(own) == 2 * COUNT
-    kept = [
-        [(one.image, one.depths) for one in each.pictures(range(len(own)), True)]
-        for each in (own, built)
-    ]
-    assert kept[0] == kept[1] and all(image for image, _ in kept[0])
+    pictures = [one.pictures(range(len(own)), True) for one in (own, built)]
+    kept = [[(one.packed.tobytes(), one.image, one.depths) for one in each] for each in pictures]
+    assert kept[0] == kept[1] and all(image for _, image, _ in kept[0])
 
 
 def test_workers_send_images_and_depths(maps, client):

@@ -19,8 +19,8 @@ from convseq_ros.core.map.place import pack_cells, Place, thumbnail
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
 from convseq_ros.core.types import Pose
-import cv2
 import numpy as np
+from pictures import walls
 import pytest
 
 if find_spec('rclpy') is None:
@@ -42,7 +42,6 @@ DISCOVERY = """
   </data_writer>
 </profiles>
 """
-NUM_PLACES = 25
 SECOND = 1_000_000_000
 # Quick, sure of single frames, in no hurry, and not to be changed with the defaults.
 SETTINGS = {
@@ -107,8 +106,7 @@ def held_up() -> Callable[[Any], Any]:
 @pytest.fixture(scope='session')
 def street() -> list[np.ndarray]:
     """Return grey pictures (120, 160) that have nothing in common."""
-    noise = np.random.default_rng(7).integers(0, 256, (NUM_PLACES, 120, 160), np.uint8)
-    return [cv2.GaussianBlur(picture, (5, 5), 1.0) for picture in noise]
+    return walls(25)
 
 
 @pytest.fixture(scope='session')
