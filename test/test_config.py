@@ -17,8 +17,7 @@ from convseq_ros.config import (
     with_values,
 )
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation.method_name import parse_method
-from convseq_ros.evaluation.methods import make_method
+from convseq_ros.evaluation.methods import make_method, parse_method
 from convseq_ros.parameter import RETIRED
 import pytest
 

@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+Floats = npt.NDArray[np.float32]
 LENGTH = 10
 _WIDTH_PX, _HEIGHT_PX, _PATCH_PX = 64, 32, 8
 _CONTRAST_WINDOW = 10
 _VELOCITIES = (0.8, 0.9, 1.0, 1.1, 1.2)
 
 
-def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+def patch_normalized(gray: npt.NDArray[np.uint8]) -> Floats:
     """
     Return a small copy of a grey image whose patches have mean 0 and deviation 1, (2048,).
 
@@ -31,16 +32,12 @@ def patch_normalized(gray: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     return normal.ravel()
 
 
-def differences(
-    queries: npt.NDArray[np.float32], references: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
+def differences(queries: Floats, references: Floats) -> Floats:
     """Return the mean absolute difference of every query (Q, P) and reference (R, P): (Q, R)."""
     return np.stack([np.abs(references - query).mean(axis=1) for query in queries])
 
 
-def enhanced(
-    difference: npt.NDArray[np.float32], window: int = _CONTRAST_WINDOW
-) -> npt.NDArray[np.float32]:
+def enhanced(difference: Floats, window: int = _CONTRAST_WINDOW) -> Floats:
     """Return by how many deviations each difference (Q, R) is below those of its neighbours."""
     reach = window // 2
     count = difference.shape[1]
@@ -61,7 +58,7 @@ def enhanced(
     return similarity.astype(np.float32)
 
 
-def trajectory_scores(rows: Sequence[npt.NDArray[np.float32] | None]) -> npt.NDArray[np.float64]:
+def trajectory_scores(rows: Sequence[Floats | None]) -> npt.NDArray[np.float64]:
     """
     Return the mean similarity along the best straight line that ends at each reference, (R,).
 

@@ -27,6 +27,8 @@ from convseq_ros.sources import open_annotated, open_source
 import numpy as np
 import numpy.typing as npt
 
+Numbers = npt.NDArray[np.int64]
+Rows = Sequence[dict[str, str]]  # of a result table
 _TOLERANCE = 2
 _MARKER = '.convseq-demo'
 _COMPARED = (
@@ -92,7 +94,7 @@ def make_empty(folder: Path, marker: str) -> None:
     mark.touch()
 
 
-def _draw_drives(frames: int, folder: Path) -> npt.NDArray[np.int64]:
+def _draw_drives(frames: int, folder: Path) -> Numbers:
     """Write recordings of two drives; return the right reference of each frame, (Q,)."""
     first = Drive(num_frames=frames + 10)
     second = Drive(
@@ -110,9 +112,7 @@ def _draw_drives(frames: int, folder: Path) -> npt.NDArray[np.int64]:
     return np.array([round(second.distance_m(index)) for index in range(frames)])
 
 
-def _table(
-    live: Sequence[dict[str, str]], offline: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]
-) -> str:
+def _table(live: Rows, offline: Rows, truth: Numbers) -> str:
     same = sum(
         all(each[name] == offline[int(each['query_index'])][name] for name in _COMPARED)
         for each in live
@@ -124,7 +124,7 @@ def _table(
     return '\n'.join(lines)
 
 
-def _column(rows: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]) -> dict[str, str]:
+def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
     matched = [each for each in rows if each['best_index']]
     accepted = [each for each in matched if each['reference_index']]
     lengths = [int(each['sequence_length']) for each in matched]
@@ -143,20 +143,15 @@ def _column(rows: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]) -> dic
     }
 
 
-def _share(rows: Sequence[dict[str, str]], truth: npt.NDArray[np.int64]) -> str:
+def _share(rows: Rows, truth: Numbers) -> str:
     return f'{sum(_right(each, truth) for each in rows)} of {len(rows)}' if rows else '-'
 
 
-def _right(each: dict[str, str], truth: npt.NDArray[np.int64]) -> bool:
+def _right(each: dict[str, str], truth: Numbers) -> bool:
     return abs(int(each['best_index']) - int(truth[int(each['query_index'])])) <= _TOLERANCE
 
 
-def _draw(
-    folder: Path,
-    live: Sequence[dict[str, str]],
-    scores: npt.NDArray[np.float32],
-    truth: npt.NDArray[np.int64],
-) -> None:
+def _draw(folder: Path, live: Rows, scores: npt.NDArray[np.float32], truth: Numbers) -> None:
     found = np.full(len(scores), -1, np.int64)
     accepted = [each for each in live if each['reference_index']]
     for each in accepted:

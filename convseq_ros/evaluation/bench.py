@@ -11,8 +11,7 @@ from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation import run_folder
 from convseq_ros.evaluation.data_set import DataSet
 from convseq_ros.evaluation.material import Material, open_material
-from convseq_ros.evaluation.method_name import MethodName, parse_method
-from convseq_ros.evaluation.methods import make_method, Method
+from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
 from convseq_ros.evaluation.protocols import ask, CLOSED, ONLINE, OPEN, VERSION
 from convseq_ros.evaluation.provenance import provenance
 from convseq_ros.evaluation.scorecard import add_thresholds, judge, Scorecard, summarize, Summary

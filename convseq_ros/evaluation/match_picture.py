@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+Image = npt.NDArray[np.uint8]
+Regions = npt.NDArray[np.float64]  # (n, 5), as `QueryBuffer.field` gives them
 _HEIGHT_PX = 240
 _CAPTION_PX = 24
 _WIDEST_PX = 4 * _HEIGHT_PX  # a wider image is squeezed, so that one of one row stays small
@@ -15,9 +17,7 @@ _BLANK = np.full((_HEIGHT_PX, _HEIGHT_PX), 64, np.uint8)
 _GREEN, _GREY, _OUTLIER = (80, 220, 80), (200, 200, 200), (110, 110, 110)
 
 
-def match_picture(
-    frame: Frame, match: Match, thumbnail: bytes, field: npt.NDArray[np.float64]
-) -> npt.NDArray[np.uint8]:
+def match_picture(frame: Frame, match: Match, thumbnail: bytes, field: Regions) -> Image:
     """
     Return the query (left) beside the thumbnail of its best reference, BGR (264, width, 3).
 
@@ -35,9 +35,7 @@ def match_picture(
     return np.vstack([caption, pictures])
 
 
-def _draw_field(
-    pictures: npt.NDArray[np.uint8], middle_px: int, field: npt.NDArray[np.float64]
-) -> None:
+def _draw_field(pictures: Image, middle_px: int, field: Regions) -> None:
     """Draw the regions; the colour of inliers says where in the query they are."""
     hues = np.full((1, len(field), 3), (0, 200, 255), np.uint8)
     hues[0, :, 0] = 150 * field[:, 1]
@@ -57,7 +55,7 @@ def _caption(match: Match) -> str:
     return text
 
 
-def _to_height(gray: npt.NDArray[np.uint8] | None) -> npt.NDArray[np.uint8]:
+def _to_height(gray: Image | None) -> Image:
     if gray is None:
         return _BLANK
     height, width = gray.shape

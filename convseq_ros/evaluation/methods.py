@@ -5,10 +5,12 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
+import re
 import time
 
 from convseq_ros.baselines import seqslam
+from convseq_ros.baselines.loop_detector import ALPHA
 from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError, SourceError
@@ -16,7 +18,6 @@ from convseq_ros.evaluation import peers
 from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import Material
-from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
 from convseq_ros.files import read_array
 from convseq_ros.onnx_model import OnnxModel
@@ -42,6 +43,47 @@ Gray = npt.NDArray[np.uint8]
 Vectors = npt.NDArray[np.float32]  # (N, n), a descriptor an image
 _PUBLISHED: Mapping[str, Value] = {'matching': 'regional', 'search': 'exhaustive'}
 _ANSWERS_ALWAYS: Mapping[str, Value] = {'acceptance_rule': 'margin', 'min_margin': 0.0}
+
+
+_PATTERN = re.compile(
+    r'(?:(?P<label>[\w.-]+)=)?(?P<kind>[a-z]+(?:-[a-z]+)?)(?:-k(?P<length>[0-9]+))?'
+    r'(?::(?P<argument>.+?))?(?:@(?P<sequence>dynamic|single|k[0-9]+))?'
+    r'(?P<options>(?:\+\w+=[^+]+)*)'
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MethodName:
+    """A method as asked for: `[label=]kind[-kN][:argument][@sequence][+option=value]...`."""
+
+    label: str  # in tables and folders
+    kind: str  # row of the registry
+    argument: str = ''  # files of the method, as written
+    length: int | None = None  # k: 0 for as many as the frames ask for, None for its own
+    options: Mapping[str, str] = field(default_factory=dict)  # its own, and core parameters
+
+
+def parse_method(text: str) -> MethodName:
+    """Return what `convseq-k10` or `net=scores:net.npy@dynamic` means; ConfigError if unclear."""
+    found = _PATTERN.fullmatch(text)
+    if not found:
+        raise ConfigError(
+            f'method {text!r}: expected [label=]kind[:file][@single|@dynamic|@kN][+option=value], '
+            'such as convseq, convseq-k10 or net=scores:net.npy@dynamic'
+        )
+    kind, argument, sequence = found['kind'], found['argument'] or '', found['sequence']
+    options = dict(part.split('=', 1) for part in found['options'].split('+')[1:])
+    length = int(found['length']) if found['length'] else None
+    if sequence:
+        length = {'dynamic': 0, 'single': 1}.get(sequence)
+        length = int(sequence[1:]) if length is None else length
+    label = found['label']
+    if not label:
+        name = PurePath(argument.split(',')[0]).stem if argument else kind
+        k = f'k{found["length"]}' if found['length'] else ''
+        parts = [name, k, sequence or '', *options.values()]
+        label = re.sub(r'[^\w.-]+', '_', '-'.join(part for part in parts if part))
+    return MethodName(label, kind, argument, length, options)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +177,12 @@ def _onnx(material: Material, name: MethodName, config: Config) -> PairScores:
 
 
 def _peer(material: Material, name: MethodName, config: Config) -> PairScores:
-    return peers.peer_scores(material, name, config.reading)
+    try:
+        alpha = float(name.options.get('alpha', ALPHA))
+    except ValueError:
+        raise ConfigError(f'method {name.label}: alpha is not a number') from None
+    vocabulary = name.options.get('vocabulary', '')
+    return peers.peer_scores(material, name.kind, alpha, vocabulary, config.reading)
 
 
 def read_scores(

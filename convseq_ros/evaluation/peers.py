@@ -12,15 +12,13 @@ from typing import Any
 
 from convseq_ros.baselines import local_features, vlad
 from convseq_ros.baselines.local_features import Extract, inliers, Keypoints
-from convseq_ros.baselines.loop_detector import ALPHA, detect, Detection
+from convseq_ros.baselines.loop_detector import detect, Detection
 from convseq_ros.baselines.vocabulary import bag_scores, Vocabulary
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, Frame, Match, Reason, Status
-from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.drive import Drive
 from convseq_ros.evaluation.given_scores import PairScores
 from convseq_ros.evaluation.material import Material
-from convseq_ros.evaluation.method_name import MethodName
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 import numpy as np
@@ -57,20 +55,18 @@ _PEERS = {
 }
 
 
-def peer_scores(material: Material, name: MethodName, reading: ReadingConfig) -> PairScores:
+def peer_scores(
+    material: Material, kind: str, alpha: float, vocabulary: str, reading: ReadingConfig
+) -> PairScores:
     """Return what DBoW2 with ORB, `orb-bow`, or `sift-vlad` says, decided as by DLoopDetector."""
-    try:
-        alpha = float(name.options.get('alpha', ALPHA))
-    except ValueError:
-        raise ConfigError(f'method {name.label}: alpha is not a number') from None
-    peer = _PEERS[name.kind]
+    peer = _PEERS[kind]
     query, extract_ms = _extracted(material.query, peer.extract)
     reference = query
     if not material.data_set.online:
         reference, _ = _extracted(material.reference, peer.extract)
     learnt_of = reference
-    if folder := name.options.get('vocabulary'):
-        learnt_of, _ = _extracted(open_source(Path(folder), '', reading), peer.extract)
+    if vocabulary:
+        learnt_of, _ = _extracted(open_source(Path(vocabulary), '', reading), peer.extract)
     describe = peer.learn([one.descriptors for one in learnt_of])
     started = time.perf_counter()
     vectors = np.array([describe(one.descriptors) for one in query])

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 Image: TypeAlias = npt.NDArray[np.uint8]
+Scores: TypeAlias = npt.NDArray[np.float32]  # (Q, R), NaN where nothing was scored
+Numbers: TypeAlias = npt.NDArray[np.int_]
 Pair: TypeAlias = tuple[Image, Image, str, str, bool]
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 NIGHT = ('#0b1622', '#123350', '#1f5f8b', '#5fa3cf', '#dcecf8')  # low scores to high
@@ -58,7 +60,7 @@ def save(figure: Any, *paths: Path, **options: Any) -> None:
                 figure.savefig(part, format=kind, metadata=undated, **options)
 
 
-def show_scores(axes: Any, scores: npt.NDArray[np.float32]) -> None:
+def show_scores(axes: Any, scores: Scores) -> None:
     """Draw scores (Q, R), brighter is more similar, gray is NaN; a block shows its highest."""
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -92,9 +94,7 @@ def show_truth(axes: Any, truth: npt.NDArray[np.bool_]) -> None:
         axes.plot([], [], color='white', label='white: edge of the truth')
 
 
-def show_matches(
-    axes: Any, matches: npt.NDArray[np.int_], verdicts: npt.NDArray[np.str_], size: float
-) -> None:
+def show_matches(axes: Any, matches: Numbers, verdicts: npt.NDArray[np.str_], size: float) -> None:
     """Draw a dot, `size` points wide, for each match (N, 2), or every n-th of very many."""
     step = max(1, -(-len(matches) // MOST_DOTS))
     edge = {'markeredgecolor': EDGE, 'markeredgewidth': 0.6 * (len(matches) < DENSE)}
@@ -106,7 +106,7 @@ def show_matches(
             axes.plot(references[::step], queries[::step], 'o', label=label, **look)
 
 
-def reduced(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def reduced(values: Scores) -> Scores:
     """Return the highest value of each block, so that neither side is longer than MOST_CELLS."""
     for axis in (0, 1):
         block = -(-values.shape[axis] // MOST_CELLS)
@@ -119,9 +119,9 @@ def reduced(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 def demo_picture(
     path: Path,
     pairs: Sequence[Pair],
-    scores: npt.NDArray[np.float32],
-    truth: npt.NDArray[np.int_],
-    found: npt.NDArray[np.int_],
+    scores: Scores,
+    truth: Numbers,
+    found: Numbers,
     title: str,
     tolerance: int = 2,
 ) -> None:

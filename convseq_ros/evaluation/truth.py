@@ -14,6 +14,9 @@ from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 import numpy.typing as npt
 
+Flags = npt.NDArray[np.bool_]
+Numbers = npt.NDArray[np.int64]
+Metres = npt.NDArray[np.float64]
 SLIP_FRAMES = 3
 
 
@@ -21,16 +24,16 @@ SLIP_FRAMES = 3
 class Truth:
     """The right answers."""
 
-    right: npt.NDArray[np.bool_]  # (Q, R); a row without any is a place that the map lacks
+    right: Flags  # (Q, R); a row without any is a place that the map lacks
     tolerance: int = 0  # frames by which an answer may be off, already part of `right`
 
     @property
-    def known(self) -> npt.NDArray[np.bool_]:
+    def known(self) -> Flags:
         """Which queries have a right reference, shape (Q,)."""
         return np.asarray(self.right.any(axis=1))
 
     @property
-    def slip(self) -> npt.NDArray[np.bool_]:
+    def slip(self) -> Flags:
         """Which references lie up to 3 frames beyond the tolerance, shape (Q, R)."""
         return _widened(self.right, SLIP_FRAMES) & ~self.right
 
@@ -45,9 +48,7 @@ def same_index(queries: int, references: int, tolerance: int) -> Truth:
     return Truth(_widened(np.eye(queries, dtype=np.bool_), tolerance), tolerance)
 
 
-def listed(
-    pairs: npt.NDArray[np.int64], shape: tuple[int, int], tolerance: int, where: str
-) -> Truth:
+def listed(pairs: Numbers, shape: tuple[int, int], tolerance: int, where: str) -> Truth:
     """Return the truth of pairs (P, 2), or (P, 3) with tolerances; SourceError for no frame."""
     right = np.zeros(shape, np.bool_)
     for query, reference, *own in pairs.tolist():
@@ -62,9 +63,7 @@ def listed(
     return Truth(right, tolerance)
 
 
-def within_radius(
-    queries: npt.NDArray[np.float64], references: npt.NDArray[np.float64], radius_m: float
-) -> Truth:
+def within_radius(queries: Metres, references: Metres, radius_m: float) -> Truth:
     """Return the truth of positions (Q, 3) and (R, 3), metres; NaN, for none, is never right."""
     distance = np.linalg.norm(queries[:, None] - references[None], axis=2)
     return Truth(distance <= radius_m)
@@ -78,7 +77,7 @@ def of_the_past(truth: Truth, exclude_recent: int) -> Truth:
     )
 
 
-def _widened(right: npt.NDArray[np.bool_], frames: int) -> npt.NDArray[np.bool_]:
+def _widened(right: Flags, frames: int) -> Flags:
     wide = right.copy()
     for offset in range(1, min(frames, right.shape[1] - 1) + 1):
         wide[:, offset:] |= right[:, :-offset]
@@ -92,7 +91,7 @@ def read_pairs(
     reference_names: Sequence[str],
     first_index: int = 0,
     reading: ReadingConfig = ReadingConfig(),
-) -> npt.NDArray[np.int64]:
+) -> Numbers:
     """
     Return the pairs of a CSV table, int64 (P, 2), or (P, 3) with the tolerance of each, from 0.
 
@@ -128,7 +127,7 @@ def read_pairs(
 
 def read_positions(
     path: Path, drive: str, count: int, reading: ReadingConfig = ReadingConfig()
-) -> npt.NDArray[np.float64]:
+) -> Metres:
     """
     Return where the frames of a drive, `query` or `reference`, were taken, (count, 3), metres.
 

@@ -12,13 +12,14 @@ import math
 
 from convseq_ros.simulation.ground import GROUND_HALF_M, GROUND_RESOLUTION
 from convseq_ros.simulation.layout import Panel, STRETCH_M
-from convseq_ros.simulation.light import Image, Light
+from convseq_ros.simulation.light import Floats, Image, Light
 from convseq_ros.simulation.street import Street, Stretch
 from convseq_ros.simulation.texture import cloud
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+Lines = npt.NDArray[np.float64]  # (n,), of columns or rows
 _NEAR_M, _FAR_M = 0.4, 180.0
 _COARSEST = 6
 
@@ -82,7 +83,7 @@ class View:
         return picture
 
     @property
-    def depth_m(self) -> npt.NDArray[np.float32]:
+    def depth_m(self) -> Floats:
         """How deep lies what was drawn last, (height, width), along the lens; 0 for the sky."""
         return -np.log(self._clear) * np.float32(self._light.visibility_m)
 
@@ -149,7 +150,7 @@ class View:
         across: tuple[float, float, float],
         down: tuple[float, float, float],
         region: tuple[int, int, int, int],
-        clear: npt.NDArray[np.float32] | None,
+        clear: Floats | None,
     ) -> None:
         """Paint a plane, given by a corner and two edges (right, up, deep), into a region."""
         left, right, upper, lower = region
@@ -223,9 +224,7 @@ def _clipped(end: tuple[float, float], other: tuple[float, float]) -> tuple[floa
     return end[0] + share * (other[0] - end[0]), _NEAR_M
 
 
-def _runs(
-    across: npt.NDArray[np.float64], down: npt.NDArray[np.float64]
-) -> Iterator[tuple[int, int, tuple[int, int]]]:
+def _runs(across: Lines, down: Lines) -> Iterator[tuple[int, int, tuple[int, int]]]:
     """Yield runs of lines that share a level, from how many texels a pixel spans."""
     both = np.log2(np.maximum(np.stack((across, down)), 1e-6)).round().astype(int)
     both = both.clip(0, _COARSEST)

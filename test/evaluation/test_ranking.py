@@ -9,8 +9,7 @@ from convseq_ros.core.sequence.diagonals import choose_length
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.evaluation.given_scores import answers_to, PairScores, rank_references
-from convseq_ros.evaluation.method_name import MethodName
-from convseq_ros.evaluation.methods import Kind, Method
+from convseq_ros.evaluation.methods import Kind, Method, MethodName
 from convseq_ros.evaluation.protocols import ask, OPEN
 from convseq_ros.evaluation.recognition import recognize, with_known
 import numpy as np
