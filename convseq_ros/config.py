@@ -289,10 +289,10 @@ def _groups(kind: type) -> dict[str, type]:
     return {item.name: item.type for item in fields(kind)}  # type: ignore[misc]
 
 
-def core_parameters(constants: bool = False) -> Iterator[Parameter]:
-    """Yield the parameters of `Config`, all groups, in order; constants too, if asked."""
+def core_parameters() -> Iterator[Parameter]:
+    """Yield the parameters of `Config`, all groups, in order."""
     for group in _groups(Config).values():
-        yield from parameters(group, constants)
+        yield from parameters(group)
 
 
 def make_group(kind: type[Group], values: Mapping[str, Any]) -> Group:

@@ -3,7 +3,7 @@
 """What a parameter is: a field of a dataclass with bounds, a unit and one sentence."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 import difflib
 import math
@@ -27,14 +27,9 @@ RETIRED_CHOICES = {
 }
 
 
-_CONSTANT: Mapping[str, Any] = {
-    'doc': '', 'unit': '', 'low': None, 'high': None, 'choices': (), 'dynamic': False,
-}  # fmt: skip
-
-
 def parameter(default: Value, doc: str, **about: Any) -> Any:
     """Declare one parameter by what `Parameter` says of it."""
-    return field(default=default, metadata={**_CONSTANT, 'doc': doc, **about})
+    return field(default=default, metadata={'doc': doc, **about})
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +40,11 @@ class Parameter:
     type: type
     default: Value
     doc: str
-    unit: str
-    low: float | None
-    high: float | None
-    choices: tuple[str, ...]
-    dynamic: bool  # whether it may change while a node runs
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    dynamic: bool = False  # whether it may change while a node runs
 
     def check(self, value: object) -> Value:
         """Return the value in this type, 1 for 1.0; ConfigError if wrong or out of bounds."""
@@ -96,11 +91,10 @@ class Parameter:
         return self.check(value)
 
 
-def parameters(group: type | Any, constants: bool = False) -> Iterator[Parameter]:
-    """Yield the parameters of a group (class or instance), in order; its constants if asked."""
+def parameters(group: type | Any) -> Iterator[Parameter]:
+    """Yield the parameters of a group (class or instance), in order."""
     for item in fields(group):
-        about = item.metadata or (_CONSTANT if constants else {})
-        if about:
+        if about := item.metadata:
             yield Parameter(item.name, item.type, item.default, **about)  # type: ignore[arg-type]
 
 

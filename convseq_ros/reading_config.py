@@ -15,6 +15,7 @@ from convseq_ros.picture_header import Declared, USUAL_SCANS
 # of YAML, takes long: .1 MB a second, rosbags' reader .06 MB.
 AS_ARRAY, AS_TEXT, AS_YAML = 1, 8, 1024
 _MEGA = 1_000_000
+_RATIO = 1000  # images shrink to a third, drawn ones to a fiftieth; zeros to a 30,000th
 
 
 # fmt: off
@@ -66,6 +67,20 @@ class ReadingConfig(Checked):
         counts = f', which count {cost}-fold,' if cost > 1 else ''
         size_mb = size_bytes / _MEGA
         self.refuse_above('max_file_mb', size_mb * cost, f'{path}: {size_mb:.3g} MB{counts}')
+
+
+    @property
+    def most_bytes(self) -> int:
+        """What one chunk, or one message, of a recording may hold."""
+        # rosbag2 fills chunks to 768 KiB, Foxglove's tools to 4 MiB; then comes one message more,
+        # which is at most an image of 64 Mpx in four bytes a pixel.
+        return round(self.max_file_mb * _MEGA)
+
+    def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
+        """Raise a SourceError if so many bytes are out of all proportion to a file's size."""
+        if inflated > _RATIO * size:
+            what = f'its {size} bytes inflate to {inflated / 1e9:.3g} GB, which no recording does'
+            self.refuse_above('max_file_mb', inflated / 4 / _MEGA, f'{where}: {what}; a fourth')
 
 
 # fmt: on

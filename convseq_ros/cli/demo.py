@@ -17,7 +17,7 @@ from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError
-from convseq_ros.evaluation.plots import demo_picture
+from convseq_ros.evaluation.plots import demo_picture, TOLERANCE
 from convseq_ros.onnx_model import open_model
 from convseq_ros.results import row
 from convseq_ros.simulation.drive import draw, Drive
@@ -29,7 +29,6 @@ import numpy.typing as npt
 
 Numbers = npt.NDArray[np.int64]
 Rows = Sequence[dict[str, str]]  # of a result table
-_TOLERANCE = 2
 _MARKER = '.convseq-demo'
 _COMPARED = (
     'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
@@ -133,9 +132,9 @@ def _column(rows: Rows, truth: Numbers) -> dict[str, str]:
         'frames': str(len(rows)),
         'frames dropped': str(len(truth) - len(rows)),
         'matched (sequence long enough)': str(len(matched)),
-        f'best match within +-{_TOLERANCE}': _share(matched, truth),
+        f'best match within +-{TOLERANCE}': _share(matched, truth),
         'accepted': str(len(accepted)),
-        f'accepted match within +-{_TOLERANCE}': _share(accepted, truth),
+        f'accepted match within +-{TOLERANCE}': _share(accepted, truth),
         'sequence length k': (
             f'{statistics.fmean(lengths):.1f} ({min(lengths)}-{max(lengths)})' if lengths else '-'
         ),
@@ -148,7 +147,7 @@ def _share(rows: Rows, truth: Numbers) -> str:
 
 
 def _right(each: dict[str, str], truth: Numbers) -> bool:
-    return abs(int(each['best_index']) - int(truth[int(each['query_index'])])) <= _TOLERANCE
+    return abs(int(each['best_index']) - int(truth[int(each['query_index'])])) <= TOLERANCE
 
 
 def _draw(folder: Path, live: Rows, scores: npt.NDArray[np.float32], truth: Numbers) -> None:

@@ -23,6 +23,7 @@ EDGE = '#0f1720'
 _PALE, _DIM = '#e8eef4', '#9fb0c0'
 VERDICT_COLORS = {'right': '#4ade80', 'wrong': '#ff6b6b', 'rejected': '#f5bd4f'}
 MOST_PAIRS = 4
+TOLERANCE = 2  # references by which a match of the demo may be off
 MOST_CELLS = 320
 MOST_DOTS = 1500
 DENSE = 500  # from here on dots have no edge, which would hide their neighbours
@@ -117,13 +118,7 @@ def reduced(values: Scores) -> Scores:
 
 
 def demo_picture(
-    path: Path,
-    pairs: Sequence[Pair],
-    scores: Scores,
-    truth: Numbers,
-    found: Numbers,
-    title: str,
-    tolerance: int = 2,
+    path: Path, pairs: Sequence[Pair], scores: Scores, truth: Numbers, found: Numbers, title: str
 ) -> None:
     """
     Draw one PNG, 1600 x 900: matched pairs beside the matrix of scores they were found in.
@@ -151,7 +146,7 @@ def demo_picture(
     axes.plot(line, np.arange(len(truth)), color='white', linewidth=1.2, label='truth')
     queries = np.flatnonzero(found >= 0)
     matches = np.stack((queries, found[queries]), 1)
-    close = (truth[queries] >= 0) & (abs(found[queries] - truth[queries]) <= tolerance)
+    close = (truth[queries] >= 0) & (abs(found[queries] - truth[queries]) <= TOLERANCE)
     show_matches(axes, matches, np.where(close, 'right', 'wrong'), size=4.5)
     axes.set_xlabel('reference', color=_PALE, fontsize=14)
     axes.set_ylabel('query', color=_PALE, fontsize=14)

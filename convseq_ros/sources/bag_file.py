@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.errors import SourceError
-from convseq_ros.sources.inflate import inflate, RecordingLimits
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.inflate import inflate
 from convseq_ros.sources.topics import Index, RawMessage, Topic, typestore
 
 _MAGIC = b'#ROSBAG V2.0\n'
 
 
-def index(path: Path, limits: RecordingLimits) -> Index:
-    with _opened(path, limits) as reader:
+def index(path: Path, reading: ReadingConfig) -> Index:
+    with _opened(path, reading) as reader:
         topics = {
             name: Topic(name, info.msgtype or 'several types', int(info.msgcount))
             for name, info in reader.topics.items()
@@ -23,9 +24,9 @@ def index(path: Path, limits: RecordingLimits) -> Index:
         return Index(topics, max(0, int(reader.duration)) / 1e9)
 
 
-def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMessage]:
+def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
     """Yield the messages of a topic in order of recording; without content if damaged."""
-    with _opened(path, limits) as reader:
+    with _opened(path, reading) as reader:
         chosen = [item for item in reader.connections if item.topic == topic]
         for connection, log_time_ns, data in reader.messages(chosen) if chosen else ():
             try:
@@ -35,12 +36,12 @@ def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMes
             yield RawMessage(log_time_ns, connection.msgtype, cdr)
 
 
-def _opened(path: Path, limits: RecordingLimits) -> Any:
+def _opened(path: Path, reading: ReadingConfig) -> Any:
     with path.open('rb') as file:
         # Else rosbags looks for the end of the first line, wherever that is.
         if file.read(len(_MAGIC)) != _MAGIC:
             raise SourceError('it does not begin as a recording does')
-    return _bounded_reader()(path, limits)
+    return _bounded_reader()(path, reading)
 
 
 @functools.cache
@@ -55,9 +56,9 @@ def _bounded_reader() -> type:
 
         _indexed_bytes = _inflated_bytes = 0
 
-        def __init__(self, path: Path, limits: RecordingLimits) -> None:
+        def __init__(self, path: Path, reading: ReadingConfig) -> None:
             super().__init__(path)
-            self._limits, self._size = limits, path.stat().st_size
+            self._reading, self._size = reading, path.stat().st_size
 
         def read_index_data(self, pos: int, indexes: Any) -> None:
             """Read what a chunk's index says; ValueError once it is more than the file."""
@@ -72,10 +73,10 @@ def _bounded_reader() -> type:
             chunk = super().read_chunk()
 
             def bounded(data: bytes) -> bytes:
-                content = inflate(data, names[chunk.decompressor], self._limits.chunk_bytes)
+                content = inflate(data, names[chunk.decompressor], self._reading.most_bytes)
                 # One chunk is held: messages of two in turn would have both inflated each time.
                 self._inflated_bytes += len(content)
-                self._limits.refuse_bomb('it', self._inflated_bytes, self._size)
+                self._reading.refuse_bomb('it', self._inflated_bytes, self._size)
                 return content
 
             return chunk._replace(decompressor=bounded)

@@ -10,7 +10,8 @@ import sqlite3
 import struct
 
 from convseq_ros.errors import SourceError
-from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.inflate import inflate, inflated_file
 from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
 
 _HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
@@ -28,29 +29,29 @@ WHERE topics.name = ? ORDER BY timestamp
 """
 
 
-def index(path: Path, limits: RecordingLimits) -> Index:
+def index(path: Path, reading: ReadingConfig) -> Index:
     """Return what a .db3, or a .db3.zstd, holds; SourceError if it is cut, or computes that."""
-    with _opened(path, limits) as database:
+    with _opened(path, reading) as database:
         rows = database.execute(_TOPICS).fetchall()
         topics = merge_topics({name: Topic(name, kind, count)} for name, kind, count in rows)
         first, last = database.execute(_TIMES).fetchone()
     return Index(topics, max(0, (last or 0) - (first or 0)) / 1e9)
 
 
-def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMessage]:
+def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
     """Yield the messages of a topic in order of recording; each may be compressed."""
-    with _opened(path, limits) as database:
+    with _opened(path, reading) as database:
         for stamp_ns, kind, data in database.execute(_MESSAGES, (topic,)):
             content = bytes(data)
             if content.startswith(_ZSTD):
-                content = inflate(content, 'zstd', limits.chunk_bytes)
+                content = inflate(content, 'zstd', reading.most_bytes)
             yield RawMessage(int(stamp_ns), kind, content)
 
 
 @contextmanager
-def _opened(path: Path, limits: RecordingLimits) -> Iterator[sqlite3.Connection]:
+def _opened(path: Path, reading: ReadingConfig) -> Iterator[sqlite3.Connection]:
     """Open it to be read alone, without what computes; refuse more than it can hold."""
-    with inflated_file(path, limits) as plain:
+    with inflated_file(path, reading) as plain:
         size = _checked_size(plain)
         uri = f'{plain.absolute().as_uri()}?immutable=1'
         with closing(sqlite3.connect(uri, uri=True)) as database:
@@ -61,7 +62,7 @@ def _opened(path: Path, limits: RecordingLimits) -> Iterator[sqlite3.Connection]
                 return left[0] < 0
 
             database.set_progress_handler(is_too_long, _STEPS_AT_ONCE)
-            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, limits.chunk_bytes)
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, reading.most_bytes)
             database.execute('PRAGMA trusted_schema = OFF')
             _refuse_computed(database)
             held = 'SELECT count(*), coalesce(sum(length(data)), 0) FROM messages'

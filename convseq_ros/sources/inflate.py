@@ -5,7 +5,6 @@
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 import importlib
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,30 +13,7 @@ from typing import Any
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 
-_MEGA, _PIECE_BYTES = 1_000_000, 1 << 20
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingLimits:
-    """What no recording needs; a file that declares more was made to harm, or is damaged."""
-
-    # rosbag2 fills chunks to 768 KiB, Foxglove's tools to 4 MiB; then comes one message more,
-    # which is at most an image of 64 Mpx in four bytes a pixel.
-    reading: ReadingConfig = ReadingConfig()
-    # Images shrink to a third, drawn ones to a fiftieth; zeros to a thirty-thousandth.
-    ratio: int = 1000
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Return what one chunk, or one message, may hold."""
-        return round(self.reading.max_file_mb * _MEGA)
-
-    def refuse_bomb(self, where: object, inflated: int, size: int) -> None:
-        """Raise a SourceError if that many bytes are out of all proportion to a file's size."""
-        if inflated > self.ratio * size:
-            what = f'its {size} bytes inflate to {inflated / 1e9:.3g} GB, which no recording does'
-            fourth_mb = inflated / 4 / _MEGA
-            self.reading.refuse_above('max_file_mb', fourth_mb, f'{where}: {what}; a fourth')
+_PIECE_BYTES = 1 << 20
 
 
 def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
@@ -59,7 +35,7 @@ def inflate(data: bytes, compression: str, most_bytes: int) -> bytes:
 
 
 @contextmanager
-def inflated_file(path: Path, limits: RecordingLimits) -> Iterator[Path]:
+def inflated_file(path: Path, reading: ReadingConfig) -> Iterator[Path]:
     """Give a file that was compressed as a whole (`.zstd`) uncompressed; any other as it is."""
     if path.suffix.lower() != '.zstd':
         yield path
@@ -72,7 +48,7 @@ def inflated_file(path: Path, limits: RecordingLimits) -> Iterator[Path]:
         with path.open('rb') as packed, plain.open('wb') as file:
             for piece in zstandard.ZstdDecompressor().read_to_iter(packed):
                 inflated += len(piece)
-                limits.refuse_bomb(path, inflated, size)
+                reading.refuse_bomb(path, inflated, size)
                 file.write(piece)
         yield plain
 

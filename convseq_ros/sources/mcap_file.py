@@ -10,7 +10,8 @@ import struct
 from typing import Any, IO
 
 from convseq_ros.errors import one_line, SourceError
-from convseq_ros.sources.inflate import inflate, inflated_file, RecordingLimits
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.inflate import inflate, inflated_file
 from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
 
 _MAGIC = b'\x89MCAP0\r\n'
@@ -21,24 +22,24 @@ _CHUNK_HEAD_BYTES = 100  # more than stands before a chunk's records
 _FEW_RECORDS, _LEAST_BYTES = 100, 2
 
 
-def index(path: Path, limits: RecordingLimits) -> Index:
+def index(path: Path, reading: ReadingConfig) -> Index:
     """Return what a file's summary says; without one, what is there up to where it breaks."""
-    with inflated_file(path, limits) as plain:
-        return _summary(plain, limits) or _counted(plain, limits)
+    with inflated_file(path, reading) as plain:
+        return _summary(plain, reading) or _counted(plain, reading)
 
 
-def messages(path: Path, limits: RecordingLimits, topic: str) -> Iterator[RawMessage]:
+def messages(path: Path, reading: ReadingConfig, topic: str) -> Iterator[RawMessage]:
     """Yield the messages of a topic as they lie in the file; SourceError where it breaks."""
-    with inflated_file(path, limits) as plain:
-        yield from (message for message, name in _messages(plain, limits) if name == topic)
+    with inflated_file(path, reading) as plain:
+        yield from (message for message, name in _messages(plain, reading) if name == topic)
 
 
-def _summary(path: Path, limits: RecordingLimits) -> Index | None:
+def _summary(path: Path, reading: ReadingConfig) -> Index | None:
     from mcap.reader import SeekingReader
 
     try:
         with path.open('rb') as file:
-            found: Any = SeekingReader(file, record_size_limit=limits.chunk_bytes).get_summary()
+            found: Any = SeekingReader(file, record_size_limit=reading.most_bytes).get_summary()
         counts, times = found.statistics.channel_message_counts, found.statistics
         topics = merge_topics(
             {one.topic: Topic(one.topic, found.schemas[one.schema_id].name, counts.get(at, 0))}
@@ -51,12 +52,12 @@ def _summary(path: Path, limits: RecordingLimits) -> Index | None:
     return Index(topics, duration_s) if topics else None
 
 
-def _counted(path: Path, limits: RecordingLimits) -> Index:
+def _counted(path: Path, reading: ReadingConfig) -> Index:
     topics: dict[str, Topic] = {}
     times_ns: list[int] = []
     size, problem = path.stat().st_size, 'its index cannot be used, so it was read from the start'
     try:
-        for message, topic in _messages(path, limits):
+        for message, topic in _messages(path, reading):
             times_ns = [*times_ns[:1], message.log_time_ns]
             count = topics[topic].count if topic in topics else 0
             topics[topic] = Topic(topic, message.type_name, count + 1)
@@ -69,12 +70,12 @@ def _counted(path: Path, limits: RecordingLimits) -> Index:
     return Index(topics, max(0, times_ns[-1] - times_ns[0]) / 1e9, problem)
 
 
-def _messages(path: Path, limits: RecordingLimits) -> Iterator[tuple[RawMessage, str]]:
+def _messages(path: Path, reading: ReadingConfig) -> Iterator[tuple[RawMessage, str]]:
     """Yield messages and their topics; SourceError where the file breaks."""
     types: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     left = _FEW_RECORDS + path.stat().st_size // _LEAST_BYTES
-    for kind, record in _records_of_file(path, limits):
+    for kind, record in _records_of_file(path, reading):
         left -= 1
         if left < 0:
             raise SourceError('it holds more records than its size allows')
@@ -87,24 +88,24 @@ def _messages(path: Path, limits: RecordingLimits) -> Iterator[tuple[RawMessage,
             yield RawMessage(record.log_time, type_name, record.data), topic
 
 
-def _records_of_file(path: Path, limits: RecordingLimits) -> Iterator[tuple[int, Any]]:
+def _records_of_file(path: Path, reading: ReadingConfig) -> Iterator[tuple[int, Any]]:
     """Yield the kinds of records and the records, also those that lie in chunks."""
     with path.open('rb') as file:
         size, inflated = os.fstat(file.fileno()).st_size, 0
         if file.read(len(_MAGIC)) != _MAGIC:
             raise SourceError('not an mcap file; check that it is the recording')
-        for kind, record in _records(file, size, limits):
+        for kind, record in _records(file, size, reading):
             if kind == _FOOTER:
                 return
             if kind != _CHUNK:
                 yield kind, record
                 continue
             inflated += record.uncompressed_size
-            limits.refuse_bomb('it', inflated, size)
-            _refuse_large(limits, record.uncompressed_size)
+            reading.refuse_bomb('it', inflated, size)
+            _refuse_large(reading, record.uncompressed_size)
             try:
                 content = inflate(record.data, record.compression, record.uncompressed_size)
-                for inner in _records(BytesIO(content), len(content), limits):
+                for inner in _records(BytesIO(content), len(content), reading):
                     if inner[0] != _CHUNK:
                         yield inner
             except Exception as error:
@@ -112,7 +113,7 @@ def _records_of_file(path: Path, limits: RecordingLimits) -> Iterator[tuple[int,
     raise SourceError(f'at byte {size}: it has no end')
 
 
-def _records(file: IO[bytes], size: int, limits: RecordingLimits) -> Iterator[tuple[int, Any]]:
+def _records(file: IO[bytes], size: int, reading: ReadingConfig) -> Iterator[tuple[int, Any]]:
     """Yield records of one level; a chunk that is cut is yielded, and then is a SourceError."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Chunk, Message, Schema
@@ -124,7 +125,7 @@ def _records(file: IO[bytes], size: int, limits: RecordingLimits) -> Iterator[tu
         start, at = at, at + _HEAD.size + length
         is_whole = at <= size
         if kind == _CHUNK or (is_whole and kind in (_SCHEMA, _CHANNEL, _MESSAGE)):
-            _refuse_large(limits, min(length, size) - _CHUNK_HEAD_BYTES)
+            _refuse_large(reading, min(length, size) - _CHUNK_HEAD_BYTES)
             data = ReadDataStream(BytesIO(file.read(length)))
             try:
                 if kind == _MESSAGE:
@@ -143,5 +144,5 @@ def _records(file: IO[bytes], size: int, limits: RecordingLimits) -> Iterator[tu
         raise SourceError(f'at byte {at}')
 
 
-def _refuse_large(limits: RecordingLimits, size: int) -> None:
-    limits.reading.refuse_above('max_file_mb', size / 1e6, f'a chunk of {size / 1e6:.4g} MB')
+def _refuse_large(reading: ReadingConfig, size: int) -> None:
+    reading.refuse_above('max_file_mb', size / 1e6, f'a chunk of {size / 1e6:.4g} MB')

@@ -12,7 +12,6 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
-from convseq_ros.sources.inflate import RecordingLimits
 from convseq_ros.sources.topics import RawMessage, typestore
 
 _FORMATS: dict[str, tuple[Any, str]] = {
@@ -31,9 +30,9 @@ class Storage:
     empty. SourceError if nothing can be read; while iterating, if it breaks unexpectedly.
     """
 
-    def __init__(self, path: Path, limits: RecordingLimits) -> None:
+    def __init__(self, path: Path, reading: ReadingConfig) -> None:
         refuse_irregular(path)
-        self.path, self._limits = path, limits
+        self.path, self._reading = path, reading
         known = _NAME.search(path.name.lower())
         if not known:
             raise SourceError(
@@ -43,7 +42,7 @@ class Storage:
         self._format, repair = _FORMATS[known[1]]
         self._advice = f'repair it with `{repair}` or record again'
         try:
-            self.topics, self.duration_s, damage = self._format.index(path, limits)
+            self.topics, self.duration_s, damage = self._format.index(path, reading)
         except ImportError as error:
             name = (error.name or '').partition('.')[0]
             raise SourceError(f'{path}: {name} is missing; {pip_install(name)}') from None
@@ -57,7 +56,7 @@ class Storage:
         """Yield the messages of a topic as recorded; each call starts anew."""
         count = 0
         try:
-            for message in self._format.messages(self.path, self._limits, topic):
+            for message in self._format.messages(self.path, self._reading, topic):
                 yield message
                 count += 1
         except Exception as error:
@@ -84,11 +83,10 @@ def open_storage(
     be left out.
     """
     refuse_irregular(path)
-    limits = RecordingLimits(reading)
     if not path.exists():
         raise SourceError(f'{path}: no such file or folder; check the path')
     if not path.is_dir():
-        return [Storage(path, limits)], []
+        return [Storage(path, reading)], []
     problem = SourceError(
         f'{path}: no recording in this folder; expected a .mcap, .db3 or .bag file'
     )
@@ -96,7 +94,7 @@ def open_storage(
     storages: list[Storage] = []
     for file in filter(is_storage_file, sorted(path.iterdir(), key=natural_key)):
         try:
-            storages.append(Storage(file, limits))
+            storages.append(Storage(file, reading))
         except SourceError as error:
             problem = error
             warnings.append(f'{error}; the file was left out')
