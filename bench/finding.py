@@ -51,13 +51,10 @@ def cells(row: Row) -> list[str]:
 
 
 def table(lines: Iterable[list[str]]) -> str:
-    """Return a table for a terminal; the first line is its head."""
-    rows = list(lines)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return '\n'.join(
-        '  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    """Return a table in Markdown; the first line is its head."""
+    head, *rows = lines
+    marked = (f'| {" | ".join(line)} |\n' for line in [head, ['---'] * len(head), *rows])
+    return ''.join(marked)
 
 
 def number(value: float) -> str:

@@ -9,7 +9,7 @@ import textwrap
 from typing import Any
 
 from bench.arm import section
-from bench.finding import cells, COLUMNS, number, Row
+from bench.finding import cells, COLUMNS, number, Row, table
 from bench.part import PARTS
 from bench.parts import between
 
@@ -65,11 +65,11 @@ Another computer: `make board` writes `board.json`. Please send it.
 def write_page(measured: Mapping[str, Any], docs: Path) -> None:
     """Write the document."""
     rows = measured['findings']
-    parts = [_HEAD + _machine(measured), *map(_markdown, summary(measured)), _SPLIT]
+    parts = [_HEAD + _machine(measured), *map(table, summary(measured)), _SPLIT]
     lines = [
         cells(row)[:-1] for row in rows if row['most'] is not None or row['least'] is not None
     ]
-    parts.append(_markdown([list(COLUMNS[:-1]), *lines]))
+    parts.append(table([list(COLUMNS[:-1]), *lines]))
     if absent := [name for name in PARTS if name not in {row['part'] for row in rows}]:
         parts.append(f'Not measured here: {", ".join(absent)}.\n')
     parts.append(_ADVICE)
@@ -142,10 +142,3 @@ def _machine(measured: Mapping[str, Any]) -> str:
         'map, the same street in the evening the query. R is the number of places.'
     )
     return textwrap.fill(text, 99, break_on_hyphens=False) + '\n'
-
-
-def _markdown(lines: Iterable[list[str]]) -> str:
-    head, *rows = lines
-    return (
-        '\n'.join(f'| {" | ".join(line)} |' for line in [head, ['---'] * len(head), *rows]) + '\n'
-    )

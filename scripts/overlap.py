@@ -5,13 +5,12 @@ Print how much frames of a drawn street overlap, by how far apart they are and i
 
 Usage: python scripts/overlap.py, some seconds. The overlap is what
 `keyframe_overlap` is compared with: the share of a frame's salient regions that moved together
-since an earlier frame. Beside it the paper's similarity of the same frames. Medians over a street
-of 60 m.
+since an earlier frame. Medians over a street of 60 m.
 """
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
+from convseq_ros.core.similarity.overlap import Overlap
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.street import Street
 import numpy as np
@@ -29,7 +28,6 @@ def main() -> None:
     overlap = Overlap(EncodingConfig().saliency_threshold)
     print('| metres on |', ' | '.join(f'{STEP_M * one:g}' for one in APART), '|')
     print('|---|' + '---|' * len(APART))
-    similarity = PaperSimilarity('auto')
     for name, how in DRIVES.items():
         size = {'num_frames': 240, 'width_px': 320, 'height_px': 240}
         drive = Drive(frame_rate_hz=10 / STEP_M, **size, **how)
@@ -39,9 +37,7 @@ def main() -> None:
             np.median([overlap.since(overlap.prepare(old), new) for old, new in some])
             for some in pairs
         ]
-        alike = [np.median([similarity(new, old) for old, new in some]) for some in pairs]
         print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
-        print(f'| {name}, similarity |', ' | '.join(f'{one:.3f}' for one in alike), '|')
 
 
 if __name__ == '__main__':

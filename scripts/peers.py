@@ -67,23 +67,22 @@ class Run:
     """What a method did on a set, with one of its variants."""
 
     verdicts: Verdicts
-    neutral: npt.NDArray[np.bool_]  # (M,), what is neither right nor false
     halves: Sequence[str]
     frame_ms: float
     place_bytes: float
 
     def false(self, taken: npt.NDArray[np.bool_]) -> int:
         """Return how many of the answers taken are false."""
-        return int((taken & ~self.verdicts.correct & ~self.neutral).sum())
+        return int((taken & self._wrong).sum())
 
     def threshold(self, criterion: str) -> float:
         """Return the highest value of a false answer."""
-        wrong = self.verdicts.matched & ~self.verdicts.correct & ~self.neutral
+        wrong = self.verdicts.matched & self._wrong
         return float(self.verdicts.sure(criterion)[wrong].max(initial=-np.inf))
 
-    def taken(self, criterion: str, threshold: float) -> npt.NDArray[np.bool_]:
-        """Return which answers exceed a threshold."""
-        return self.verdicts.taken(criterion, threshold)
+    @property
+    def _wrong(self) -> npt.NDArray[np.bool_]:
+        return ~self.verdicts.correct & ~self.verdicts.slip
 
     def recall(self, taken: npt.NDArray[np.bool_]) -> float:
         """Return the share of known frames that are taken and right."""
@@ -106,8 +105,8 @@ def laps_material(data: Path, config: Config) -> Iterator[Material]:
         for name, first, last in (('rest', laps.FIRST_LAP + 1, 10**6), ('lap', 0, laps.FIRST_LAP)):
             folder = Path(made, name)
             folder.mkdir()
-            own = [one for one in pictures_in(data / 'laps' / 'drive')]
-            own = [one for one in own if first <= int(one.stem) <= last]
+            every = pictures_in(data / 'laps' / 'drive')
+            own = [one for one in every if first <= int(one.stem) <= last]
             for one in own:
                 (folder / one.name).symlink_to(one.resolve())
             parts.append(Part(folder))
@@ -144,10 +143,9 @@ def runs(material: Material, text: str, config: Config) -> list[Run]:
 
 
 def _run(outcome: Outcome) -> Run:
-    verdicts = judge(outcome)
     pairs = outcome.pairs
     frame_ms = outcome.frame_ms or (pairs.encode_ms or 0.0) + (pairs.row_ms or 0.0)
-    return Run(verdicts, verdicts.slip, outcome.halves, frame_ms, pairs.place_bytes or 0.0)
+    return Run(judge(outcome), outcome.halves, frame_ms, pairs.place_bytes or 0.0)
 
 
 def keep(path: Path, some: Sequence[Run]) -> None:
@@ -163,7 +161,6 @@ def recall(path: Path) -> list[Run]:
         values = {name: np.array(given) for name, given in one['verdicts'].pop('values').items()}
         flags = {name: np.array(given) for name, given in one['verdicts'].items()}
         one['verdicts'] = Verdicts(**flags, values=values)
-        one['neutral'] = np.array(one['neutral'])
     return [Run(**one) for one in told]
 
 
@@ -234,7 +231,7 @@ def _options(some: Sequence[Run]) -> Iterator[tuple[float, str]]:
     """Yield recall, and how long each run waits, at each criterion's best threshold."""
     for run in some:
         for criterion in criteria(run):
-            taken = run.taken(criterion, run.threshold(criterion))
+            taken = run.verdicts.taken(criterion, run.threshold(criterion))
             yield run.recall(taken), run.first(taken)
 
 
@@ -243,7 +240,7 @@ def _for_all(by_set: Sequence[Sequence[Run]]) -> Iterator[list[float]]:
     for variant in zip(*by_set, strict=True):
         for criterion in criteria(variant[0]):
             threshold = max(run.threshold(criterion) for run in variant)
-            yield [run.recall(run.taken(criterion, threshold)) for run in variant]
+            yield [run.recall(run.verdicts.taken(criterion, threshold)) for run in variant]
 
 
 def _own(run: Run) -> str:

@@ -5,11 +5,8 @@
 import time
 
 from convseq_ros.config import Config, KeyframeConfig
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame, Pose, Reason
 import numpy as np
 
@@ -31,7 +28,7 @@ _WAYS = {
 
 
 def measure(work: Work) -> list[Finding]:
-    """Drive past a recogniser, and past the gate alone without glances, for the same decisions."""
+    """Drive past a recogniser."""
     return [_measured(work, name, *way) for name, way in _WAYS.items()]
 
 
@@ -42,24 +39,20 @@ def _measured(
     reference_map = open_map(work.map_path(work.sizes[0]))
     reference_map.keyframes = keyframes
     recognizer = PlaceRecognizer(reference_map, Config())
-    gate = FrameGate(Config(), keyframes, PaperSimilarity())
-    took_ms, same = [], []
+    took_ms = []
     for index, gray in enumerate(images):
         pose = Pose((speed_mps * index / _RATE_HZ, 0.0, 0.0), _AHEAD) if has_odometry else None
         frame = Frame(round(index * 1e9 / _RATE_HZ), gray, pose=pose)
         start_ns = time.process_time_ns()
         reason = recognizer.process(frame).reason
         spent_ms = (time.process_time_ns() - start_ns) / 1e6
-        verdict = gate.update(frame.stamp_ns, frame.pose, lambda gray=gray: describe(gray))
-        passed = reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY)
-        same.append(passed == (verdict.reason is not None))
-        took_ms += [spent_ms] * passed
+        if reason in (Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY):
+            took_ms.append(spent_ms)
     return Finding(
         what=f'frame between keyframes, {speed_mps:g} m/s, {_RATE_HZ} Hz',
         side=name,
         value=float(np.median(took_ms)) if took_ms else None,
         runs=len(took_ms),
         most=_MOST_MS,
-        note=f'{len(took_ms)} of {len(images)} frames; {100 * np.mean(same):.1f} % decided as '
-        'without glances',
+        note=f'{len(took_ms)} of {len(images)} frames',
     )

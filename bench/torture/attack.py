@@ -63,7 +63,7 @@ def attacks() -> dict[str, Attack]:
 def carry_out(attack: Attack, count: int, outcome: Outcome, folder: Path) -> None:
     """Try as often as asked, by the next seed, with what that needs in a folder; count it."""
     started_s, seed = time.monotonic(), outcome.seed + outcome.portions
-    for one in attack.run(count, seed, folder):
+    for one in attack.run(count, seed, folder) if count else ():
         outcome.tries += 1
         outcome.survived += not one.problem
         if one.problem:

@@ -3,17 +3,16 @@
 """The log that a crash leaves beside a growing map, and a bad disk that flips a bit of it."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 import random
-import time
 
 from convseq_ros.core.map.format import PAGE_BYTES
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
-from convseq_ros.errors import MapError
 
 from bench.torture.attack import Try
-from bench.torture.scenarios import APART, drawn, ENCODING
+from bench.torture.scenarios import add_one, APART, drawn, ENCODING, problem_of_use
 
 ABOUT = (
     'A map grows in one to six commits and crashes, none of them in its file yet; one bit of the '
@@ -26,7 +25,6 @@ ORACLE = (
 COUNT, PORTION, SHORT, SEED = 2_000, 500, 30, 16
 _PLACES, _SECTOR = 8, 512
 _FRAME, _MARK = PAGE_BYTES + 24, 24  # of the log: a page, before which stands whose it is
-_MOST_S = 5.0
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
@@ -51,7 +49,8 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
         path.write_bytes(whole)
         path.with_name('map.db-wal').write_bytes(damaged)
         name = f'{number}: {"flip" if is_flip else "zeros"} at {position} of {len(log)}'
-        yield Try(name, _problem(path, allowed, damaged == log))
+        used = partial(_used, path, allowed)
+        yield Try(name, problem_of_use(path, used, may_refuse=damaged != log))
 
 
 def _crashed(
@@ -76,22 +75,7 @@ def _clear(folder: Path) -> None:
         one.unlink()
 
 
-def _problem(path: Path, allowed: set[int], is_whole: bool) -> str:
-    started_s = time.monotonic()
-    try:
-        if (found := len(MapReader(path))) not in allowed:
-            return f'has {found} places, not {sorted(allowed)}'
-        with MapWriter(path, ENCODING, APART, append=True) as writer:
-            writer.copy(drawn(found + 1), found + 1)
-        if (
-            MapReader(path).reference_map().places[found].stamp_ns
-            != drawn(found + 1).places[found].stamp_ns
-        ):
-            return 'what was added is not there'
-    except MapError as error:
-        if is_whole or '\n' in str(error) or path.name not in str(error):
-            return f'says {error}'
-    except Exception as error:
-        return repr(error)
-    took_s = time.monotonic() - started_s
-    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''
+def _used(path: Path, allowed: set[int]) -> str:
+    if (found := len(MapReader(path))) not in allowed:
+        return f'has {found} places, not {sorted(allowed)}'
+    return add_one(path, found)

@@ -5,14 +5,12 @@
 from collections.abc import Iterator
 from pathlib import Path
 import random
-import time
 
 from convseq_ros.core.map.reader import MapReader, open_map
-from convseq_ros.core.map.writer import MapWriter, save_map
-from convseq_ros.errors import MapError
+from convseq_ros.core.map.writer import save_map
 
 from bench.torture.attack import Try
-from bench.torture.scenarios import APART, drawn, ENCODING, links_hold
+from bench.torture.scenarios import add_one, drawn, links_hold, problem_of_use
 
 ABOUT = (
     'In a map of 60 places and 40 links one bit flips (of ten tries six), 512 bytes are zeros or '
@@ -24,7 +22,6 @@ ORACLE = (
 )
 COUNT, PORTION, SHORT, SEED = 5_000, 500, 40, 16
 _PLACES, _LINKS, _SECTOR = 60, 40, 512
-_MOST_S = 5.0
 
 
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
@@ -37,7 +34,7 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             beside.unlink()
         name, damaged = _damaged(whole, draw)
         path.write_bytes(damaged)
-        yield Try(f'{number}: {name}', _problem(path, answers))
+        yield Try(f'{number}: {name}', problem_of_use(path, lambda: _used(path, answers)))
 
 
 def _damaged(whole: bytes, draw: random.Random) -> tuple[str, bytes]:
@@ -68,22 +65,10 @@ def _answers(path: Path) -> object:
     )
 
 
-def _problem(path: Path, answers: object) -> str:
-    started_s = time.monotonic()
-    try:
-        if _answers(path) != answers:
-            return 'answers otherwise'
-        opened = open_map(path)
-        if not links_hold(opened) or (len(opened.links) < _LINKS and not opened.problem):
-            return f'has {len(opened.links)} links, and says {opened.problem!r}'
-        with MapWriter(path, ENCODING, APART, append=True) as writer:
-            writer.copy(drawn(_PLACES + 1), _PLACES + 1)
-        if len(MapReader(path)) != _PLACES + 1:
-            return 'what was added is not there'
-    except MapError as error:
-        if '\n' in str(error) or path.name not in str(error):
-            return f'says {error}'
-    except Exception as error:
-        return repr(error)
-    took_s = time.monotonic() - started_s
-    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''
+def _used(path: Path, answers: object) -> str:
+    if _answers(path) != answers:
+        return 'answers otherwise'
+    opened = open_map(path)
+    if not links_hold(opened) or (len(opened.links) < _LINKS and not opened.problem):
+        return f'has {len(opened.links)} links, and says {opened.problem!r}'
+    return add_one(path, _PLACES)

@@ -5,20 +5,17 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 import itertools
-import json
 import os
 from pathlib import Path
 import random
 import shutil
 import struct
-import sys
 import tempfile
 import traceback
 
-from bench.torture import scenarios
 from bench.torture.attack import Try
 from bench.torture.disk import recorded, tries_of
-from bench.torture.scenarios import Acknowledged, autosave, SCENARIOS
+from bench.torture.scenarios import Acknowledged, print_tries, SCENARIOS
 
 ABOUT = (
     'The power is cut at a random call of those of `map_writes`: of what was written since a file '
@@ -190,13 +187,5 @@ def _problem(
     return ''
 
 
-def main() -> None:
-    """Make the tries."""
-    count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    autosave._COMMIT_EVERY_S = scenarios.NEVER_S
-    for found in tries(count, seed, folder):
-        print(json.dumps(found), flush=True)
-
-
 if __name__ == '__main__':
-    main()
+    print_tries(tries)

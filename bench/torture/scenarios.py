@@ -16,6 +16,7 @@ from pathlib import Path
 import random
 import sys
 import tempfile
+import time
 import traceback
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
@@ -25,7 +26,7 @@ from convseq_ros.core.map.edit import joined, slices_of, unlink, without, write_
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.map.writer import save_map
+from convseq_ros.core.map.writer import MapWriter, save_map
 from convseq_ros.core.types import Match, Pose, Reason, RelativePose, Status
 from convseq_ros.errors import MapError
 from convseq_ros.results import read_results, ResultWriter
@@ -37,7 +38,8 @@ ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
 _MOST_PLACES = 40  # in a commit: some pages of every table
 _RELATIVE = RelativePose((0.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (1.0, 0.0, 0.0), np.eye(6), 30)
 _DIED, _REFUSED, _BROKE = 137, 1, 3  # exit codes
-NEVER_S = 1e6
+_NEVER_S = 1e6
+_MOST_S = 5.0  # that the use of a damaged map takes
 
 
 class Acknowledged:
@@ -109,6 +111,30 @@ def links_hold(reference_map: ReferenceMap) -> bool:
         and one.anchor <= one.other
         for one in reference_map.links.each()
     )
+
+
+def add_one(path: Path, count: int) -> str:
+    """Add a place to a map of so many; return what is wrong with it then."""
+    whole = drawn(count + 1)
+    with MapWriter(path, ENCODING, APART, append=True) as writer:
+        writer.copy(whole, count + 1)
+    added = open_map(path).places[count:]
+    return '' if [*added] == [*whole.places[count:]] else 'what was added is not there'
+
+
+def problem_of_use(path: Path, use: Callable[[], str], may_refuse: bool = True) -> str:
+    """Return what is wrong with a use of a damaged map, which may refuse it in one line."""
+    started_s = time.monotonic()
+    try:
+        if problem := use():
+            return problem
+    except MapError as error:
+        if not may_refuse or '\n' in str(error) or path.name not in str(error):
+            return f'says {error}'
+    except Exception as error:
+        return repr(error)
+    took_s = time.monotonic() - started_s
+    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''
 
 
 def drawn(count: int, drive: int = 0) -> ReferenceMap:
@@ -359,13 +385,13 @@ def _act(
     os._exit(code)
 
 
-def main() -> None:
-    """Make the tries."""
+def print_tries(make: Callable[[int, int, Path], Iterator[tuple[str, str]]]) -> None:
+    """Make the tries that the command line asks for, one after another."""
     count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
-    autosave._COMMIT_EVERY_S = NEVER_S  # what is written is asked for, one thing after another
-    for found in tries(count, seed, folder):
+    autosave._COMMIT_EVERY_S = _NEVER_S  # what is written is asked for
+    for found in make(count, seed, folder):
         print(json.dumps(found), flush=True)
 
 
 if __name__ == '__main__':
-    main()
+    print_tries(tries)

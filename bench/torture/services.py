@@ -30,8 +30,6 @@ _PATIENCE_S = 30.0
 def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
     """Call, one service after another."""
     draw = random.Random(seed)
-    if not count:
-        return
     with robot(
         folder,
         mode='online',
@@ -89,9 +87,9 @@ def _request(name: str, draw: random.Random, folder: Path) -> object:
         urls = ('', '/none.db', '/dev/zero', str(folder / 'copy.db'), '\0', 'x' * 5_000)
         return LoadMap.Request(map_url=draw.choice(urls))
     if name == 'get_parameters':
-        return GetParameters.Request(names=['min_evidence', 'none', ''])
+        return GetParameters.Request(names=['min_confidence', 'none', ''])
     if name == 'set_parameters':
         values = (1.5, -1.0, 1e308, float('nan'), 'much', [1, 2], True)
-        parameter = Parameter('min_evidence', value=draw.choice(values))
+        parameter = Parameter('min_confidence', value=draw.choice(values))
         return SetParameters.Request(parameters=[parameter.to_parameter_msg()])
     return Trigger.Request()

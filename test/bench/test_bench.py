@@ -23,8 +23,6 @@ from bench.torture.disk import compiler
 from bench.torture.scenarios import SCENARIOS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-
 NEED_A_COMPILER = 'map_power', 'map_writes'
 
 
@@ -48,7 +46,7 @@ from convseq_ros.core.map.autosave import Autosave
 Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
 scenarios.SCENARIOS = {'grow': scenarios.SCENARIOS['grow']}
 sys.argv[1:] = ['6', '0', sys.argv[1]]
-scenarios.main()
+scenarios.print_tries(scenarios.tries)
 """
 
 
@@ -65,7 +63,6 @@ def test_the_torture_finds_out_who_lies(tmp_path):
     assert len(told) == 6 and sum('AssertionError' in line for line in told) > 2, done
 
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 SPARE_BYTES = 200_000_000
 
 
@@ -118,9 +115,6 @@ def test_the_fuzzer_reports_what_breaks_a_decoder_and_keeps_the_input(tmp_path):
     for _, executions, problem in broken:
         kept = tmp_path / 'found' / problem.split('; ')[-1]
         assert executions < 100 and kept.read_bytes().startswith(b'!'), problem
-
-
-REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_every_part_measures_and_the_page_is_written(tmp_path):
