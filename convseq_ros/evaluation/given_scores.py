@@ -13,7 +13,7 @@ from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Match, Row
-from convseq_ros.evaluation.drive import Drive
+from convseq_ros.evaluation.material import Drive
 from convseq_ros.evaluation.recognition import part_of, Scores, with_known
 import numpy as np
 import numpy.typing as npt

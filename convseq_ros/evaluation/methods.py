@@ -15,9 +15,8 @@ from convseq_ros.baselines.whole_image_hog import whole_image_hog
 from convseq_ros.config import Config, core_parameters
 from convseq_ros.errors import ConfigError, SourceError
 from convseq_ros.evaluation import peers
-from convseq_ros.evaluation.drive import Images
 from convseq_ros.evaluation.given_scores import PairScores
-from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.material import Images, Material
 from convseq_ros.evaluation.recognition import Recognition, recognize, with_known
 from convseq_ros.files import read_array
 from convseq_ros.onnx_model import OnnxModel

@@ -33,8 +33,7 @@ from typing import Any
 
 from convseq_ros.core.map.place import thumbnail
 from convseq_ros.errors import SourceError
-from convseq_ros.evaluation.drive import Images
-from convseq_ros.evaluation.material import Material
+from convseq_ros.evaluation.material import Images, Material
 from convseq_ros.evaluation.metrics import Curve
 from convseq_ros.evaluation.protocols import OPEN, Outcome, VERSION
 from convseq_ros.evaluation.scorecard import margin, Verdicts
