@@ -33,10 +33,7 @@ def main() -> None:
         drive = Drive(frame_rate_hz=10 / STEP_M, **size, **how)
         shown = [describe(shot.frame.gray) for shot in draw(Street(61.0, STREET), drive)]
         pairs = [[(shown[at], shown[at + one]) for at in range(0, 200, 20)] for one in APART]
-        shares = [
-            np.median([overlap.since(overlap.prepare(old), new) for old, new in some])
-            for some in pairs
-        ]
+        shares = [np.median([overlap(new, old) for old, new in some]) for some in pairs]
         print(f'| {name} |', ' | '.join(f'{one:.2f}' for one in shares), '|')
 
 

@@ -14,7 +14,6 @@ from enum import Enum
 from itertools import pairwise
 import math
 import statistics
-from typing import Any
 
 from convseq_ros.config import Config, KeyframeConfig, MotionConfig
 from convseq_ros.core.constants import constants
@@ -297,7 +296,7 @@ class FrameGate:
         self._glances.reset()
         self._last_ns: int | None = None  # of the last keyframe, as the others
         self._pose: Pose | None = None
-        self._scene: Any = None
+        self._scene: Descriptor | None = None
 
     def update(
         self,
@@ -321,8 +320,8 @@ class FrameGate:
         if self._by_scene:  # else uninformative frames are keyframes, too
             if not descriptor.informative:
                 return Verdict(Reason.UNINFORMATIVE, descriptor)
-            share = self._keyframes.keyframe_overlap
-            if self._overlap.is_above(self._scene, descriptor, share):
+            share, last = self._keyframes.keyframe_overlap, self._scene
+            if last is not None and self._overlap(descriptor, last, share) > share:
                 self._glances.update(seen, True)
                 return self._passed(still, pose, seen, descriptor)
         # In the dark, noise alone may leave little overlap; it is the last keyframe all the same.
@@ -331,7 +330,7 @@ class FrameGate:
         if alike:
             return self._passed(still or not self._by_scene, pose, seen, descriptor)
         if self._by_scene:
-            self._scene = self._overlap.prepare(descriptor)
+            self._scene = descriptor
         self._last_ns, self._pose = stamp_ns, pose or self._pose
         return Verdict(None, descriptor, self._drops.update_keyframe())
 

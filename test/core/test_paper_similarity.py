@@ -72,8 +72,7 @@ def view(scale=1.0, light=1.0, noise=0.0, seed=0):
 
 def since(first, *others):
     overlap = Overlap(0.5)
-    prepared = overlap.prepare(first)
-    return [overlap.since(prepared, other) for other in others]
+    return [overlap(other, first) for other in others]
 
 
 def test_it_is_the_coherent_score_with_normalised_cells():
@@ -92,9 +91,7 @@ def test_the_same_view_overlaps_and_it_gets_less_and_less_on_the_way():
 def test_above_a_share_is_what_its_exact_score_is():
     overlap = Overlap(0.5)
     first, others = view(noise=1), [view(scale, noise=1) for scale in (1.0, 1.1, 1.2)]
-    prepared = overlap.prepare(first)
     for other in others:
-        exact = overlap.since(prepared, other)
+        exact = overlap(other, first)
         for share in (exact - 0.1, exact - 1e-5, exact + 1e-5, exact + 0.1):
-            assert overlap.is_above(prepared, other, share) == (exact > share)
-    assert not overlap.is_above(None, first, 0.0)
+            assert (overlap(other, first, share) > share) == (exact > share)

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How similar two images of one drive are: by the paper's pair score (III-D), and by ours."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 from convseq_ros.config import MatchingConfig
 from convseq_ros.core.encoding.entropy import ENTROPY
@@ -18,66 +17,63 @@ _PAPER_ERROR = 0.002  # of an 8-bit score; more than its kernel promises
 _ERROR = 0.02  # of an 8-bit overlap; twice what its kernel promises
 
 
-class PaperSimilarity:
+class _Scores:
     """Scores pairs of descriptors by the definition, with any kernel; prepares each once."""
 
-    def __init__(self, kernel: str = 'auto') -> None:
-        fast, exact = chosen_kernels(MatchingConfig(matching='regional', kernel=kernel))
-        self._exact = _scored(exact)
-        self._fast = self._exact if fast.exact else _scored(fast)
+    def __init__(
+        self, matching: MatchingConfig, least_bits: float, error: float, kept: int
+    ) -> None:
+        fast, exact = chosen_kernels(matching)
+        self._exact = _scored(exact, least_bits, kept)
+        self._fast = None if fast.exact else _scored(fast, least_bits, kept)
+        self._error = error
 
     def __call__(self, query: Descriptor, other: Descriptor, limit: float | None = None) -> float:
         """
-        Return the pair score of an informative query and another descriptor, in [0, 1].
+        Return the score of a query and another descriptor, in [0, 1].
 
         By 8 bits, four times as fast, if that tells on which side of a limit it lies.
         """
-        if limit is not None and abs((found := self._fast(query, other)) - limit) > _PAPER_ERROR:
-            return found
+        if limit is not None and self._fast:
+            if abs((found := self._fast(query, other)) - limit) > self._error:
+                return found
         return self._exact(query, other)
 
 
-def _scored(pair: PairScore) -> Callable[[Descriptor, Descriptor], float]:
-    """Return what scores two descriptors, each prepared once."""
-    extract = lru_cache(_KEPT)(lambda query: pair.extract(query, 0.0, None))
-    prepare = lru_cache(_KEPT)(lambda other: pair.prepare(other.cells, None))
-    return lambda query, other: float(pair.compare(extract(query), [prepare(other)])[0][0])
+class PaperSimilarity(_Scores):
+    """The pair score of an informative query and another descriptor."""
+
+    def __init__(self, kernel: str = 'auto') -> None:
+        matching = MatchingConfig(matching='regional', kernel=kernel)
+        super().__init__(matching, 0.0, _PAPER_ERROR, _KEPT)
 
 
-class Overlap:
+class Overlap(_Scores):
     """
-    Compares two images by their coherent score, of the definition, with normalised cells.
+    The coherent score of normalised cells: what moved together from the other image to the query.
 
     What is left of it after a way depends on how near things are, hardly on the light.
     """
 
     def __init__(self, saliency_threshold: float, kernel: str = 'auto') -> None:
-        fast, exact = chosen_kernels(MatchingConfig(matching='coherent', kernel=kernel))
-        self._pairs = (exact,) if fast.exact else (fast, exact)  # the cheapest first
-        self._normalize = exact.normalize or (lambda cells: cells)
-        self._least_bits = saliency_threshold * ENTROPY.max_bits
+        matching = MatchingConfig(matching='coherent', kernel=kernel)
+        super().__init__(matching, saliency_threshold * ENTROPY.max_bits, _ERROR, kept=2)
 
-    def prepare(self, descriptor: Descriptor) -> tuple[Any, ...]:
-        """Return what others are compared with."""
-        cells = self._normalize(descriptor.cells)
-        return tuple(pair.prepare(cells, None) for pair in self._pairs)
 
-    def since(self, prepared: tuple[Any, ...] | None, descriptor: Descriptor) -> float:
-        """Return what moved together, as a share in [0, 1]; 0 since nothing (None)."""
-        return [0.0, *self._shares(prepared, descriptor)][-1]
+def _scored(
+    pair: PairScore, least_bits: float, kept: int
+) -> Callable[[Descriptor, Descriptor], float]:
+    """Return what scores two descriptors, each prepared once; 0 if the query shows nothing."""
 
-    def is_above(
-        self, prepared: tuple[Any, ...] | None, descriptor: Descriptor, share: float
-    ) -> bool:
-        """Return whether `since` is above a share; what is far from it needs no exact score."""
-        found = 0.0
-        for found in self._shares(prepared, descriptor):
-            if abs(found - share) > _ERROR:
-                break
-        return found > share
+    @lru_cache(kept)
+    def seen(one: Descriptor) -> Descriptor:
+        return replace(one, cells=pair.normalize(one.cells)) if pair.normalize else one
 
-    def _shares(self, prepared: tuple[Any, ...] | None, descriptor: Descriptor) -> Iterator[float]:
-        normalized = replace(descriptor, cells=self._normalize(descriptor.cells))
-        for pair, one in zip(self._pairs, prepared or (), strict=False):
-            query = pair.extract(normalized, self._least_bits, None)
-            yield 0.0 if query is None else float(pair.compare(query, [one])[0][0])
+    extract = lru_cache(kept)(lambda query: pair.extract(seen(query), least_bits, None))
+    prepare = lru_cache(kept)(lambda other: pair.prepare(seen(other).cells, None))
+
+    def score(query: Descriptor, other: Descriptor) -> float:
+        asked = extract(query)
+        return 0.0 if asked is None else float(pair.compare(asked, [prepare(other)])[0][0])
+
+    return score
