@@ -113,9 +113,8 @@ class NearnessByGlance:
     """
     Tells by glances alone which frames a slower test would find near to the last far one.
 
-    It learns from that test how far away frames are safely near: no further than the last that
-    was found near before one was found far. What nobody tested does not count as safe, so that it
-    cannot grow by its own word.
+    It learns from that test how far away frames are safely near; what nobody tested does not
+    count, so that it cannot grow by its own word.
     """
 
     def __init__(self) -> None:

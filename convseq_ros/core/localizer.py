@@ -25,10 +25,9 @@ class Localizer:
     """
     Holds `lost`, `candidate` or `localised` over the matches of a drive.
 
-    Localised is a robot whose place holds at least `min_confidence` of the belief, and it stays so
-    until that place, and what is near it, holds less than half: one keyframe at least passes
-    before it is localised elsewhere. A place with a tenth is a candidate. In a map that grows
-    only the places of earlier sessions count.
+    Localised is a robot whose place holds at least `min_confidence` of the belief, until that
+    place and what is near it hold less than half; a place with a tenth is a candidate. In a map
+    that grows only the places of earlier sessions count.
     """
 
     def __init__(self, reference_map: ReferenceMap) -> None:

@@ -28,12 +28,8 @@ def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR
     """
     Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
 
-    Notes
-    -----
-    As the released script, not as the paper's text: entropy is computed on a 100 x 100 copy of the
-    resized image and enlarged again. It is that of `skimage.filters.rank.entropy`: what of the
-    disk of 81 pixels lies beyond the image's edge does not count.
-
+    As the released script, not the paper's text: that of `skimage.filters.rank.entropy` on a 100 x
+    100 copy, enlarged again; beyond the image's edge nothing counts.
     """
     enlarged = _enlarged_means(gray.shape[0], cells)
     bits = enlarged @ local_entropy(gray, interpolation) @ enlarged.T

@@ -21,10 +21,9 @@ def disk_sums(
     """
     Fill in the sum of c log2 c over a disk around every pixel, without loops over pixels.
 
-    The n-th pixel of its level, in reading order, adds n log2 n - (n - 1) log2 (n - 1). So for one
-    pixel of the disk after the other the equal ones before it are counted, around all pixels of
-    the image at once. Those in a row of the disk are a difference of two running sums along a row
-    of the image, which serve many pixels of the disk.
+    The n-th pixel of its level, in reading order, adds n log2 n - (n - 1) log2 (n - 1): the equal
+    ones before each pixel of the disk are counted, around all pixels at once, by running sums
+    along the rows of the image.
     """
     height, width = sums.shape
     line, size = levels.shape[1], levels.size

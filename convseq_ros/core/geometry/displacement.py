@@ -88,10 +88,9 @@ def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
     """
     Return where regions lie in another image, rows and columns (n, 2); NaN if not found.
 
-    They are expected to have moved by `went` rows and columns, (n, 2). The other image is
-    bent until all would stay where they are: then no region leaves the search, however far it
-    moved, and neighbours, over which similarities are averaged, move alike. Ours: the
-    averaged field alone makes large parallax too small.
+    They are expected to have moved by `went`, (n, 2), and the other image is bent until all would
+    stay: none leaves the search, and neighbours move alike. Ours: large parallax is not smoothed
+    away.
     """
     side = regions.side
     grid = np.indices((side, side)).reshape(2, -1).T.astype(np.float64)

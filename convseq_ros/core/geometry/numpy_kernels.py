@@ -33,11 +33,9 @@ def displacements(query: Arranged, reference: Arranged, start: tuple[int, int]) 
     """
     Return which regions of a query are found in a reference, and found back, (n, 5).
 
-    Every displacement within 4 cells of `start`, rows and columns, is tried for all regions; its
-    similarities are averaged over neighbours, since these move alike and know together what none
-    knows alone. The best displacement of a region, refined by a parabola in both directions,
-    counts if it is not on the border of the search, and the best of where it leads to, seen from
-    the reference, differs by at most 0.7 cells. Query and reference are of one size.
+    Every displacement within 4 cells of `start` is tried, its similarities averaged over
+    neighbours. The best, refined by parabolas, counts if it is not on the border, and the best way
+    back from where it leads differs by at most 0.7 cells.
     """
     side, shape = query.side, (query.side**2, _SPAN**2)
     sums, (norms, shared) = _blended(_tried(query, reference, start)), _norms(side, start)

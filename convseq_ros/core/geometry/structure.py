@@ -110,8 +110,7 @@ def _off(sight: Sight, rays: Doubles, inverse: Doubles) -> tuple[Doubles, Double
     """
     Return how far off what was seen points are, in cells, and by how much more per 1 / m.
 
-    Both have shape (2, n), or (m, 2, n) for inverse depths of shape (m, 1): sums over what lies
-    side by side in memory are several times as fast.
+    Both (2, n), or (m, 2, n) for inverse depths (m, 1): sums over neighbours in memory are faster.
     """
     turned, way = sight.moved[:3, :3] @ rays.T, sight.moved[:3, 3:]
     points = turned + inverse[..., None, :] * way

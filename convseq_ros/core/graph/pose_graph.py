@@ -80,11 +80,7 @@ def _numbers(moved: Matrix) -> str:
 def brought_together(
     poses: Poses, session: Sequence[int], edges: Iterable[Edge]
 ) -> dict[int, Matrix]:
-    """
-    Return the poses of the sessions that links connect with the first linked one, in its frame.
-
-    Each session is moved as a whole, by the link that most other links agree with.
-    """
+    """Return poses of linked sessions in the first one's frame; each moves as most links agree."""
     links = [edge for edge in edges if edge.is_link]
     if not links:
         return {}
@@ -144,9 +140,8 @@ def agreeing(graph: Any, start: Any, believed: int, share: float = 0.99) -> tupl
     """
     Return the values that agree best with a graph of GTSAM, and which factors they agree with.
 
-    The first `believed` factors are right; which of the others are is decided by graduated
-    non-convexity with truncated least squares (Yang, Antonante, Tzoumas and Carlone, RA-L 2020).
-    A factor counts if a `share` of the right ones would agree as badly.
+    The first `believed` are right; others count if a `share` of the right ones would agree as
+    badly, by graduated non-convexity (Yang, Antonante, Tzoumas and Carlone, RA-L 2020).
     """
     gtsam = _gtsam()
     # The first step of the method; where all agree, it is the last one.

@@ -97,10 +97,9 @@ class Database:
 
     def write_ahead(self) -> bool:
         """
-        Have commits go to a log beside the file, so that no reader waits for one.
+        Have commits go to a log beside the file, so that no reader waits; not while another reads.
 
-        Return False if that fails, as where programs share no memory; what failed is to be closed.
-        Nothing changes while another program reads.
+        Return False if that fails, as where programs share no memory; then close this.
         """
         try:
             self._journal_mode('WAL')

@@ -143,9 +143,8 @@ def relative_yaw(shift_px: Shift, camera: Camera) -> float:
     """
     Return by how many radians, in (-pi, pi), the query's camera is turned left.
 
-    Half the shift is to one side of the optical axis in the query, half to the other in the
-    reference. Lens distortion is left out. A camera that was moved sideways sees near things
-    shifted as well, which no single shift can tell from a turn.
+    Half the shift is on either side of the optical axis. Lens distortion is left out, and near
+    things of a camera that was moved sideways shift as well.
     """
     return -2.0 * math.atan(shift_px[1] / (2.0 * camera.fx_px))
 

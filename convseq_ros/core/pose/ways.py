@@ -44,11 +44,7 @@ class Ways:
         return math.dist(one, two)
 
     def neighbours(self, index: int, apart_m: float, count: int) -> list[tuple[int, Matrix]]:
-        """
-        Return places so far apart before and after a place, and the motions to them.
-
-        They are half on either side, or all on one where there are none on the other.
-        """
+        """Return places so far apart on both sides of a place, or on one, and motions to them."""
         sides = [self._on_side(index, side, apart_m, count) for side in (-1, 1)]
         if all(sides):
             sides = [found[: count // 2] for found in sides]

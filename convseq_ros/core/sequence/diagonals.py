@@ -57,11 +57,7 @@ def choose_length(
 
 
 def diagonal(length: int, velocity: float = 1.0) -> list[int]:
-    """
-    Return how many references before its end a diagonal meets each frame, newest first.
-
-    Negative ones, after its end, where the drive goes through the map backwards.
-    """
+    """Return how far before its end, negative if after, a diagonal meets frames, newest first."""
     steps = [int(offset * abs(velocity) + 0.5) for offset in range(length)]
     return steps if velocity > 0 else [-step for step in steps]
 

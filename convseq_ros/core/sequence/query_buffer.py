@@ -110,11 +110,7 @@ class QueryBuffer:
         return None if features is None else self._matcher.rough_scores(features, ends)
 
     def best_scores(self, length: int, ends: Indices) -> Values:
-        """
-        Return the `sequence_scores` (n,) of the newest frames, of the pairs that are scored.
-
-        They are exact for the 8 best at most, those within 0.02 of the best.
-        """
+        """Return `sequence_scores` (n,), exact for the 8 best within 0.02 of the best."""
         scores = sequence_scores(self.rows[:length], ends=ends, bounds=self.bounds)
         if self._matcher.exact:
             return scores
@@ -156,12 +152,7 @@ class QueryBuffer:
 
     @property
     def novelty(self) -> float:
-        """
-        How much the newest frame shows that the one before did not, in [0, 1].
-
-        1 up to a cosine of 0.5 of their regions, which frames of a drive hardly exceed; 0 if the
-        image is the same.
-        """
+        """How new the newest frame is, in [0, 1]: 1 up to a cosine of 0.5 with the last."""
         return self.newest.novelty
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:

@@ -106,9 +106,8 @@ def extract(
     """
     Return what is compared of a query; None if no region of it is salient.
 
-    A region is, if the mean entropy over its 3 x 3 cells is at least so many bits. `regions` are
-    all regions of the query, (N, 32); its `projected_regions` by default. Of rows and columns of
-    regions, one of each `step` is taken.
+    A region is, if its 3 x 3 cells have so many bits on average. `regions` are all of them, (N,
+    32), by default projected; of their rows and columns, one of each `step` is taken.
     """
     entropy = cv2.boxFilter(query.cell_entropy, -1, (REGION.span, REGION.span))[1:-1, 1:-1]
     index = np.flatnonzero(entropy[::step, ::step] >= least_bits)

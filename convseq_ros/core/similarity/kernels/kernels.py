@@ -285,10 +285,5 @@ class _CompiledRegional(PairScore):
 
 
 def compiled_pair(matching: str, name: str) -> PairScore:
-    """
-    Return the pair score of a way of matching by `float32` products, or by `int8` ones.
-
-    The former's scores are those of the definition; the latter's are within 0.01 of them, or, of
-    the paper's, within 0.0015.
-    """
+    """Return a pair score by `float32`, exact to 1e-6, or `int8`, to 0.01 (the paper's .0015)."""
     return _CompiledCoherent(name) if matching == 'coherent' else _CompiledRegional(name)

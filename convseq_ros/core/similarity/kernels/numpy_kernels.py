@@ -43,10 +43,9 @@ def normalized(cells: Cells) -> Cells:
     """
     Return cells (S, S, 8) less their noise, with strong edges made more like weak ones, in [0, 1).
 
-    Noise has no direction: what is in all bins of a cell alike, the smallest of them, is taken
-    off. Neighbouring cells are blended a little, so that an edge may lie on either side of their
-    border. Each number x becomes x / (x + 6 m), with m the mean of the image: else a lamp or one
-    tree's edge is all that a region shows.
+    Noise is in all bins of a cell alike: the smallest is taken off. Neighbours are blended, so
+    that an edge may lie on either side of a border. With m the mean of the image, x becomes x / (x
+    + 6 m): else a lamp is all that a region shows.
     """
     above = cells - cells.min(axis=2, keepdims=True)
     kernel = np.array([NORMALIZATION.side, NORMALIZATION.middle, NORMALIZATION.side], np.float32)
