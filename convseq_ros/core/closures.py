@@ -20,7 +20,6 @@ class Closures:
         self._accepted_ns: int | None = None
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._accepted_ns = None
 
     def complete(

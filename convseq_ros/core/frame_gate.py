@@ -289,7 +289,6 @@ class FrameGate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames so far."""
         self._standstill.reset()
         self._drops.reset()
         self._glances.reset()

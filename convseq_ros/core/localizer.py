@@ -35,7 +35,6 @@ class Localizer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self.localization = Localization(
             problem='too few frames: none that shows anything new was seen'
         )

@@ -16,7 +16,7 @@ from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import of_queries, upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
-from convseq_ros.core.map.online import make_mapping
+from convseq_ros.core.map.online import OnlineMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
@@ -64,7 +64,8 @@ class PlaceRecognizer:
         self.model_ms = 0.0  # of the newest frame
         self._similarity = PaperSimilarity(config.matching.kernel)
         self.gate = FrameGate(config, reference_map.keyframes, self._similarity)
-        self.mapping = make_mapping(reference_map, config)
+        grows = config.online.grows
+        self.mapping = OnlineMap(reference_map, config) if grows else PreloadedMap(reference_map)
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
         self.decider = make_decider(reference_map, config, coarse)

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 import math
 from pathlib import Path
+from typing import Any
 
 from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.constants import constants
@@ -34,18 +35,19 @@ class MASK:
 def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
     """Return a frame turned as an encoding says; its camera is where it, else the robot, says."""
     turns = encoding.image_rotation_deg // 90
-    gray, camera = frame.gray, frame.camera
-    if gray is not None and turns:
-        gray = np.ascontiguousarray(np.rot90(gray, turns))
-    depth_m, color = frame.depth_m, frame.color
-    if color is not None and turns:
-        color = np.ascontiguousarray(np.rot90(color, turns))
-    if depth_m is not None and turns:
-        depth_m = np.rot90(depth_m, turns)
+    camera = frame.camera
     for _ in range(turns if camera else 0):
         camera = _turned_left(camera) if camera else None
-    camera = _mounted(camera, robot)
-    return replace(frame, gray=gray, camera=camera, depth_m=depth_m, color=color)
+    if camera and not camera.mount and any(robot.mount):
+        x, y, z, *turn = robot.mount
+        camera = replace(camera, mount=of_roll_pitch_yaw((x, y, z), *turn))
+
+    def turned(image: Any) -> Any:
+        return image if image is None else np.ascontiguousarray(np.rot90(image, turns))
+
+    names = ('gray', 'depth_m', 'color') if turns else ()
+    images = {name: turned(getattr(frame, name)) for name in names}
+    return replace(frame, camera=camera, **images)
 
 
 def _turned_left(camera: Camera) -> Camera:
@@ -68,13 +70,6 @@ def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
         return camera.distortion
     k1, k2, p1, p2, *others = camera.distortion
     return k1, k2, -p2, p1, *others
-
-
-def _mounted(camera: Camera | None, robot: RobotConfig) -> Camera | None:
-    if camera is None or camera.mount or not any(robot.mount):
-        return camera
-    x, y, z, roll, pitch, yaw = robot.mount
-    return replace(camera, mount=of_roll_pitch_yaw((x, y, z), roll, pitch, yaw))
 
 
 def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:

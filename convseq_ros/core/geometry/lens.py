@@ -20,12 +20,6 @@ class LENS:
     widest: float = 5.7  # tangent of 80 degrees; a ray further out has no picture on a plane
 
 
-def cell_px(camera: Camera, side: int) -> tuple[float, float]:
-    """Return how high and wide a cell is, pixels, if a row of the image has so many regions."""
-    cells = side + REGION.span - 1
-    return camera.height_px / cells, camera.width_px / cells
-
-
 def is_usable(camera: Camera) -> bool:
     """Return whether rays follow from the numbers of a camera."""
     sizes = camera.width_px, camera.height_px, camera.fx_px, camera.fy_px

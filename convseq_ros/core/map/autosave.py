@@ -26,14 +26,11 @@ class NoAutosave:
     is_failing = False  # whether what was added last could not be written
     removed = 0  # places that went when it was closed
 
-    def save(self) -> None:
-        """Do nothing."""
+    def save(self) -> None: ...
 
-    def flush(self) -> None:
-        """Do nothing."""
+    def flush(self) -> None: ...
 
-    def close(self) -> None:
-        """Do nothing."""
+    def close(self) -> None: ...
 
 
 class Autosave(NoAutosave):

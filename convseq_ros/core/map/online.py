@@ -222,8 +222,3 @@ class FollowedMap(PreloadedMap):
     def update(self, stamp_ns: int, pose: Pose | None) -> int:
         self.session_start = self._leader.session_start
         return self._leader.update(stamp_ns, pose)
-
-
-def make_mapping(reference_map: ReferenceMap, config: Config) -> PreloadedMap:
-    """Return the map as the mode has it."""
-    return OnlineMap(reference_map, config) if config.online.grows else PreloadedMap(reference_map)

@@ -15,9 +15,10 @@ from functools import cached_property, lru_cache
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
+from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, two_view, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged, followed
-from convseq_ros.core.geometry.lens import cell_px, is_usable, rays
+from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import (
     DEPTH,
     measured,
@@ -64,8 +65,9 @@ class CellView(LensView):
     @property
     def scale(self) -> Doubles:
         """Cells across and down for a length of 1 before the lens."""
-        height, width = cell_px(self.camera, self.regions.side)
-        return np.array((self.camera.fx_px / width, self.camera.fy_px / height))
+        camera, cells = self.camera, self.regions.side + REGION.span - 1
+        width, height = camera.width_px / cells, camera.height_px / cells
+        return np.array((camera.fx_px / width, camera.fy_px / height))
 
     @cached_property
     def rays(self) -> Doubles:

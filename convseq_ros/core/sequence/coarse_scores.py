@@ -126,7 +126,6 @@ class DriveMean:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._sums, self._frames = np.zeros((2, self._numbers)), 0
 
     def update(self, descriptor: Descriptor, usual: Usual) -> Floats:
@@ -154,8 +153,7 @@ class TRACK:
 class Coarse(Protocol):
     """What names the places that a query may show: of one map, or of many shards."""
 
-    def reset(self) -> None:
-        """Forget the drive."""
+    def reset(self) -> None: ...
 
     def update(self, descriptor: Descriptor, usable: int) -> None:
         """Take in a query, each once, and how many of the first references it may show."""
@@ -173,8 +171,7 @@ class EveryPlace:
 
     _usable = 0
 
-    def reset(self) -> None:
-        """Forget nothing."""
+    def reset(self) -> None: ...
 
     def update(self, _descriptor: Descriptor, usable: int) -> None:
         """Take in how many references a query may show."""
@@ -199,7 +196,6 @@ class Track:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self.sums: Row = np.zeros(0, np.float32)
 
     def update(self, row: Row, starts: Indices) -> None:
@@ -249,7 +245,6 @@ class CoarseScores:
         self._centred = Centred(self._usual, nothing, np.zeros(1, np.int64))
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._drive.reset()
         self._track.reset()
 

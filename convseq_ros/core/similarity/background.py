@@ -67,7 +67,6 @@ class Background(NoBackground):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the drive."""
         self._last: Regions | None = None
         self._sum = np.zeros(1, np.float32)
         self._frames = 0
