@@ -11,7 +11,7 @@ import sys
 
 from convseq_ros.cli.build_map import build
 from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.cli.processes import recognise_live
+from convseq_ros.cli.processes import recognise_live, SIDES
 from convseq_ros.cli.replay import replay
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.map.reader import open_map
@@ -33,7 +33,6 @@ _MARKER = '.convseq-demo'
 _COMPARED = (
     'sequence_length', 'best_index', 'best_score', 'reference_index', 'reason', 'relative_yaw_rad',
 )  # fmt: skip
-_SIDES = {'odom': '/odom', 'camera_info': '/camera/camera_info'}
 _TOLD = 'A drawn street: mapped by day, driven again in the evening, 1.3 m to the side.'
 
 
@@ -51,12 +50,12 @@ def run(chosen: argparse.Namespace) -> int:
     truth = _draw_drives(chosen.frames, folder)
     map_path = folder / 'map.db'
     _say('building the map of the first drive')
-    build(folder / 'first', map_path, config, odom=_SIDES['odom'])
+    build(folder / 'first', map_path, config, odom=SIDES['odom'])
 
     _say('replaying the second drive offline')
     model = open_model(config)
     known = with_first_stage(config, model)
-    source = open_annotated(folder / 'second', **_SIDES, reading=known.reading)
+    source = open_annotated(folder / 'second', **SIDES, reading=known.reading)
     recognizer = PlaceRecognizer(open_map(map_path, known.encoding), known, describe=model)
     offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
     for match, duration_ms in replay(source, recognizer):
@@ -71,9 +70,7 @@ def run(chosen: argparse.Namespace) -> int:
     position = {each['query_stamp_ns']: each['query_index'] for each in offline}
     live = [
         each | {'query_index': position[each['query_stamp_ns']]}
-        for each in recognise_live(
-            folder / 'second', len(source), map_path, folder, rate, config, **_SIDES
-        )
+        for each in recognise_live(folder / 'second', len(source), map_path, folder, rate, config)
     ]
 
     print(f'\n{_TOLD}\n')
@@ -106,7 +103,7 @@ def _draw_drives(frames: int, folder: Path) -> Numbers:
     )
     street = Street(length_m=frames + 60.0, seed=7)
     for name, drive in (('first', first), ('second', second)):
-        write_recording(folder / name, draw(street, drive), info_topic=_SIDES['camera_info'])
+        write_recording(folder / name, draw(street, drive), info_topic=SIDES['camera_info'])
     # The first drive takes an image every metre, from 0 on.
     return np.array([round(second.distance_m(index)) for index in range(frames)])
 

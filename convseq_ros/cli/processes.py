@@ -17,25 +17,16 @@ from typing import NoReturn
 
 from convseq_ros.config import Config, core_parameters, flatten
 from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
-from convseq_ros.parameter import parameters as parameters_of
 from convseq_ros.process import fast_dds, LARGE_IMAGES, SIGNALS
-from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.results import read_results
 
+SIDES = {'odom': '/odom', 'camera_info': '/camera/camera_info'}  # topics of drawn recordings
 _END_S = 10.0
 _STALLED_S = 20.0
 
 
 def recognise_live(
-    recording: Path,
-    frames: int,
-    map_path: Path,
-    folder: Path,
-    rate: float,
-    config: Config,
-    *,
-    odom: str,
-    camera_info: str,
+    recording: Path, frames: int, map_path: Path, folder: Path, rate: float, config: Config
 ) -> list[dict[str, str]]:
     """
     Return the result table that the node wrote, one row for every frame that reached it.
@@ -61,11 +52,7 @@ def recognise_live(
         '--ros-args',
         *(part for each in settings for part in ('-p', each)),
     ]
-    limits = [
-        f'--{item.name.replace("_", "-")}={getattr(config.reading, item.name)}'
-        for item in parameters_of(ReadingConfig)
-    ]
-    player = [sys.executable, *player_arguments(recording, rate, odom, camera_info), *limits]
+    player = [sys.executable, *player_arguments(recording, rate)]
     with running('vpr_node', node, folder, _END_S) as process:
         played = subprocess.run(player, env=environment(folder), check=False)
         if played.returncode or process.poll() is not None:
@@ -125,10 +112,10 @@ def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
     os.execve(sys.executable, command, {**os.environ, **fast_dds(LARGE_IMAGES)})
 
 
-def player_arguments(recording: Path, rate: float, odom: str, camera_info: str) -> list[str]:
-    """Return Python's arguments to play a recording, and topics beside its images, to a node."""
+def player_arguments(recording: Path, rate: float) -> list[str]:
+    """Return Python's arguments to play a drawn recording, with all its topics, to a node."""
     what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
-    topics = ['--odom', odom, '--camera-info', camera_info]
+    topics = ['--odom', SIDES['odom'], '--camera-info', SIDES['camera_info']]
     return [*what, *topics, '--wait-subscribers', _NODE_STARTS_S]
 
 

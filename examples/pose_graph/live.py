@@ -40,7 +40,7 @@ def play(folder: Path, frames: int, rate: float, settings: Mapping[str, object])
         '--ros-args',
         *_CLOSURES,
     ]
-    player = player_arguments(folder / 'drive', rate, '/odom', '/camera/camera_info')
+    player = player_arguments(folder / 'drive', rate)
     with (
         running('pose_graph', graph, folder, _END_S) as back_end,
         running('false_closures', liar, folder, _END_S) as injector,
