@@ -102,11 +102,15 @@ def _set(table: str, column: str, value: Callable[[random.Random], object]) -> C
         key = columns[0]
         (chosen,) = draw.choice(database.execute(f'SELECT {key} FROM {table}').fetchall())
         database.execute(f'UPDATE {table} SET {column} = ? WHERE {key} = ?', (value(draw), chosen))
-        for row in database.execute(f'SELECT * FROM {table}').fetchall():
-            sound = row_crc(row[:-1]), row[0]
-            database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key} = ?', sound)
+        _make_sound(database, table, key)
 
     return change
+
+
+def _make_sound(database: sqlite3.Connection, table: str, key: str = 'reference_index') -> None:
+    for row in database.execute(f'SELECT * FROM {table}').fetchall():
+        sound = row_crc(row[:-1]), row[0]
+        database.execute(f'UPDATE {table} SET crc32 = ? WHERE {key} = ?', sound)
 
 
 def _trigger(database: sqlite3.Connection, draw: random.Random) -> None:
@@ -140,9 +144,7 @@ def _index(database: sqlite3.Connection, draw: random.Random) -> None:
     for table in draw.choice((_OF_A_PLACE, _OF_A_PLACE[:1])):
         which = f'WHERE reference_index = {_PLACES - 1}'
         database.execute(f'UPDATE {table} SET reference_index = {last} {which}')
-        for row in database.execute(f'SELECT * FROM {table}').fetchall():
-            sound = row_crc(row[:-1]), row[0]
-            database.execute(f'UPDATE {table} SET crc32 = ? WHERE reference_index = ?', sound)
+        _make_sound(database, table)
 
 
 def _blob(draw: random.Random) -> object:

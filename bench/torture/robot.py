@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A real node in a process of its own, and a camera and a listener on its topics."""
 
-from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import os
@@ -14,7 +13,7 @@ import time
 from typing import Any
 
 from convseq_ros.cli.processes import end, environment
-from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.conversions import image_message, stamp_from_ns, stamp_to_ns
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import rclpy
@@ -22,6 +21,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
 
 _START_S, _END_S = 90.0, 20.0
 _SETTLE_S = 1.0
@@ -145,14 +145,7 @@ def robot(
 
 def image(gray: np.ndarray, stamp_ns: int = 0, **changes: Any) -> Image:
     """Return a picture as a message, any field of it changed."""
-    message = Image(
-        height=gray.shape[0],
-        width=gray.shape[1],
-        encoding='mono8',
-        step=gray.shape[1],
-        data=array('B', gray.tobytes()),
-    )
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+    message = image_message(gray, Header(stamp=stamp_from_ns(stamp_ns)))
     for name, value in changes.items():
         setattr(message, name, value)
     return message

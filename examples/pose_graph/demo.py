@@ -27,7 +27,7 @@ from incremental import Incremental
 from live import play
 import numpy as np
 from picture import draw_picture
-from record import read_record
+from record import micro, read_record
 from simulated import DRIFT, record, two_blocks
 from trajectory_error import absolute_error_m
 
@@ -78,8 +78,8 @@ def _run(chosen: argparse.Namespace) -> None:
     play(folder, len(truth), chosen.rate, _VPR)
 
     stamped, closures, kept = read_record(folder / 'pose_graph.json')
-    injected = {(_micro(c.query_ns), _micro(c.reference_ns)) for c in false}
-    is_false = [(_micro(c.query_ns), _micro(c.reference_ns)) in injected for c in closures]
+    injected = {(micro(c.query_ns), micro(c.reference_ns)) for c in false}
+    is_false = [(micro(c.query_ns), micro(c.reference_ns)) in injected for c in closures]
     ours = [c for c, wrong in zip(closures, is_false, strict=True) if not wrong]
     odometry = Odometry()
     for stamp_ns, pose in stamped:
@@ -132,11 +132,6 @@ def _errors(
         name: (absolute_error_m(path[:, :2], real), absolute_error_m(path[again, :2], real[again]))
         for name, path in paths.items()
     }
-
-
-def _micro(stamp_ns: int) -> int:
-    """Return microseconds, as exactly as seconds in a float64 keep them."""
-    return round(stamp_ns / 1000)
 
 
 def _told(length_m: float, frames: int) -> str:

@@ -45,7 +45,7 @@ except ModuleNotFoundError as error:
         'ros-jazzy-rclpy[fastrtps] ros-jazzy-common-interfaces'
     )
 import numpy as np
-from record import write_record
+from record import micro, write_record
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
 from read_closure import read_closure
@@ -131,7 +131,7 @@ class PoseGraphNode(Node):
             self._odometry.add(_stamp_ns(message), pose)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        self._headings[_micro(_stamp_ns(message))] = _pose(message.pose.pose).yaw
+        self._headings[micro(_stamp_ns(message))] = _pose(message.pose.pose).yaw
 
     def _on_measured(self, message: PointCloud2) -> None:
         try:
@@ -146,7 +146,7 @@ class PoseGraphNode(Node):
         yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         whole = closure['covariance'].reshape(6, 6)
         planar = whole[np.ix_(_PLANAR, _PLANAR)].ravel()
-        pair = _micro(stamp_of(closure, 'query')), _micro(stamp_of(closure, 'reference'))
+        pair = micro(stamp_of(closure, 'query')), micro(stamp_of(closure, 'reference'))
         self._measured[pair] = Pose(*map(float, position), yaw), tuple(planar.tolist())
 
     def _on_closure(self, message: Float64MultiArray) -> None:
@@ -171,7 +171,7 @@ class PoseGraphNode(Node):
     def _solve(self) -> None:
         begun_s = time.monotonic()
         self._closures = [
-            Closure(*pair, self._turn(*pair), *self._measured.get((*map(_micro, pair),), ()))
+            Closure(*pair, self._turn(*pair), *self._measured.get((*map(micro, pair),), ()))
             for pair in self._pairs
         ]
         self._solution = optimise(self._odometry, self._closures, self._noise)
@@ -180,7 +180,7 @@ class PoseGraphNode(Node):
 
     def _turn(self, query_ns: int, reference_ns: int) -> float | None:
         """Return how far the robot was turned against before, if a pose told."""
-        heading = self._headings.get(_micro(query_ns))
+        heading = self._headings.get(micro(query_ns))
         before = self._odometry.at(reference_ns)
         if heading is None or before is None:
             return None
@@ -251,11 +251,6 @@ def _pose(pose: PoseMessage) -> Pose:
 
 def _stamp_ns(message: Any) -> int:
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def _micro(stamp_ns: int) -> int:
-    """Return microseconds, as exactly as seconds in a float64 keep them."""
-    return round(stamp_ns / 1000)
 
 
 def _carried(end: Pose, moved: Pose, pose: Pose) -> Pose:

@@ -10,6 +10,11 @@ from pathlib import Path
 from graph import Closure, Odometry, Pose
 
 
+def micro(stamp_ns: int) -> int:
+    """Return microseconds, as exactly as seconds in a float64 keep them."""
+    return round(stamp_ns / 1000)
+
+
 def write_record(
     path: Path, odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
 ) -> None:
