@@ -21,6 +21,7 @@ import pytest
 pytestmark = pytest.mark.once
 
 SECOND = 1_000_000_000
+SMALL = make_config({'image_size_px': 128})
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 SETTINGS = {
     'by scene': {},
@@ -83,60 +84,55 @@ def test_links_cost_one_recognised_frame_a_keyframe_and_none_between(
     frames = [
         Frame(at * SECOND, image(at // 2 % 20)) for at in range(80)
     ]  # each place twice, two rounds
-    made = build_map(frames, None, make_config({'image_size_px': 128}), links=links)
+    made = build_map(frames, None, SMALL, links=links)
     stamps = [place.stamp_ns for place in made.places]
     assert len(stamps) <= 40 and {*asked} <= {*stamps}
     assert len(asked) <= shares * len(stamps) and bool(asked) == links
 
 
-def test_a_new_map_without_places_leaves_no_file(tmp_path, image):
-    path = tmp_path / 'map.db'
+def test_a_new_map_without_places_leaves_no_file(path, image):
     assert len(build_map([replace(drive(image)[0], gray=None)], path)) == 0
     assert not path.exists()
 
 
-def test_a_finished_map_survives_when_nothing_can_be_added(tmp_path, image):
-    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
-    build_map(drive(image), path, config)
+def test_a_finished_map_survives_when_nothing_can_be_added(path, image):
+    build_map(drive(image), path, SMALL)
     before = dump(path)
-    with MapBuilder(path, config, append=True) as builder:
+    with MapBuilder(path, SMALL, append=True) as builder:
         builder.process(Frame(0, None))
     assert builder.added == 0 and dump(path) == before
 
 
-def test_a_map_that_is_there_is_not_replaced(tmp_path, image):
-    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
-    build_map(drive(image), path, config)
+def test_a_map_that_is_there_is_not_replaced(path, tmp_path, image):
+    build_map(drive(image), path, SMALL)
     before = dump(path)
     with pytest.raises(MapError, match='exists already'):
-        build_map(drive(image), path, config)
+        build_map(drive(image), path, SMALL)
     with pytest.raises(MapError, match='no such map'):
-        MapBuilder(tmp_path / 'none.db', config, append=True)
+        MapBuilder(tmp_path / 'none.db', SMALL, append=True)
     assert dump(path) == before
 
 
-def test_a_builder_that_ends_without_a_place_deletes_nothing_of_another(tmp_path, image):
-    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
-    with MapBuilder(path, config) as first:
+def test_a_builder_that_ends_without_a_place_deletes_nothing_of_another(path, image):
+    with MapBuilder(path, SMALL) as first:
         first.process(Frame(0, None))
         with pytest.raises(MapError, match=r'map.db: another program adds to this map'):
-            with MapBuilder(path, config, append=True) as second:
+            with MapBuilder(path, SMALL, append=True) as second:
                 second.process(drive(image)[0])
     assert not path.exists()
-    build_map(drive(image), path, config)
+    build_map(drive(image), path, SMALL)
     before = dump(path)
     for append in (True, False):
         with pytest.raises((RuntimeError, MapError)):
-            with MapBuilder(path, config, append=append):
+            with MapBuilder(path, SMALL, append=append):
                 raise RuntimeError
         assert dump(path) == before
 
 
 @pytest.mark.parametrize('left', ['an empty file', 'a map without places'])
-def test_a_map_can_be_built_where_a_crash_left_none(tmp_path, image, left):
-    path, config = tmp_path / 'map.db', make_config({'image_size_px': 128})
+def test_a_map_can_be_built_where_a_crash_left_none(path, image, left):
     path.touch()
     if left != 'an empty file':
         save_map(ReferenceMap(), path)
-    made = len(build_map(drive(image), path, config))
-    assert len(open_map(path, config.encoding)) == made > 3
+    made = len(build_map(drive(image), path, SMALL))
+    assert len(open_map(path, SMALL.encoding)) == made > 3

@@ -67,7 +67,9 @@ def path(tmp_path):
 
 @pytest.fixture
 def setup(map_path, path):
-    return Setup(Session(map_path, CONFIG), path)
+    made = Setup(Session(map_path, CONFIG), path)
+    yield made
+    made.results.close()
 
 
 @pytest.fixture
@@ -89,7 +91,6 @@ def test_an_error_is_logged_and_counted_and_the_next_frame_answered(
     assert setup.statistics.failed == 1
     assert told in setup.logger.error.call_args.args[0]
     assert [match.query_index for _, match, _ in setup.published] == [1]
-    setup.results.close()
 
 
 def test_what_fails_while_the_node_stops_is_nobodys_business(setup, image, gray, path):
@@ -107,7 +108,6 @@ def test_numbers_go_on_when_the_map_changes(setup, image, gray):
     setup.handle(image(gray, 1), 1)
     assert [(match.query_index, size) for _, match, size in setup.published] == [(0, 25), (1, 0)]
     assert setup.published[1][1].reason is Reason.NO_MAP
-    setup.results.close()
 
 
 def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
@@ -116,7 +116,6 @@ def test_the_old_map_is_completed_when_another_takes_over(setup, monkeypatch):
     setup.recognition.swap(Session(None, CONFIG))
     assert setup.recognition.session is not old
     assert setup.statistics.unkept == 1
-    setup.results.close()
 
 
 @pytest.mark.parametrize('mode', ['preloaded', 'online'])
@@ -137,7 +136,6 @@ def test_a_map_without_links_is_linked_while_frames_are_answered(
     assert f'linking {path}: 100 %' in told[-1] and not setup.logger.error.called
     assert (path.read_bytes() == map_path.read_bytes()) == (mode == 'preloaded')
     assert open_map(path).is_linked == (mode == 'online')
-    setup.results.close()
 
 
 SECOND = 1_000_000_000
