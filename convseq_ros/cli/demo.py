@@ -10,15 +10,13 @@ import statistics
 import sys
 
 from convseq_ros.cli.build_map import build
-from convseq_ros.cli.options import add_config, chosen_config
-from convseq_ros.cli.processes import recognise_live, SIDES
+from convseq_ros.cli.processes import CAMERA_INFO, ODOM, recognise_live
 from convseq_ros.cli.replay import replay
-from convseq_ros.core.encoding.first_stage import with_first_stage
+from convseq_ros.config import Config
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.plots import demo_picture, TOLERANCE
-from convseq_ros.onnx_model import open_model
 from convseq_ros.results import row
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
@@ -39,24 +37,21 @@ _TOLD = 'A drawn street: mapped by day, driven again in the evening, 1.3 m to th
 def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output', type=Path, default=Path('demo'), help='results (demo)')
     parser.add_argument('--frames', type=int, default=120, help='images of the second drive (120)')
-    add_config(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Map the first drive, recognise the second one live and offline, and show both."""
-    folder, config = chosen.output, chosen_config(chosen)
+    folder = chosen.output
     make_empty(folder, _MARKER)
     _say('drawing a street and driving along it twice')
     truth = _draw_drives(chosen.frames, folder)
     map_path = folder / 'map.db'
     _say('building the map of the first drive')
-    build(folder / 'first', map_path, config, odom=SIDES['odom'])
+    build(folder / 'first', map_path, odom=ODOM)
 
     _say('replaying the second drive offline')
-    model = open_model(config)
-    known = with_first_stage(config, model)
-    source = open_annotated(folder / 'second', **SIDES, reading=known.reading)
-    recognizer = PlaceRecognizer(open_map(map_path, known.encoding), known, describe=model)
+    source = open_annotated(folder / 'second', '', ODOM, CAMERA_INFO)
+    recognizer = PlaceRecognizer(open_map(map_path), Config())
     offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
     for match, duration_ms in replay(source, recognizer):
         written = row(match, duration_ms)
@@ -70,7 +65,7 @@ def run(chosen: argparse.Namespace) -> int:
     position = {each['query_stamp_ns']: each['query_index'] for each in offline}
     live = [
         each | {'query_index': position[each['query_stamp_ns']]}
-        for each in recognise_live(folder / 'second', len(source), map_path, folder, rate, config)
+        for each in recognise_live(folder / 'second', len(source), map_path, folder, rate)
     ]
 
     print(f'\n{_TOLD}\n')
@@ -103,7 +98,7 @@ def _draw_drives(frames: int, folder: Path) -> Numbers:
     )
     street = Street(length_m=frames + 60.0, seed=7)
     for name, drive in (('first', first), ('second', second)):
-        write_recording(folder / name, draw(street, drive), info_topic=SIDES['camera_info'])
+        write_recording(folder / name, draw(street, drive), info_topic=CAMERA_INFO)
     # The first drive takes an image every metre, from 0 on.
     return np.array([round(second.distance_m(index)) for index in range(frames)])
 

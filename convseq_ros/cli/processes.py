@@ -15,18 +15,17 @@ import sys
 import time
 from typing import NoReturn
 
-from convseq_ros.config import Config, core_parameters, flatten
 from convseq_ros.errors import ConvseqError, NEEDS_ROS, pip_install
 from convseq_ros.process import fast_dds, LARGE_IMAGES, SIGNALS
 from convseq_ros.results import read_results
 
-SIDES = {'odom': '/odom', 'camera_info': '/camera/camera_info'}  # topics of drawn recordings
+ODOM, CAMERA_INFO = '/odom', '/camera/camera_info'  # topics of drawn recordings
 _END_S = 10.0
 _STALLED_S = 20.0
 
 
 def recognise_live(
-    recording: Path, frames: int, map_path: Path, folder: Path, rate: float, config: Config
+    recording: Path, frames: int, map_path: Path, folder: Path, rate: float
 ) -> list[dict[str, str]]:
     """
     Return the result table that the node wrote, one row for every frame that reached it.
@@ -36,22 +35,10 @@ def recognise_live(
     """
     need_ros()
     table = folder / 'live.csv'
-    values = flatten(config)
-    parameters = {item.name: values[item.name] for item in core_parameters()} | {
-        'map_path': str(map_path.absolute()),
-        'result_file': str(table.absolute()),
-        'queue_size': 1000,
-        'max_wait_s': 0.0,
-        'odom_wait_s': 2.0,
-    }
-    # ROS cannot parse an empty text, which is the default of those that have it.
-    settings = [f'{name}:={value}' for name, value in parameters.items() if value != '']
-    node = [
-        '-m',
-        'convseq_ros.node.vpr_node',
-        '--ros-args',
-        *(part for each in settings for part in ('-p', each)),
-    ]
+    files = f'map_path:={map_path.absolute()}', f'result_file:={table.absolute()}'
+    node = ['-m', 'convseq_ros.node.vpr_node', '--ros-args']
+    for setting in (*files, 'queue_size:=1000', 'max_wait_s:=0.0', 'odom_wait_s:=2.0'):
+        node += ['-p', setting]
     player = [sys.executable, *player_arguments(recording, rate)]
     with running('vpr_node', node, folder, _END_S) as process:
         played = subprocess.run(player, env=environment(folder), check=False)
@@ -115,8 +102,15 @@ def become_node(module: str, arguments: Sequence[str]) -> NoReturn:
 def player_arguments(recording: Path, rate: float) -> list[str]:
     """Return Python's arguments to play a drawn recording, with all its topics, to a node."""
     what = ['-m', 'convseq_ros.node.player', str(recording), '--rate', f'{rate:g}']
-    topics = ['--odom', SIDES['odom'], '--camera-info', SIDES['camera_info']]
-    return [*what, *topics, '--wait-subscribers', _NODE_STARTS_S]
+    return [
+        *what,
+        '--odom',
+        ODOM,
+        '--camera-info',
+        CAMERA_INFO,
+        '--wait-subscribers',
+        _NODE_STARTS_S,
+    ]
 
 
 @contextmanager
