@@ -19,7 +19,6 @@ from unittest.mock import patch
 
 from convseq_ros.config import Config, MatchingConfig, SequenceConfig
 from convseq_ros.core import recognizer
-from convseq_ros.core.closures import Closures
 from convseq_ros.core.compiled import available, library
 from convseq_ros.core.decision.belief import Belief
 from convseq_ros.core.decision.belief_decider import BeliefDecider
@@ -32,7 +31,7 @@ from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.recognizer import PlaceRecognizer
+from convseq_ros.core.recognizer import Closures, PlaceRecognizer
 from convseq_ros.core.sequence import query_buffer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
 from convseq_ros.core.similarity.coherent import COHERENT

@@ -130,12 +130,16 @@ def array(dtype: Any) -> Array:
 
 def kernel(name: str, *arguments: Any) -> Callable[..., None]:
     """Return a kernel by its name, given its arguments' types; it runs without Python's lock."""
-    function = library().functions[f'convseq_{name}_{library().variant}']
-    function.argtypes, function.errcheck = arguments, _check
+
+    @cache
+    def function() -> Any:
+        found = library().functions[f'convseq_{name}_{library().variant}']
+        found.argtypes, found.errcheck = arguments, _check
+        return found
 
     def call(*given: Any) -> None:
         try:
-            function(*given)
+            function()(*given)
         except ctypes.ArgumentError as error:
             # ctypes says so of whatever comes up while it looks at an argument.
             if KeyboardInterrupt.__name__ in str(error):

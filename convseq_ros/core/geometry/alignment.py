@@ -17,8 +17,7 @@ import math
 
 from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.constants import constants
-from convseq_ros.core.geometry.lens import Points
-from convseq_ros.core.geometry.structure import Sight, Structure
+from convseq_ros.core.geometry.structure import Points, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
 from convseq_ros.core.types import Doubles
 import cv2

@@ -8,7 +8,7 @@ from math import isqrt
 from convseq_ros.core.compiled import address, kernels_of
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION, Regions
-from convseq_ros.core.geometry.lens import Points
+from convseq_ros.core.geometry.structure import Points
 from convseq_ros.core.types import Floats
 import cv2
 import numpy as np

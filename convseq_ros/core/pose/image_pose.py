@@ -15,8 +15,7 @@ from typing import Any
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
-from convseq_ros.core.geometry.lens import Points, rays_through
-from convseq_ros.core.geometry.structure import Sight, Structure, triangulate
+from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
 from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.ways import Ways

@@ -18,10 +18,11 @@ from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, two_view, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged, followed
-from convseq_ros.core.geometry.lens import is_usable, rays
 from convseq_ros.core.geometry.structure import (
     DEPTH,
+    is_usable,
     measured,
+    rays,
     Sight,
     smoothed,
     Structure,

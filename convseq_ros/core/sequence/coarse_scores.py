@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from convseq_ros.core.compiled import available
+from convseq_ros.core.compiled import array, available, kernel, SIZE
 from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
@@ -20,16 +20,20 @@ from convseq_ros.core.types import Descriptor, Doubles, Floats, Halves, Indices,
 import numpy as np
 
 _AT_ONCE = 4096  # rows in float32, for 4 MB of memory
+_PADDED = 16  # numbers; rows are multiplied so many at a time
+_products = kernel('products', array('f2'), SIZE, SIZE, array('f4'), array('f4'))  # kernels.c
 
 
 def products(rows: Halves, direction: Floats) -> Floats:
     """Return the products, in float32, of rows (R, n) and a direction (n,), shape (R,)."""
-    if available():
-        from convseq_ros.core.sequence import kernels
-
-        return kernels.products(rows, direction)
-    found = [some @ direction for some in widened(rows)]
-    return np.concatenate(found) if found else np.zeros(0, np.float32)
+    if not available():
+        every = [some @ direction for some in widened(rows)]
+        return np.concatenate(every) if every else np.zeros(0, np.float32)
+    padded = np.zeros(-(-len(direction) // _PADDED) * _PADDED, np.float32)
+    padded[: len(direction)] = direction
+    found = np.empty(len(rows), np.float32)
+    _products(np.ascontiguousarray(rows), *rows.shape, padded, found)
+    return found
 
 
 def widened(rows: Halves) -> Iterator[Floats]:
