@@ -116,20 +116,20 @@ def test_a_motion_is_found_among_wrong_displacements():
     there[rng.random(len(there)) < 0.3] += rng.normal(0, 0.2, 2)
     there[::7] = np.nan
     structure = Structure(ahead, inverse_m, np.full(len(ahead), 1e6))
-    found = align(structure, there, SCALE, np.eye(4))
+    found = align(structure, Sight(there, np.eye(4), SCALE))
     assert found is not None and found.inliers > 500
     assert found.moved == pytest.approx(MOVED, abs=2e-2)
-    assert align(structure, there, SCALE, np.eye(4)).moved.tolist() == found.moved.tolist()
+    assert align(structure, Sight(there, np.eye(4), SCALE)).moved.tolist() == found.moved.tolist()
 
 
 def test_unrelated_displacements_are_aligned_with_nothing():
     ahead, inverse_m = scene()
     structure = Structure(ahead, inverse_m, np.full(len(ahead), 1e6))
     nothing = np.full((len(ahead), 2), np.nan)
-    assert align(structure, nothing, SCALE, np.eye(4)) is None
+    assert align(structure, Sight(nothing, np.eye(4), SCALE)) is None
     chance = np.random.default_rng(2).uniform(-0.6, 0.6, (len(ahead), 2))[:150]
     few = Structure(ahead[:150], inverse_m[:150], np.full(150, 1e6))
-    assert align(few, chance, SCALE, np.eye(4)) is None
+    assert align(few, Sight(chance, np.eye(4), SCALE)) is None
 
 
 def test_two_views_tell_the_turn_and_the_direction():

@@ -70,18 +70,10 @@ class Alignment:
 
 
 def align(
-    structure: Structure,
-    seen: Points,
-    scale: Doubles,
-    start: Matrix,
-    precision: Precision = ALIGNMENT.cells,
+    structure: Structure, sight: Sight, precision: Precision = ALIGNMENT.cells
 ) -> Alignment | None:
-    """
-    Return the motion to a lens that saw regions where it did, (n, 2); None if few agree.
-
-    `scale` is cells, or units of another precision, across and down for a length of 1 in its
-    plane.
-    """
+    """Return the motion to a lens that saw regions, about the sight's; None if few agree."""
+    seen, scale = sight.seen, sight.scale
     known = np.isfinite(seen).all(axis=1) & (structure.information > 0)
     if known.sum() < precision.fewest:
         return None
@@ -89,7 +81,7 @@ def align(
         structure.rays[known], structure.inverse_m[known], structure.information[known]
     )
     moved, inverse, off, pulls, information = kernels_of(__package__).align(
-        used, seen[known], scale, np.array(precision.sigmas), start
+        used, seen[known], scale, np.array(precision.sigmas), sight.moved
     )
     agreeing = int((np.hypot(*off.T) <= precision.agreeing).sum())
     if agreeing < precision.fewest or not np.isfinite(moved).all():

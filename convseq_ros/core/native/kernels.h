@@ -24,7 +24,6 @@ static inline Sums add_fours(Sums sum, Words one, Words other)
 #include "../similarity/kernels/tile.c"
 #include "../similarity/kernels/coherent.c"
 #include "../similarity/kernels/regional.c"
-#include "../similarity/kernels/regions.c"
 #include "../similarity/kernels/references.c"
 #include "../sequence/kernels.c"
 #include "../geometry/kernels.c"

@@ -175,10 +175,16 @@ class ImagePoses:
 
     def __init__(self, reference_map: ReferenceMap, ways: Ways, max_mpx: float) -> None:
         self._ways = ways
-        self._seen = seen_cells(reference_map.encoding.image_mask, reference_map.cell_shape[0])
-        remember = lru_cache(IMAGE_POSE.kept)
-        view = remember(partial(_view, reference_map, self._seen, max_mpx))
-        self._place = remember(partial(_place, ways, view))
+        self._seen = seen = seen_cells(
+            reference_map.encoding.image_mask, reference_map.cell_shape[0]
+        )
+
+        @lru_cache(IMAGE_POSE.kept)
+        def view_of(index: int, camera: Camera) -> KeypointView | None:
+            gray = reference_map.images.image(index, max_mpx)
+            return None if gray is None else KeypointView(camera, keypoints(gray, seen))
+
+        self._place = lru_cache(IMAGE_POSE.kept)(partial(_place, ways, view_of))
 
     def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
         """
@@ -197,8 +203,8 @@ class ImagePoses:
         sight = place.view.sight_of_scene(query, moved)
         # Far off, least squares ends where it began; points in space have no beginning.
         sampled = start_by_points(place.structure, sight)
-        starts = [moved] if sampled is None else [moved, sampled]
-        tried = [align(place.structure, sight.seen, sight.scale, one, PRECISION) for one in starts]
+        sights = [sight] if sampled is None else [sight, replace(sight, moved=sampled)]
+        tried = [align(place.structure, one, PRECISION) for one in sights]
         found = max(filter(None, tried), key=lambda one: one.inliers, default=None)
         if found is None:
             return None
@@ -226,11 +232,3 @@ def _place(
         return None
     lenses = np.array([inverse(sight.moved)[:3, 3] for sight in sights])
     return _Place(view, triangulate(view.rays, sights), lenses)
-
-
-def _view(
-    reference_map: ReferenceMap, seen: Flags, max_mpx: float, index: int, camera: Camera
-) -> KeypointView | None:
-    """Return a place by its keypoints; None if its image was not kept, or is damaged."""
-    gray = reference_map.images.image(index, max_mpx)
-    return None if gray is None else KeypointView(camera, keypoints(gray, seen))

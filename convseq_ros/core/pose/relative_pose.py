@@ -197,7 +197,7 @@ class RelativePoses:
             return None
         sights = [reference.sight(view, moved) for view, moved in around]
         structure = triangulate(reference.rays, sights)
-        found = align(structure, sight.seen, sight.scale, sight.moved)
+        found = align(structure, sight)
         if found is None:
             return None
         ways = np.array([inverse(moved)[:3, 3] for _, moved in around])
@@ -238,12 +238,12 @@ def _aligned_by_depth(
     structure: Structure, reference: CellView, sight: Sight, query: CellView
 ) -> Alignment | None:
     """Return how a query is aligned by depths that were measured, not by another field."""
-    first = align(structure, sight.seen, sight.scale, sight.moved)
+    first = align(structure, sight)
     if first is None:
         return None
     # Once more, with what was seen searched about what the first found.
     again = reference.sight(query, first.moved)
-    found = align(structure, again.seen, again.scale, again.moved)
+    found = align(structure, again)
     return found and unshrunk(replace(found, baseline_m=NEIGHBOURS.apart_m), None)
 
 
@@ -261,6 +261,6 @@ def _followed(
     found, inverse_m = first, smoothed(structure)
     for _ in range(FAR.rounds):
         sight = reference.sight_of_followed(query, found.moved, inverse_m)
-        found = align(structure, sight.seen, sight.scale, found.moved, FAR.precision) or found
+        found = align(structure, sight, FAR.precision) or found
     known = first.baseline_m, first.neighbours
     return replace(found, first_share=first.share, baseline_m=known[0], neighbours=known[1])

@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pair scores, compiled: coherent.c, regional.c, regions.c, references.c and tile.c."""
+"""Pair scores, compiled: coherent.c, regional.c, references.c and tile.c."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
