@@ -36,19 +36,14 @@ class ImageSubscription(FollowingSubscription):
     def kind(self) -> type:
         return CompressedImage if self.topic.endswith(COMPRESSED) else Image
 
-    @property
-    def _other(self) -> str:
-        """The topic that carries the same images, compressed or raw."""
-        bare = self.topic.removesuffix(COMPRESSED)
-        return bare if bare != self.topic else bare + COMPRESSED
-
     def _on_sized(self, message: ImageMessage) -> None:
         self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(message.data))))
         self._on_image(message, self.topic)
 
     def advice(self) -> str:
         """Say why no images may come and what to do about it, in one line."""
-        types = self._published(self.topic)
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        types = [one.topic_type for one in publishers]
         if type_name(self.kind) in types:
             return f'{self.topic} has {len(types)} publisher(s), but none sends'
         if types:
@@ -57,15 +52,9 @@ class ImageSubscription(FollowingSubscription):
                 f'of {type_name(Image)}, or of {type_name(CompressedImage)} that ends in '
                 f'{COMPRESSED}'
             )
-        text = f'{self.topic} has no publisher'
-        if self._published(self._other):
-            return f'{text}, but {self._other} has: -r image:={self._other}'
         found = cameras(self._node)
         names = ' or '.join(f'-r image:={topic}' for topic in found) or '-r image:=TOPIC'
-        return f'{text}; remap it to the topic of the camera: {names}'
-
-    def _published(self, topic: str) -> list[str]:
-        return [info.topic_type for info in self._node.get_publishers_info_by_topic(topic)]
+        return f'{self.topic} has no publisher; remap it to the topic of the camera: {names}'
 
 
 def image_subscriptions(

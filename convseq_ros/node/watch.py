@@ -19,10 +19,9 @@ from convseq_ros.core.map.place import shown
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import ConvseqError, ImageError, MapError
+from convseq_ros.node.cameras import ImageSubscription
 from convseq_ros.node.running import turns
-from convseq_ros.node.topic_finder import COMPRESSED
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources.images import decode_compressed, decode_image
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
@@ -38,7 +37,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
 
 _PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one over the other
 _SHOWN_EVERY_S = 0.2
@@ -52,7 +51,6 @@ class Watcher(Node):
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('convseq_watch')
         self._map_path = options.map
-        self._reading = chosen_reading(options)
         self._map = open_map(options.map) if options.map else None
         self._reasons: Counter[str] = Counter()
         self._times: deque[float] = deque(maxlen=_RATE_FRAMES)
@@ -63,9 +61,7 @@ class Watcher(Node):
         topic = f'{options.node}/answer'
         FollowingSubscription(self, DiagnosticArray, topic, self._on_answer, _RATE_FRAMES)
         if options.topic:
-            is_compressed = options.topic.endswith(COMPRESSED)
-            kind = CompressedImage if is_compressed else Image
-            FollowingSubscription(self, kind, options.topic, self._on_image, 1)
+            ImageSubscription(self, 1, self._on_image, options.topic).start()
         self._waiting = f'waiting for {topic}'
 
     def _on_answer(self, message: Any) -> None:
@@ -83,10 +79,10 @@ class Watcher(Node):
             self._map = known = open_map(self._map_path)  # it grows
         return shown(known.thumbnail(index)) if index < len(known) else self._place
 
-    def _on_image(self, message: Any) -> None:
+    def _on_image(self, message: Any, _topic: str) -> None:
         decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
         try:
-            self._camera = decode(message, self._reading)
+            self._camera = decode(message)
         except ImageError:
             self._camera = None
 
@@ -136,7 +132,6 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         '--node', default='/vpr_node', metavar='NAME', help='the node (default: %(default)s)'
     )
-    add_reading(result)
     return result
 
 

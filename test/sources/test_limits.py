@@ -137,7 +137,7 @@ def test_the_line_gives_no_value_that_the_parameter_does_not_take():
 
 
 @pytest.mark.parametrize(
-    'command', ['build-map', 'replay', 'evaluate', 'info', 'report', 'locate', 'demo']
+    'command', ['build-map', 'replay', 'evaluate', 'info', 'report', 'locate']
 )
 def test_a_command_that_reads_files_takes_every_limit(command):
     parser = argparse.ArgumentParser()
