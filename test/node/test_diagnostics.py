@@ -101,7 +101,7 @@ def test_images_that_do_not_come_are_a_warning(client, vpr, map_path, impatient,
     [
         ('/cam', CompressedImage, '/cam', 'that ends in /compressed'),
         ('/cam', CompressedImage, '/cam/compressed', '-r image:=/cam/compressed'),
-        ('/cam/compressed', Image, '/cam', 'but /cam has: -r image:=/cam'),
+        ('/cam/compressed', Image, '/cam', 'of the camera: -r image:=/cam'),
         ('/cam/compressed', Image, '/cam/compressed', 'a topic of sensor_msgs/msg/Image, or'),
         ('/cam', DiagnosticArray, '/cam', 'remap `image` to a topic of sensor_msgs/msg/Image'),
     ],
