@@ -145,14 +145,6 @@ def _rounded_up(count: int, step: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class _CoherentQuery:
-    count: int  # of its regions, G
-    side: int  # regions in a row of the image
-    start: npt.NDArray[np.int32]  # where they lie in a grid of votes, up to full tiles
-    packed: Query
-
-
-@dataclass(frozen=True, slots=True)
 class _Reference:
     """The regions of a reference, as bytes or floats; then its blocks."""
 
@@ -172,10 +164,10 @@ class _CompiledCoherent(CoherentPair):
         self._scale = _BYTE_SCALE if name == 'int8' else 0.0
         super().__init__(f'{name} {library().variant}', not self._scale)
 
-    def laid_out(self, query: CoherentQuery) -> _CoherentQuery:
+    def laid_out(self, query: CoherentQuery) -> tuple[Any, ...]:
+        # As `compare` takes it: where regions lie in a grid of votes comes after them.
         start = _grid(query.side)[1][_tiled(query.index, _ROWS)]
-        packed = _laid_out(query.regions, self._scale)
-        return _CoherentQuery(len(query.index), query.side, start, packed)
+        return *_laid_out(query.regions, self._scale), start, len(query.index), query.side
 
     def packed(self, regions: Regions, blocks: Blocks | None) -> _Reference:
         every = _in_blocks(regions, self._scale)
@@ -229,14 +221,14 @@ class _CompiledCoherent(CoherentPair):
         return regions
 
     def scores(
-        self, query: _CoherentQuery, wide: Wide | None, references: Sequence[_Reference]
+        self, query: tuple[Any, ...], wide: Wide | None, references: Sequence[_Reference]
     ) -> Compared:
         found = np.empty((len(references), 3))
         where = np.array([one.address for one in references], np.uint64)
-        own = *query.packed, query.start, query.count, query.side
+        _, sums, *_, side = query
         half = WINDOWS[self.step][COHERENT.reach_cells :]
-        compare = _COMPARE[query.packed[1] is None]
-        compare(*own, *_grid(query.side), half, where, len(references), found)
+        compare = _COMPARE[sums is None]
+        compare(*query, *_grid(side), half, where, len(references), found)
         alike = None if wide is None else _alike(wide, references, where)
         return found[:, 0].astype(np.float32), found[:, 1:], alike
 
