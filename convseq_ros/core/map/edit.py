@@ -96,10 +96,14 @@ def joined(slices: Sequence[SessionSlice]) -> ReferenceMap:
 
 def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
     """Raise MapError if sessions were made with different settings, or one is there twice."""
+
+    def settings(one: SessionSlice) -> dict[str, object]:
+        return kept_of(one.reference_map.encoding) | one.reference_map.keyframes.spacing
+
     first, seen = slices[0], dict[str, SessionSlice]()
-    expected = _settings(first)
+    expected = settings(first)
     for one in slices:
-        made = _settings(one)
+        made = settings(one)
         if unlike := [name for name in expected if made[name] != expected[name]]:
             name = unlike[0]
             raise MapError(
@@ -112,11 +116,6 @@ def _refuse_unlike(slices: Sequence[SessionSlice]) -> None:
                 f'its id {one.session.id}; a map holds a session once: leave one out'
             )
         seen[one.session.id] = one
-
-
-def _settings(one: SessionSlice) -> dict[str, object]:
-    """Return what makes a map's places, by name."""
-    return kept_of(one.reference_map.encoding) | one.reference_map.keyframes.spacing
 
 
 def carry_links(every: Sequence[tuple[ReferenceMap, int]], links: Links) -> None:

@@ -182,10 +182,8 @@ def _camera(stored: object) -> Camera | None:
     if stored is None:
         return None
     fields = {'distortion_model': '', 'distortion': [], 'mount': None, **json.loads(str(stored))}
-    model, distortion = (
-        str(fields.pop('distortion_model')),
-        tuple(map(float, fields.pop('distortion'))),
-    )
+    model = str(fields.pop('distortion_model'))
+    distortion = tuple(map(float, fields.pop('distortion')))
     mount = None if (given := fields.pop('mount')) is None else Pose(**dict(given))
     if mount:
         x, y, z = map(float, mount.position)

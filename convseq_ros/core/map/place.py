@@ -19,9 +19,7 @@ import numpy.typing as npt
 Packed = Halves
 
 NO_CELLS: Packed = np.zeros((0, 0, 0), np.float16)  # of a place of which none are kept
-PACKED_UNIT = np.float32(
-    64.0
-)  # of stored cells; sums of strengths would overflow float16 otherwise
+PACKED_UNIT = np.float32(64)  # of stored cells; sums of strengths would overflow float16
 _QUALITY = 70  # of a thumbnail's JPEG, in percent; 2 to 3 kB at 128 px
 _TALLEST = 4  # of a thumbnail: its height, as a share of the width that was asked for
 _MOST_PIXELS = _TALLEST * 640**2  # of a thumbnail; as wide as `thumbnail_width_px` may be

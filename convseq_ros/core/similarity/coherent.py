@@ -45,9 +45,7 @@ class GLOBAL_SIMILARITY:
 
     block: int = 3  # regions in a row that are summed up
     most_shift: int = 4  # blocks to either side
-    unit: float = (
-        2.0**17
-    )  # of a region's numbers; products of whole numbers are exact, in any order
+    unit: float = 2.0**17  # of a region's numbers; products of whole ones are exact
 
 
 def region_blocks(regions: Regions) -> Blocks:

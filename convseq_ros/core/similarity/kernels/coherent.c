@@ -3,8 +3,8 @@
 // Coherent pair scores: counterparts of regions both ways by tiles, then votes for a shift.
 
 enum {
-    REACH = 6, // of the window of votes, as CoherentConstants has it
-    MARGIN = 8, // of a grid: room for the window, in whole vectors; as in coherent.py
+    REACH = 6, // of the window of votes, as COHERENT has it
+    MARGIN = 8, // of a grid: room for the window, in whole vectors; as in kernels.py
 };
 
 // What comparing one query with references needs; regions are numbered row by row.
