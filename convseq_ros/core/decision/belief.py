@@ -17,11 +17,9 @@ import math
 from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Indices
+from convseq_ros.core.types import Doubles, Flags, Indices
 import numpy as np
-import numpy.typing as npt
 
-Values = npt.NDArray[np.float64]
 _WIDEST = 20.0  # places: of a sigma of the motion that is followed to its ends
 
 
@@ -41,10 +39,10 @@ class Posterior:
     """How likely the newest frame shows each place; all others together hold nothing."""
 
     places: Indices  # (n,), ascending
-    mass: Values  # (n,), with `elsewhere` 1 in sum
+    mass: Doubles  # (n,), with `elsewhere` 1 in sum
     elsewhere: float
 
-    def of(self, wanted: npt.NDArray[np.bool_]) -> float:
+    def of(self, wanted: Flags) -> float:
         """Return the mass of some places, a mask (n,)."""
         return float(self.mass[wanted].sum())
 
@@ -60,7 +58,7 @@ class Belief:
         """Forget the drive: the robot is elsewhere."""
         self.motion.reset()
         self._places: Indices = np.zeros(0, np.int64)
-        self._mass: Values = np.zeros((len(self.motion.velocities), 0))
+        self._mass: Doubles = np.zeros((len(self.motion.velocities), 0))
         self._elsewhere = 1.0
 
     @property
@@ -112,7 +110,7 @@ class Belief:
         self._mass = np.asarray((1 - BELIEF.leaving) * changed, np.float64)
         self._elsewhere = max(0.0, 1.0 - float(self._mass.sum()))
 
-    def update(self, places: Indices, log_ratios: Values, entry: Values, usable: int) -> None:
+    def update(self, places: Indices, log_ratios: Doubles, entry: Doubles, usable: int) -> None:
         """
         Multiply the mass by how likely places (n,), ascending, show what the frame shows.
 
@@ -139,11 +137,11 @@ class Belief:
         kept = mass.sum(axis=0) > BELIEF.least
         self._places, self._mass = places[kept], mass[:, kept]
 
-    def _with_looks(self, usable: int) -> tuple[Indices, Values]:
+    def _with_looks(self, usable: int) -> tuple[Indices, Doubles]:
         """Return the mass, a share of each place's on its other looks."""
         places, mass = self._places, self._mass.copy()
         strong = np.flatnonzero(mass.sum(axis=0) > 1e-3)
-        shared = dict[int, Values]()
+        shared = dict[int, Doubles]()
         for column in strong.tolist():
             looks = [one for one in self._map.links.looks(int(places[column])) if one < usable]
             if looks:

@@ -13,9 +13,8 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.diagonals import diagonal
 from convseq_ros.core.sequence.query_buffer import BUFFER
-from convseq_ros.core.types import Candidate, Candidates, Reason
+from convseq_ros.core.types import Candidate, Candidates, Flags, Reason
 import numpy as np
-import numpy.typing as npt
 
 # Places to either side of the best, and of its looks, that are reported as one place.
 _WINDOW = LINKS.beside // 2
@@ -86,7 +85,7 @@ class BeliefDecider:
             reason = Reason.AMBIGUOUS if others > posterior.elsewhere else Reason.WEAK
         return Answer(reason, found, length, confidence, excess_m)
 
-    def _same(self, posterior: Posterior, best: int) -> npt.NDArray[np.bool_]:
+    def _same(self, posterior: Posterior, best: int) -> Flags:
         return self._near.mask(posterior.places, best, _WINDOW)
 
     def _best_look(self, best: int, seen: Observation) -> int:

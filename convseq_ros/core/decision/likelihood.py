@@ -16,11 +16,8 @@ import math
 
 from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.types import Indices
+from convseq_ros.core.types import Doubles, Flags, Indices
 import numpy as np
-import numpy.typing as npt
-
-Values = npt.NDArray[np.float64]
 
 
 @constants
@@ -62,11 +59,11 @@ class Leads:
     """By how much verified places lead their hardest control, in scales."""
 
     places: Indices  # (n,), ascending
-    strength: Values  # (n,)
-    score: Values  # (n,), of a bounded number of scales
+    strength: Doubles  # (n,)
+    score: Doubles  # (n,), of a bounded number of scales
 
     @property
-    def log_ratios(self) -> Values:
+    def log_ratios(self) -> Doubles:
         """The log ratios (n,), linear in both leads."""
         ratios = RATIO.constant + RATIO.strength * self.strength + RATIO.score * self.score
         return ratios.clip(RATIO.least, RATIO.most)
@@ -89,7 +86,7 @@ class RecentMean:
         self._sum, self._count = keep * self._sum + value, keep * self._count + 1
 
 
-def gumbel_scale(best: Values) -> float | None:
+def gumbel_scale(best: Doubles) -> float | None:
     """
     Return the scale of what scatters as the best of many do, given the best few (n,).
 
@@ -131,14 +128,12 @@ class Likelihood:
         usual = self._usual.setdefault(is_own, new)
         self._usual[is_own] += (new - usual) / RATIO.level_memory
 
-    def hypotheses(
-        self, strengths: Values, is_own: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.bool_]:
+    def hypotheses(self, strengths: Doubles, is_own: Flags) -> Flags:
         """Return which places (n,) are shown as strongly as matches of this drive are."""
         return self._shares(strengths, is_own) > math.log(RATIO.alike)
 
     def judge(
-        self, places: Indices, strengths: Values, scores: Values, is_rival: npt.NDArray[np.bool_]
+        self, places: Indices, strengths: Doubles, scores: Doubles, is_rival: Flags
     ) -> Leads:
         """
         Return by how much verified places (n,) lead the hardest of the controls among them.
@@ -156,13 +151,11 @@ class Likelihood:
                 scale.add(gap)
         return Leads(places, lead, above.clip(-RATIO.most_scales, RATIO.most_scales))
 
-    def support(self, strengths: Values, is_own: npt.NDArray[np.bool_]) -> Values:
+    def support(self, strengths: Doubles, is_own: Flags) -> Doubles:
         """Return how far a control may deny places (n,): not as strong ones as matches have."""
         return (RATIO.doubt * self._shares(strengths, is_own)).clip(RATIO.least, 0.0)
 
-    def doubts(
-        self, strengths: Values, is_own: npt.NDArray[np.bool_], step: Verification | None
-    ) -> Values:
+    def doubts(self, strengths: Doubles, is_own: Flags, step: Verification | None) -> Doubles:
         """
         Return what speaks against places (n,) that are shown worse than true ones are.
 
@@ -173,7 +166,7 @@ class Likelihood:
         share = np.log(strengths) - usual - math.log(RATIO.share)
         return (RATIO.doubt * share).clip(RATIO.least, 0.0)
 
-    def _shares(self, strengths: Values, is_own: npt.NDArray[np.bool_]) -> Values:
+    def _shares(self, strengths: Doubles, is_own: Flags) -> Doubles:
         """Return logarithms of shares (n,) of what matches usually have; -inf if none is known."""
         own, other = (self._usual.get(kind, math.inf) for kind in (True, False))
         return np.log(strengths) - np.where(is_own, own, other)

@@ -7,11 +7,8 @@ import math
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
-from convseq_ros.core.types import Indices, Pose
+from convseq_ros.core.types import Doubles, Indices, Pose
 import numpy as np
-import numpy.typing as npt
-
-Values = npt.NDArray[np.float64]
 
 
 @constants
@@ -39,8 +36,8 @@ class MotionModel:
         back = tuple(-one for one in ahead if one)
         backwards = MOTION.backwards_of_both if both else MOTION.backwards
         shares = (1 - backwards) / len(ahead), backwards / len(back)
-        self.velocities: Values = np.array((*ahead, *back))
-        self.prior: Values = np.repeat(shares, (len(ahead), len(back)))  # of velocities, 1 in sum
+        self.velocities: Doubles = np.array((*ahead, *back))
+        self.prior: Doubles = np.repeat(shares, (len(ahead), len(back)))  # of velocities, 1 in sum
         self._map, self._way_error = reference_map, way_error
         self._steps_m = dict[int, float | None]()  # from a place to the next one
         self.reset()
@@ -67,7 +64,7 @@ class MotionModel:
             self._total_m, self._ways = self._total_m + abs(self._way_m), self._ways + 1
         self._pose = pose
 
-    def moved(self, places: Indices) -> tuple[Values, Values]:
+    def moved(self, places: Indices) -> tuple[Doubles, Doubles]:
         """
         Return where the robot may be that was at places (n,): (V, n) by velocity, and sigmas.
 

@@ -4,11 +4,8 @@
 
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Indices
+from convseq_ros.core.types import Doubles, Flags, Indices
 import numpy as np
-import numpy.typing as npt
-
-Values = npt.NDArray[np.float64]
 
 
 class Neighbourhood:
@@ -22,22 +19,20 @@ class Neighbourhood:
         looks = (index, *self._map.links.looks(index))
         return [self._map.bounds.around(one, distance) for one in looks]
 
-    def mask(
-        self, places: Indices, index: int, distance: int = LINKS.beside
-    ) -> npt.NDArray[np.bool_]:
+    def mask(self, places: Indices, index: int, distance: int = LINKS.beside) -> Flags:
         """Return which of some places (n,) are near one."""
         found = np.zeros(len(places), np.bool_)
         for some in self.ranges(index, distance):
             found |= (places >= some.start) & (places < some.stop)
         return found
 
-    def beside(self, places: Indices, index: int, distance: int) -> npt.NDArray[np.bool_]:
+    def beside(self, places: Indices, index: int, distance: int) -> Flags:
         """Return which of some places (n,) are of the same session, within a distance."""
         return self._map.bounds.near(places, index, distance)
 
     def best_beside(
-        self, places: Indices, others: Indices, values: Values, reach: int, loss: float = 0.0
-    ) -> Values:
+        self, places: Indices, others: Indices, values: Doubles, reach: int, loss: float = 0.0
+    ) -> Doubles:
         """
         Return of places (n,) the best value of others (m,) at most so far off in their session.
 

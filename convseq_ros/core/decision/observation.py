@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from convseq_ros.core.constants import constants
-from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of, Values
+from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.types import Indices, Row
+from convseq_ros.core.types import Doubles, Indices, Row
 import numpy as np
 
 
@@ -46,7 +46,7 @@ class Observation:
     """What a frame says of the places that were looked at."""
 
     places: Indices  # (n,), ascending
-    log_ratios: Values  # (n,)
+    log_ratios: Doubles  # (n,)
     verified: Mapping[int, Verification]
     has_rivals: bool  # enough controls to tell a match
     leads: Leads | None = None  # of the verified places
@@ -123,7 +123,7 @@ class Observer:
         self,
         buffer: QueryBuffer,
         places: Indices,
-        scores: Values,
+        scores: Doubles,
         verified: Mapping[int, Verification],
         peaks: Sequence[int],
         session_start: int,
@@ -176,7 +176,7 @@ class Observer:
         log_ratios[unknown] = np.minimum(log_ratios[unknown], best[unknown])
         return replace(seen, places=places, log_ratios=log_ratios)
 
-    def _peaks(self, places: Indices, scores: Values, count: int) -> list[int]:
+    def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""
         found, left = list[int](), np.ones(len(places), np.bool_)
         for at in np.argsort(-scores, kind='stable').tolist():
@@ -202,7 +202,7 @@ def _known(places: Indices, wanted: Sequence[int]) -> list[int]:
     return [one for one in wanted if one in places]
 
 
-def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Values]:
+def _scored(buffer: QueryBuffer, places: Indices) -> tuple[Indices, Doubles]:
     """Return places that show something, ascending, and their pair scores."""
     buffer.score(1, places)
     row: Row = buffer.rows[0] if buffer.rows[0] is not None else np.zeros(0, np.float32)

@@ -15,9 +15,8 @@ from convseq_ros.config import RobotConfig
 from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
-from convseq_ros.core.types import Indices, Pose
+from convseq_ros.core.types import Doubles, Indices, Pose
 import numpy as np
-import numpy.typing as npt
 
 
 @constants
@@ -85,7 +84,7 @@ class OdometryPrior:
             self._ways.append(self._way.way_m)
             self._turns.append(self._way.turn_rad)
 
-    def shares(self, places: Indices, session_start: int) -> npt.NDArray[np.float64]:
+    def shares(self, places: Indices, session_start: int) -> Doubles:
         """Return the share in [0, 1] that odometry leaves of what enters places (n,)."""
         if self._here is None:
             return np.ones(len(places))

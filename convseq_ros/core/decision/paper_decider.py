@@ -14,9 +14,8 @@ from convseq_ros.config import AcceptanceConfig
 from convseq_ros.core.decision.decider import Answer, candidate, Query
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import Coarse
-from convseq_ros.core.types import Candidate, Candidates, Indices, Reason
+from convseq_ros.core.types import Candidate, Candidates, Doubles, Indices, Reason
 import numpy as np
-import numpy.typing as npt
 
 
 class PaperDecider:
@@ -52,9 +51,7 @@ class PaperDecider:
             return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
         return Answer(decide_by_margin(found, query.config.acceptance), found, length)
 
-    def _best(
-        self, ends: Indices, scores: npt.NDArray[np.float64], config: AcceptanceConfig
-    ) -> Candidates:
+    def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:
         remaining, found = scores.copy(), list[Candidate]()
         while len(found) < max(2, config.num_candidates) and np.isfinite(remaining).any():
             top = int(remaining.argmax())
