@@ -128,18 +128,13 @@ def growth(samples: Sequence[Sample]) -> tuple[float, float]:
     return float(100 * slope / start), float(1e3 * of_places)
 
 
-class _Grain:
-    """The noise of a camera, which never repeats: parts of one field, put there by chance."""
-
-    def __init__(self, height: int, width: int) -> None:
-        self._random, self._size = np.random.default_rng(0), (height, width)
-        field = self._random.normal(0, _GRAIN, (height + _SPARE_PX, width + _SPARE_PX))
-        self._field = field.astype(np.int16)
-
-    def next(self) -> npt.NDArray[np.int16]:
-        """Return the noise of another image, (height, width), gray levels."""
-        (row, column), (height, width) = self._random.integers(0, _SPARE_PX, 2), self._size
-        return self._field[row : row + height, column : column + width]
+def _grain(height: int, width: int) -> Iterator[npt.NDArray[np.int16]]:
+    """Yield the noise of a camera, which never repeats: parts of a field, put there by chance."""
+    random = np.random.default_rng(0)
+    field = random.normal(0, _GRAIN, (height + _SPARE_PX, width + _SPARE_PX)).astype(np.int16)
+    while True:
+        row, column = random.integers(0, _SPARE_PX, 2)
+        yield field[row : row + height, column : column + width]
 
 
 def _lap(count: int, width_px: int) -> list[npt.NDArray[np.uint8]]:
@@ -158,7 +153,7 @@ def _soak(
         frames = [Frame((index + 1) * _PERIOD_NS, gray) for index, gray in enumerate(lap)]
         config = make_config({'keyframe_overlap': overlap, 'image_size_px': size_px})
         build_map(frames, path, config)
-    grain = _Grain(*lap[0].shape)
+    grain = _grain(*lap[0].shape)
     with robot(
         folder,
         mode=chosen.mode,
@@ -172,7 +167,7 @@ def _soak(
         begun_s = sampled_s = time.monotonic()
         until_s = begun_s + chosen.minutes * 60 if chosen.minutes else float('inf')
         while sent < (chosen.frames or float('inf')) and time.monotonic() < until_s:
-            gray = lap[sent % len(lap)] + grain.next()
+            gray = lap[sent % len(lap)] + next(grain)
             stamp_ns += _PERIOD_NS
             one.publish(image(np.clip(gray, 0, 255).astype(np.uint8), stamp_ns))
             sent += 1

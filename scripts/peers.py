@@ -184,8 +184,9 @@ def main() -> int:
     first = 'frames to the first right match, at best'
     print(f'| set | method | own, % | best, % | {first} | ms a frame | kB a place |')
     print('|---' * 7 + '|')
+    slugs = {text: re.sub(r'[^\w-]+', '_', text) for text in chosen.methods}
     for name in chosen.sets:
-        files = {text: chosen.kept / f'{name}.{_slug(text)}.json' for text in chosen.methods}
+        files = {text: chosen.kept / f'{name}.{slug}.json' for text, slug in slugs.items()}
         if missing := [text for text, file in files.items() if not file.exists()]:
             with _opened(name, chosen.data, config) as material:
                 for text in missing:
@@ -212,10 +213,6 @@ def main() -> int:
 
 def _name(text: str) -> str:
     return NAMES.get(text, text)
-
-
-def _slug(text: str) -> str:
-    return re.sub(r'[^\w-]+', '_', text)
 
 
 @contextmanager
