@@ -12,7 +12,7 @@ from convseq_ros.core.decision.decider import Query
 from convseq_ros.core.decision.make_decider import make_decider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
-from convseq_ros.core.encoding.view import of_queries, upright
+from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
 from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.online import OnlineMap, PreloadedMap
@@ -58,7 +58,9 @@ class PlaceRecognizer:
         describe: Describe | None = None,
     ) -> None:
         self.reference_map, self.config, self.resets = reference_map, config, 0
-        self._encoding = of_queries(reference_map.encoding, config.encoding)
+        # Which regions count is a matter of the queries.
+        threshold = config.encoding.saliency_threshold
+        self._encoding = replace(reference_map.encoding, saliency_threshold=threshold)
         numbers = reference_map.global_descriptors.shape[1]
         self.first_stage = FirstStage(describe, reference_map.encoding, numbers)
         self.model_ms = 0.0  # of the newest frame

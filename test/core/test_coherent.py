@@ -22,8 +22,8 @@ from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.coherent import extract, global_similarity, region_blocks, widened
 from convseq_ros.core.similarity.kernels.numpy_kernels import (
     coherent_score,
+    less_background,
     normalized,
-    subtracted,
 )
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -169,9 +169,10 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
     background = Background(map_of(*references), normalized, projected_regions)
     background.update_map()
     cells = normalized(query.cells)
-    own = subtracted(projected_regions(cells), background.update(projected_regions(cells)))
+    regions = projected_regions(cells)
+    own, _ = less_background(regions, background.update(regions))
     for score, reference in zip(found, references, strict=True):
-        other = subtracted(projected_regions(normalized(reference)), background.of_map)
+        other, _ = less_background(projected_regions(normalized(reference)), background.of_map)
         share, _ = coherent_score(extract(query, 4.0, own), other)
         (alike,) = global_similarity(
             widened(region_blocks(own), 30), region_blocks(other)[None].astype(np.float64)
@@ -183,12 +184,12 @@ def test_with_a_background_up_to_half_is_lost_where_images_differ_globally():
 def test_what_all_images_have_in_common_no_longer_lifts_the_wrong_places():
     reference_map = map_of(*(drawn(seed, 0.6) for seed in range(40)))
     query, found = described(drawn(7, 0.55)), {}
-    for less_background in (True, False):
-        one = matcher(reference_map, subtract_background=less_background)
+    for subtracts in (True, False):
+        one = matcher(reference_map, subtract_background=subtracts)
         scores = one.scores(one.extract(query), np.arange(40))
         assert scores.argmax() == 7
         elsewhere = np.delete(scores, 7)
-        found[less_background] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
+        found[subtracts] = (scores[7] - elsewhere.mean()) / elsewhere.std(), elsewhere.mean()
     assert found[True][0] > 3 * found[False][0]
     assert found[True][1] < found[False][1] / 3
 
@@ -305,8 +306,8 @@ def drawn_map(count, blank=()):
 def test_the_background_is_subtracted_and_the_rest_has_unit_length():
     regions = np.array([[3.0, 4.0], [1.0, 0.0]], np.float32)
     background = np.array([[0.0, 4.0], [1.0, 1.0]], np.float32)
-    assert subtracted(regions, background).tolist() == [[1.0, 0.0], [0.0, -1.0]]
-    assert subtracted(regions, None) is regions
+    assert less_background(regions, background)[0].tolist() == [[1.0, 0.0], [0.0, -1.0]]
+    assert less_background(regions, None)[0] is regions
 
 
 def test_the_background_of_a_map_is_the_mean_of_its_references():

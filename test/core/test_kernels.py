@@ -13,7 +13,7 @@ from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.sequence import coarse_scores
-from convseq_ros.core.similarity.coherent import global_similarity, rounded, widened
+from convseq_ros.core.similarity.coherent import global_similarity, widened
 from convseq_ros.core.similarity.kernels.choice import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_kernels import less_background
 from convseq_ros.core.types import Descriptor
@@ -151,7 +151,7 @@ def test_compiled_global_similarities_are_those_of_the_definition():
     for side in (1, 5, 30):
         count = -(-side // 3)
         drawn_blocks = rng.normal(0, 1, (4, count, count, 32)).astype(np.float32)
-        blocks = [rounded(one) for one in drawn_blocks]
+        blocks = [np.rint(one.ravel() * np.float32(2**17)) for one in drawn_blocks]
         regions = np.zeros((side**2, 32), np.float32)
         packed = [pair.packed(regions, one) for one in blocks]
         where = np.array([one.address for one in packed], np.uint64)

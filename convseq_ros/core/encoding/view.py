@@ -72,11 +72,6 @@ def _distortion_turned_left(camera: Camera) -> tuple[float, ...]:
     return k1, k2, -p2, p1, *others
 
 
-def of_queries(own: EncodingConfig, asked: EncodingConfig) -> EncodingConfig:
-    """Return a map's encoding with what queries may have of their own: which regions count."""
-    return replace(own, saliency_threshold=asked.saliency_threshold)
-
-
 def with_mask_read(
     encoding: EncodingConfig, reading: ReadingConfig = ReadingConfig()
 ) -> EncodingConfig:

@@ -49,15 +49,11 @@ class GLOBAL_SIMILARITY:
 
 
 def region_blocks(regions: Regions) -> Blocks:
-    """Return the sums of 3 x 3 neighbouring regions (N, 32), as `rounded` does."""
+    """Return the sums of 3 x 3 neighbouring regions (N, 32), whole numbers, 2 ** 17 for one."""
     side = isqrt(len(regions))
     starts = np.arange(0, side, GLOBAL_SIMILARITY.block)
     image = regions.reshape(side, side, -1)
-    return rounded(np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1))
-
-
-def rounded(blocks: Floats) -> Blocks:
-    """Return blocks of any shape in one vector, in whole numbers of which 2 ** 17 are one."""
+    blocks = np.add.reduceat(np.add.reduceat(image, starts, 0), starts, 1)
     return np.rint(blocks.ravel() * np.float32(GLOBAL_SIMILARITY.unit))
 
 

@@ -54,15 +54,12 @@ def normalized(cells: Cells) -> Cells:
     return blended / (blended + typical) if typical else blended
 
 
-def subtracted(regions: Regions, background: Regions | None) -> Regions:
-    """Return regions (N, 32) less their background, of unit length; as they are if None."""
-    return regions if background is None else unit(regions - background)
-
-
 def less_background(regions: Regions, background: Regions | None) -> Shown:
-    """Return regions that are compared, and their blocks if there is a background."""
-    shown = subtracted(regions, background)
-    return shown, None if background is None else region_blocks(shown)
+    """Return regions (N, 32) less a background, of unit length, and their blocks, if there is."""
+    if background is None:
+        return regions, None
+    shown = unit(regions - background)
+    return shown, region_blocks(shown)
 
 
 def window(sigma_cells: float) -> Doubles:
