@@ -21,7 +21,7 @@ class Pair:
     """
     A street, the drive of the map and the drive that asks; `looks` are what happens to images.
 
-    `kind`: street, terrace1 or terrace2.
+    `kind`: street or terrace2.
     """
 
     name: str
@@ -32,8 +32,6 @@ class Pair:
     kind: str = 'street'
     looks: tuple[str, ...] = ()
     both_look: tuple[str, ...] = ()
-    map_light: str = 'day'
-    map_offset_m: float = -1.5
     light: str = 'day'
     offset_m: float = -1.5
     noise: float = 0.0
@@ -124,14 +122,13 @@ def altered(gray: np.ndarray, look: str, rng: np.random.Generator) -> np.ndarray
 def drawn(pair: Pair, asks: bool) -> tuple[list[Frame], np.ndarray]:
     """Return the frames of the map's drive, or of the one that asks, and how far each is."""
     speed = pair.speed if asks else 1.0
-    offset_m = pair.offset_m if asks else pair.map_offset_m
     drive = Drive(
         speed_mps=SPEED_MPS * speed,
         frame_rate_hz=SPEED_MPS / pair.step_m,
         num_frames=int(pair.count / speed),
-        lane_offset_m=offset_m,
+        lane_offset_m=pair.offset_m if asks else -1.5,
         heading_deg=pair.heading_deg * asks,
-        light=pair.light if asks else pair.map_light,
+        light=pair.light if asks else 'day',
         noise=pair.noise * asks,
         seed=2 * pair.seed + asks,
         width_px=320,

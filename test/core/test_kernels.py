@@ -163,17 +163,6 @@ def test_compiled_global_similarities_are_those_of_the_definition():
         assert alike(wide, [packed[1], bare], where) is None
 
 
-@pytest.fixture(scope='module')
-def corridor(shared_data):
-    drives = []
-    for name in ('query', 'ref'):
-        paths = sorted((shared_data / 'corridor' / name).glob('*.jpg'))
-        drives.append(
-            [describe(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)) for path in paths]
-        )
-    return drives
-
-
 # Prints the kernels in use, and what must not depend on the processor, to the last bit.
 ENCODE_AND_SCORE = """
 import hashlib

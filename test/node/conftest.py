@@ -3,7 +3,6 @@
 """A drawn street, its map, a client on the ROS graph, and processes of ours."""
 
 from collections.abc import Callable, Iterator
-import contextlib
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -78,29 +77,6 @@ def held(monkeypatch) -> Iterator[threading.Event]:
     monkeypatch.setattr(PlaceRecognizer, 'process', process)
     yield event
     event.set()
-
-
-@pytest.fixture
-def held_up() -> Callable[[Any], Any]:
-    """Return what keeps the executor's thread of a node busy for as long as a block lasts."""
-
-    @contextlib.contextmanager
-    def hold(node: Any) -> Iterator[None]:
-        begun, ended = threading.Event(), threading.Event()
-
-        def wait() -> None:
-            begun.set()
-            assert ended.wait(60)
-
-        guard = node.create_guard_condition(wait)
-        guard.trigger()
-        assert begun.wait(60)
-        try:
-            yield
-        finally:
-            ended.set()
-
-    return hold
 
 
 @pytest.fixture(scope='session')

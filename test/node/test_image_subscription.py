@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera topic is found, or named, and its reliability follows the camera."""
 
+from contextlib import contextmanager
+import threading
 from unittest.mock import Mock
 
 from convseq_ros.errors import ConfigError
@@ -46,7 +48,24 @@ def test_a_camera_that_comes_back_reliable_is_heard_reliably(client, vpr, street
     wait_for_reliability(client, ReliabilityPolicy.RELIABLE)  # and it stays so
 
 
-def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image, held_up):
+@contextmanager
+def held_up(node):
+    """Keep the executor's thread of a node busy for as long as a block lasts."""
+    begun, ended = threading.Event(), threading.Event()
+
+    def wait():
+        begun.set()
+        assert ended.wait(60)
+
+    node.create_guard_condition(wait).trigger()
+    assert begun.wait(60)
+    try:
+        yield
+    finally:
+        ended.set()
+
+
+def test_what_the_history_has_no_room_for_is_counted(client, vpr, street, image):
     node = vpr(queue_size=3)
     camera = client.camera(Image)
     camera.publish(image(street[0], 1))
