@@ -4,20 +4,16 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Self
 
 from convseq_ros.config import Config
-from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.encoding.first_stage import Describe, FirstStage, with_first_stage
-from convseq_ros.core.encoding.view import upright
-from convseq_ros.core.frame_gate import AnyOrder, FrameGate
+from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
+from convseq_ros.core.frame_gate import AnyOrder
 from convseq_ros.core.map.autosave import Autosave, NoAutosave
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Frame
 
 
@@ -58,21 +54,15 @@ class MapBuilder:
             self.reference_map = autosave.reference_map
         else:
             self.reference_map = ReferenceMap(config.encoding, keyframes=config.keyframes)
-        self._config = config
-        self._gate = FrameGate(config, config.keyframes, PaperSimilarity(config.matching.kernel))
-        self._mapping = OnlineMap(self.reference_map, config, name, frame)
-        self._first_stage = FirstStage(describe, self.reference_map.encoding)
-        links = links and config.encoding.keeps_cells
-        self._recognizer = None
-        if links:
-            self._recognizer = own = PlaceRecognizer(self.reference_map, config, describe=describe)
-            # Whatever the stamps say, it is one session.
-            own.order, own.gate, own.mapping = AnyOrder(), self._gate, self._mapping
+        self._recognizer = own = PlaceRecognizer(self.reference_map, config, describe=describe)
+        # Whatever the stamps say, it is one session.
+        own.order, own.mapping = AnyOrder(), OnlineMap(self.reference_map, config, name, frame)
+        own.only_maps = not (links and config.encoding.keeps_cells)
 
     @property
     def added(self) -> int:
         """Places that were added."""
-        return len(self.reference_map) - self._mapping.session_start
+        return len(self.reference_map) - self._recognizer.mapping.session_start
 
     @property
     def removed(self) -> int:
@@ -84,19 +74,9 @@ class MapBuilder:
         if frame.gray is None:
             return False
         before = len(self.reference_map)
-        if self._recognizer:
-            self._recognizer.process(frame)
-        else:
-            self._add(upright(frame, self.reference_map.encoding, self._config.robot))
+        self._recognizer.process(frame)
         self._autosave.save()
         return len(self.reference_map) > before
-
-    def _add(self, frame: Frame) -> None:
-        if (gray := frame.gray) is not None:
-            encode = partial(describe, gray, self.reference_map.encoding)
-            verdict = self._gate.update(frame.stamp_ns, frame.pose, encode, gray)
-            if verdict.reason is None:
-                self._mapping.add(frame, self._first_stage.add(frame, verdict.descriptor))
 
     def __enter__(self) -> Self:
         return self

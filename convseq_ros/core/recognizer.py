@@ -74,6 +74,7 @@ class PlaceRecognizer:
         self.closures = Closures(reference_map, self.matcher, config)
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)
+        self.only_maps = False  # whether places are added, and none is recognised
         self._last: Match | None = None
         self._expected: deque[tuple[int, Verdict]] = deque()  # by stamp, of frames that come next
 
@@ -140,6 +141,9 @@ class PlaceRecognizer:
         else:
             shown = self.first_stage.add(frame, verdict.descriptor)
             self.model_ms = self.first_stage.duration_ms
+            if self.only_maps:
+                self.mapping.add(frame, shown)
+                return answer(Status.SKIPPED, self.mapping.nothing_usable)
             verdict = replace(verdict, descriptor=shown)
             match = self._last = self._recognize(answer, frame, verdict)
             self.mapping.add(frame, verdict.descriptor, match)
