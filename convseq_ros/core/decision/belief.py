@@ -71,11 +71,10 @@ class Belief:
         """Places that hold mass, (n,), ascending."""
         return self._places
 
-    def likeliest(self, count: int, least: float = 1e-3) -> list[int]:
-        """Return the likeliest places, best first, each with some of the mass."""
-        mass = self._mass.sum(axis=0)
-        order = np.argsort(-mass, kind='stable')[:count]
-        return self._places[order[mass[order] > least]].tolist()
+    def likeliest(self, count: int) -> list[int]:
+        """Return the likeliest places, best first, however little mass they hold."""
+        order = np.argsort(-self._mass.sum(axis=0), kind='stable')
+        return self._places[order[:count]].tolist()
 
     def velocity(self, place: int) -> float:
         """Return the likeliest velocity at a place, in places a keyframe; 1 if it has no mass."""
