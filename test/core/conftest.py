@@ -6,11 +6,10 @@ from collections.abc import Callable
 
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.types import Descriptor
+from measured_pose import drawn_street
 import numpy as np
 from pictures import scene
 import pytest
-
-from test.core.measured_pose import drawn_street
 
 
 @pytest.fixture(scope='session')

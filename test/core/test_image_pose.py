@@ -18,10 +18,9 @@ from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.street import Street
 import cv2
 from drives import shots_of
+from measured_pose import measured, off, SIZE
 import numpy as np
 import pytest
-
-from test.core.measured_pose import measured, off, SIZE
 
 KEEPS = Config(keyframes=replace(EVERY_FRAME, keep_images_px=320))
 

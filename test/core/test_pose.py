@@ -21,11 +21,10 @@ from convseq_ros.core.types import Camera, Candidate, Pose, Reason
 from convseq_ros.sources.camera_info import fitted
 import cv2
 from hypothesis import given, strategies
+from measured_pose import measured, off
 import numpy as np
 from poses import at as pose
 import pytest
-
-from test.core.measured_pose import measured, off
 
 
 @pytest.fixture(scope='module')
