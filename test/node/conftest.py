@@ -3,6 +3,7 @@
 """A drawn street, its map, a client on the ROS graph, and processes of ours."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -117,9 +118,18 @@ class Client:
         self.executor.add_node(self.node)
 
     def wait_for(self, condition: Callable[[], Any], what: str = '', timeout_s: float = 60) -> Any:
-        """Spin until the condition holds, and return what it returned."""
+        """
+        Spin until the condition holds, and return what it returned.
+
+        It may look at the newest message: as long as there is none, it does not hold.
+        """
+
+        def asked() -> Any:
+            with suppress(IndexError):
+                return condition()
+
         deadline_s = time.monotonic() + timeout_s
-        while not (value := condition()):
+        while not (value := asked()):
             assert time.monotonic() < deadline_s, f'waited in vain: {what or condition}'
             self.executor.spin_once(timeout_sec=0.02)
         return value
