@@ -15,17 +15,8 @@ from convseq_ros.config import (
     MotionConfig,
 )
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
-from convseq_ros.core.frame_gate import (
-    distance,
-    FrameDropDetector,
-    FrameGate,
-    GLANCE,
-    glance,
-    NearnessByGlance,
-    Order,
-    StampOrder,
-    Standstill,
-)
+from convseq_ros.core.frame_gate import FrameDropDetector, FrameGate, Order, StampOrder, Standstill
+from convseq_ros.core.glance import distance, GLANCE, glance, NearnessByGlance
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Reason
 from convseq_ros.simulation.drive import Drive
