@@ -16,11 +16,10 @@ import math
 import statistics
 
 from convseq_ros.config import Config, KeyframeConfig, MotionConfig
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.glance import distance, GLANCE, Glance, glance, NearnessByGlance
 from convseq_ros.core.similarity.overlap import Overlap, PaperSimilarity
-from convseq_ros.core.types import Descriptor, Gray, Pose, Reason
+from convseq_ros.core.types import constants, Descriptor, Gray, Pose, Reason
 
 
 @constants

@@ -4,8 +4,7 @@
 
 from collections import deque
 
-from convseq_ros.core.constants import constants
-from convseq_ros.core.types import Floats, Gray
+from convseq_ros.core.types import constants, Floats, Gray
 import cv2
 import numpy as np
 

@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,12 @@ Halves = npt.NDArray[np.float16]
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is none
+
+
+def constants(record: type[Any]) -> Any:
+    """Return the one instance, frozen, of a class of annotated defaults: a stage's constants."""
+    made: Any = dataclass(frozen=True, slots=True)(record)
+    return made()
 
 
 @dataclass(frozen=True, slots=True)

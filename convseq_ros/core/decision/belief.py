@@ -14,10 +14,9 @@ Sources: Hansen and Browning 2014 (SeqSLAM as a hidden Markov model); Xu, Suende
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.motion import MOTION, MotionModel
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Doubles, Flags, Indices
+from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
 _WIDEST = 20.0  # places: of a sigma of the motion that is followed to its ends

@@ -14,9 +14,8 @@ counts as well.
 from dataclasses import dataclass
 import math
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.verification import Verification
-from convseq_ros.core.types import Doubles, Flags, Indices
+from convseq_ros.core.types import constants, Doubles, Flags, Indices
 import numpy as np
 
 

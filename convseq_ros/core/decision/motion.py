@@ -4,10 +4,9 @@
 
 import math
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import matrix
-from convseq_ros.core.types import Doubles, Indices, Pose
+from convseq_ros.core.types import constants, Doubles, Indices, Pose
 import numpy as np
 
 

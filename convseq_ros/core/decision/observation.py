@@ -10,14 +10,13 @@ pair scores; the best of these are verified. The likelihood judges what is found
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
 from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.types import Doubles, Indices, Row
+from convseq_ros.core.types import constants, Doubles, Indices, Row
 import numpy as np
 
 

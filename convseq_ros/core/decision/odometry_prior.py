@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 import math
 
 from convseq_ros.config import RobotConfig
-from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix
-from convseq_ros.core.types import Doubles, Indices, Pose
+from convseq_ros.core.types import constants, Doubles, Indices, Pose
 import numpy as np
 
 

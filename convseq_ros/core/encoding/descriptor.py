@@ -6,9 +6,8 @@ from functools import cache
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY, image_entropy
-from convseq_ros.core.types import Descriptor, Doubles, Flags, Floats, Gray
+from convseq_ros.core.types import constants, Descriptor, Doubles, Flags, Floats, Gray
 import cv2
 import numpy as np
 

@@ -6,8 +6,7 @@ from functools import cache
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
-from convseq_ros.core.types import Doubles, Gray, Indices
+from convseq_ros.core.types import constants, Doubles, Gray, Indices
 import cv2
 import numpy as np
 

@@ -12,8 +12,7 @@ from importlib.resources import files
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
-from convseq_ros.core.types import Doubles, Floats, Halves
+from convseq_ros.core.types import constants, Doubles, Floats, Halves
 import numpy as np
 import numpy.typing as npt
 

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.config import EncodingConfig, RobotConfig
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Camera, Frame, Gray
+from convseq_ros.core.types import Camera, constants, Frame, Gray
 from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field, replace
 import math
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.structure import Points, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
-from convseq_ros.core.types import Doubles
+from convseq_ros.core.types import constants, Doubles
 import cv2
 import numpy as np
 import numpy.typing as npt

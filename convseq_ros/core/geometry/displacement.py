@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from math import isqrt
 
 from convseq_ros.core.compiled import address, kernels_of
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION, Regions
 from convseq_ros.core.geometry.structure import Points
-from convseq_ros.core.types import Floats
+from convseq_ros.core.types import constants, Floats
 import cv2
 import numpy as np
 import numpy.typing as npt

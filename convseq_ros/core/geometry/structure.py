@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isqrt
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import Matrix
-from convseq_ros.core.types import Camera, COEFFICIENTS, Doubles
+from convseq_ros.core.types import Camera, COEFFICIENTS, constants, Doubles
 import cv2
 import numpy as np
 

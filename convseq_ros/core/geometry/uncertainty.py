@@ -4,10 +4,9 @@
 
 from dataclasses import dataclass, replace
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.geometry.alignment import Alignment, TwoView
 from convseq_ros.core.rigid import cross, inverse, Matrix, quaternion, vector
-from convseq_ros.core.types import RelativePose, UNKNOWN_M2, Vector
+from convseq_ros.core.types import constants, RelativePose, UNKNOWN_M2, Vector
 import numpy as np
 
 

@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.displacement import Arranged
-from convseq_ros.core.types import Doubles, Shift
+from convseq_ros.core.types import constants, Doubles, Shift
 import numpy as np
 
 # (2, 3): rows and columns moved, in cells, by 1, row and column, these counted in sides of the

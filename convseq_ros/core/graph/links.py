@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from threading import Lock
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.rigid import composed_covariance, matrix, pose_of
-from convseq_ros.core.types import RelativePose
+from convseq_ros.core.types import constants, RelativePose
 import numpy as np
 
 

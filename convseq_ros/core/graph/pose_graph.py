@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.rigid import angle, inverse, Matrix, matrix, pose_of
+from convseq_ros.core.types import constants
 from convseq_ros.errors import ConvseqError, pip_install
 import numpy as np
 

@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from weakref import WeakMethod
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.map.place import Picture, shown
-from convseq_ros.core.types import Doubles, Floats, Gray
+from convseq_ros.core.types import constants, Doubles, Floats, Gray
 from convseq_ros.errors import MapError
 import cv2
 import numpy as np

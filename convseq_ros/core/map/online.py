@@ -6,11 +6,10 @@ from itertools import chain, pairwise
 import math
 
 from convseq_ros.config import Config
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.graph.links import LINKS, Links
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Frame, Halves, Match, Pose, Reason
+from convseq_ros.core.types import constants, Descriptor, Frame, Halves, Match, Pose, Reason
 import numpy as np
 
 _RECOGNISED = frozenset({Reason.ACCEPTED, Reason.COOL_DOWN})

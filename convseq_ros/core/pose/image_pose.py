@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
@@ -20,7 +19,7 @@ from convseq_ros.core.map.kept_image import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
-from convseq_ros.core.types import Camera, Doubles, Flags, Floats, Frame, Gray, Indices
+from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2
 import numpy as np
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, two_view, unshrunk
 from convseq_ros.core.geometry.displacement import Arranged, followed
@@ -34,7 +33,16 @@ from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
-from convseq_ros.core.types import Camera, Candidate, Doubles, Frame, Pose, RelativePose, Shift
+from convseq_ros.core.types import (
+    Camera,
+    Candidate,
+    constants,
+    Doubles,
+    Frame,
+    Pose,
+    RelativePose,
+    Shift,
+)
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 

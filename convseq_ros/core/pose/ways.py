@@ -4,10 +4,9 @@
 
 import math
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.rigid import inverse, Matrix, matrix
-from convseq_ros.core.types import RelativePose
+from convseq_ros.core.types import constants, RelativePose
 
 
 @constants

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from convseq_ros.core.compiled import array, available, kernel, SIZE
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.map.place import GrowingArray
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.types import Descriptor, Doubles, Floats, Halves, Indices, Row
+from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Halves, Indices, Row
 import numpy as np
 
 _AT_ONCE = 4096  # rows in float32, for 4 MB of memory

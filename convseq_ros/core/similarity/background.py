@@ -10,9 +10,9 @@ of queries their own drive's, since the same scene looks otherwise at night.
 
 from collections.abc import Callable
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, Regions
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.types import constants
 import numpy as np
 
 _READ_AT_ONCE = 16  # places of the sample, for 1 MB of cells

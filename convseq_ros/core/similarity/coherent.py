@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from math import isqrt
 from typing import Any
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import Cells, projected_regions, REGION, Regions, thinned
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor, Doubles, Floats, Indices
+from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices
 import cv2
 import numpy as np
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import cache
 from threading import local
 
-from convseq_ros.core.constants import constants
 from convseq_ros.core.encoding.regions import (
     Cells,
     paper_regions,
@@ -25,7 +24,7 @@ from convseq_ros.core.similarity.coherent import (
     Wide,
 )
 from convseq_ros.core.similarity.pair_score import PairScore, Scores, Shown
-from convseq_ros.core.types import Descriptor, Doubles, Floats, Indices, Shift
+from convseq_ros.core.types import constants, Descriptor, Doubles, Floats, Indices, Shift
 import cv2
 import numpy as np
 
