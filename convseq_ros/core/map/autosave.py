@@ -8,8 +8,8 @@ from threading import Event, Lock, Thread
 import time
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.database import MapLock
 from convseq_ros.core.map.edit import bound
-from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.online import surplus
 from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.errors import MapError

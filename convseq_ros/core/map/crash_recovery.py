@@ -154,8 +154,6 @@ def _refuse_other_files(path: Path) -> None:
 
 def _refuse_damaged_log(log: Path) -> None:
     """Raise MapError if what was committed to a map's log is not there any more."""
-    if not log.is_file():  # a pipe would hang
-        return
     try:
         with log.open('rb') as file:
             is_large = os.fstat(file.fileno()).st_size > _HEAD.size + PAGE_BYTES
@@ -208,8 +206,9 @@ def _commits(log: BinaryIO, at: int, size: int, salts: list[int]) -> int:
 def _sums(content: bytes, order: str, before: Words) -> Words:
     """Return both sums (2,) of some bytes, going on from those before."""
     words = np.frombuffer(content, f'{order}u4').astype(np.uint32)
-    weights, of_before = _weights(len(words))
-    return (words[:, None] * weights).sum(axis=0, dtype=np.uint32) + of_before @ before
+    words[:1] += before[:1]
+    words = np.concatenate([before[1:], words])
+    return np.asarray(words @ _weights(len(words)))
 
 
 def _is_one_bit(content: bytes, order: str, before: Words, stored: Words) -> bool:
@@ -217,20 +216,18 @@ def _is_one_bit(content: bytes, order: str, before: Words, stored: Words) -> boo
     found = _sums(content, order, before)
     if sum(int(one).bit_count() for one in found ^ stored) == 1:
         return True
-    weights, _ = _weights(len(content) // 4)
-    bits = weights[..., None] << np.arange(32, dtype=np.uint32)
+    bits = _weights(len(content) // 4)[..., None] << np.arange(32, dtype=np.uint32)
     return any(
         (bits == off[:, None]).all(axis=1).any() for off in (found - stored, stored - found)
     )
 
 
 @cache
-def _weights(count: int) -> tuple[Words, Words]:
-    """Return what each word adds to both sums, (words, 2), and what sums before add, (2, 2)."""
+def _weights(count: int) -> Words:
+    """Return what each of some words adds to both sums, (words, 2): numbers of Fibonacci."""
     # Of two words x, y: first += x + second; second += y + first.
-    of_words, onward = (np.array(one, np.uint32) for one in ([[1, 0], [1, 1]], [[1, 1], [1, 2]]))
-    pairs, power = [], np.eye(2, dtype=np.uint32)
-    for _ in range(count // 2):
-        pairs.append((power @ of_words).T)
-        power = power @ onward
-    return np.concatenate(pairs[::-1]), power
+    numbers = [0, 1]
+    while len(numbers) <= count:
+        numbers.append(sum(numbers[-2:]) % 2**32)
+    backwards = np.array(numbers[::-1], np.uint32)
+    return np.stack([backwards[1:], backwards[:-1]], axis=1)

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from convseq_ros.core.graph.links import beyond, Links
 from convseq_ros.core.map.crash_recovery import open_to_write
-from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.database import Database, explained, MapLock
 from convseq_ros.core.map.format import kept_of, MapSession, row_crc
-from convseq_ros.core.map.lock import MapLock
 from convseq_ros.core.map.online import surplus
 from convseq_ros.core.map.place import Picture, Places
 from convseq_ros.core.map.reader import open_map

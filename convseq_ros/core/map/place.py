@@ -1,22 +1,23 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is kept of a place: numbers in memory, and a picture that is read when it is needed."""
+"""What is kept of a place: numbers in memory; cells, pictures and depths that are read later."""
 
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 import sys
 from typing import Any
 
-from convseq_ros.core.encoding.regions import Cells
-from convseq_ros.core.types import Flags, Gray, Halves, Indices, Pose, Vector
+from convseq_ros.core.encoding.regions import Cells, REGION
+from convseq_ros.core.graph.links import SessionBounds
+from convseq_ros.core.types import constants, Doubles, Floats, Gray, Halves, Pose, Vector
 from convseq_ros.picture_header import declared
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Packed = Halves
+Depths = Doubles  # (n,), of regions, metres along the lens; NaN where unknown
 
 NO_CELLS: Packed = np.zeros((0, 0, 0), np.float16)  # of a place of which none are kept
 PACKED_UNIT = np.float32(64)  # of stored cells; sums of strengths would overflow float16
@@ -29,6 +30,25 @@ _NOT_FINITE = np.uint16(0x7C00)  # exponent of float16; NumPy's own test is slow
 _ROW = np.dtype(
     [('stamp_ns', np.int64), ('source', object), ('pose', np.float64, 7), ('session', np.int32)]
 )
+
+
+@constants
+class KEPT_IMAGE:
+    """Of kept images; quality by a look at road_1 and road_2 (docs/GEOMETRY.md)."""
+
+    quality_percent: int = 85  # of a JPEG; 70 doubles the error of poses on a corner
+    longest_px: int = 1280  # side of an image as it is used; a stranger's may be of any size
+
+
+@constants
+class SAMPLE:
+    """Of depth images; engineering, not studied."""
+
+    grid: int = 5  # pixels that are read across and down of a region's middle cell
+    fewest: int = 13  # of the 25, that must show a depth
+    nearest_m: float = 0.1  # what is nearer is no depth
+    furthest_m: float = 1000.0
+    aspect: float = 0.02  # by which its sides may have another ratio than the image's
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,55 +108,6 @@ class GrowingArray:
             self._rows = larger
         self._rows[self._count : end] = rows
         self._count = end
-
-
-class SessionBounds:
-    """
-    The bounds of a map's sessions, which lie one after another; at first one that begins at 0.
-
-    Places of different sessions are not near each other, whatever their numbers. One thread may
-    begin sessions while others ask.
-    """
-
-    def __init__(self, starts: tuple[int, ...] = ()) -> None:
-        self._starts, self.starts = [0], np.zeros(1, np.int64)  # (S,), ascending
-        for start in starts:
-            self.begin(start)
-
-    def begin(self, start: int) -> None:
-        """Have a session begin at a place that comes after all sessions so far."""
-        if start > self._starts[-1]:
-            self._starts.append(start)
-            self.starts = np.array(self._starts, np.int64)
-
-    def span(self, index: int) -> tuple[int, int]:
-        """Return the first place of a place's session, and the next one's; the last has no end."""
-        after = bisect_right(self._starts, index)
-        end = self._starts[after] if after < len(self._starts) else sys.maxsize
-        return self._starts[after - 1], end
-
-    def spans(self, indices: Indices) -> tuple[Indices, Indices] | tuple[int, int]:
-        """Return the same of places (n,)."""
-        if len(self._starts) == 1:
-            return 0, sys.maxsize
-        after = np.searchsorted(self.starts, indices, 'right')
-        return self.starts[after - 1], np.append(self.starts, sys.maxsize)[after]
-
-    def around(self, index: int, distance: int) -> range:
-        """Return the places of the same session within a distance, and perhaps beyond the map."""
-        first, end = self.span(index)
-        return range(max(first, index - distance), min(end, index + distance + 1))
-
-    def near(self, indices: Indices, index: int, distance: int) -> Flags:
-        """Return which of some places (n,) are of the same session, within a distance."""
-        there = self.around(index, distance)
-        return (indices >= there.start) & (indices < there.stop)
-
-    def nearness(self, indices: Indices, others: Indices, distance: int) -> Flags:
-        """Return the same of some places (n,) for each of others (m,), as (m, n)."""
-        apart = abs(indices - others[:, None])
-        first, end = (np.broadcast_to(one, others.shape)[:, None] for one in self.spans(others))
-        return (apart <= distance) & (indices >= first) & (indices < end)
 
 
 class Places(Sequence[Place]):
@@ -241,8 +212,11 @@ def thumbnail(gray: Gray, width_px: int) -> bytes:
     height, width = gray.shape
     scale = min(width_px / width, _TALLEST * width_px / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
-    return cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    return _jpeg(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), _QUALITY)
+
+
+def _jpeg(gray: Gray, quality_percent: int) -> bytes:
+    return cv2.imencode('.jpg', gray, [cv2.IMWRITE_JPEG_QUALITY, quality_percent])[1].tobytes()
 
 
 def shown(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
@@ -252,3 +226,56 @@ def shown(jpeg: bytes, most_pixels: float = _MOST_PIXELS) -> Gray | None:
         return None
     gray = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
     return None if gray is None else np.asarray(gray, np.uint8)
+
+
+def reduced(gray: Gray, longest_px: int) -> Gray:
+    """Return an image (H, W) whose longer side is at most so long."""
+    scale = longest_px / max(gray.shape)
+    if scale >= 1:
+        return gray
+    height, width = (max(1, round(side * scale)) for side in gray.shape)
+    return np.asarray(cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def kept_image(gray: Gray, width_px: int) -> bytes | None:
+    """Return a JPEG of an image (H, W), its longer side reduced to a length; None if that is 0."""
+    return _jpeg(reduced(gray, width_px), KEPT_IMAGE.quality_percent) if width_px else None
+
+
+def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) -> bytes | None:
+    """
+    Return the median depth of each region's middle cell, as a map stores it.
+
+    That is half floats, little-endian, 0 where unknown. `depth_m`, (h, w) in metres, may hold
+    what is not finite or no depth; the image has a shape of (H, W), and `cells` cells in a row.
+    None if nothing is known, or if the depth image has other proportions than the image, and so
+    is not registered to it.
+    """
+    if depth_m is None or depth_m.ndim != 2 or not depth_m.size:
+        return None
+    wide, own = shape[1] / shape[0], depth_m.shape[1] / depth_m.shape[0]
+    if abs(own - wide) > SAMPLE.aspect * wide:
+        return None
+    first, side = REGION.span // 2, cells - REGION.span + 1
+    shares = (np.arange(side * SAMPLE.grid) + 0.5) / SAMPLE.grid + first
+    rows, columns = ((shares / cells * length).astype(int) for length in depth_m.shape)
+    some = depth_m[np.ix_(rows, columns)].reshape(side, SAMPLE.grid, side, SAMPLE.grid)
+    each = some.transpose(0, 2, 1, 3).reshape(side, side, -1).astype(np.float32)
+    with np.errstate(invalid='ignore'):
+        known = (each >= SAMPLE.nearest_m) & (each <= SAMPLE.furthest_m)
+    counts = known.sum(axis=2)
+    ranked = np.sort(np.where(known, each, np.float32(np.inf)), axis=2)
+    median = np.take_along_axis(ranked, np.maximum(counts - 1, 0)[..., None] // 2, axis=2)
+    depths = np.where(counts >= SAMPLE.fewest, median[..., 0], 0).astype('<f2')
+    return depths.tobytes() if depths.any() else None
+
+
+def unpacked_depths(stored: bytes, cells: int) -> Depths:
+    """Return depths of regions, row by row; ValueError if their number does not fit."""
+    side = cells - REGION.span + 1
+    depths = np.frombuffer(stored, '<f2').astype(np.float64)
+    if len(depths) != side**2:
+        raise ValueError(f'{len(depths)} depths, but {side**2} regions')
+    with np.errstate(invalid='ignore'):
+        is_known = (depths >= SAMPLE.nearest_m) & (depths <= SAMPLE.furthest_m)
+    return np.where(is_known, depths, np.nan)

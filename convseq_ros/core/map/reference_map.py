@@ -5,32 +5,85 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import Lock
+from typing import Any
 from uuid import uuid4
+from weakref import WeakMethod
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
 from convseq_ros.core.encoding.descriptor import cell_shape
 from convseq_ros.core.encoding.first_stage import vector_length
 from convseq_ros.core.encoding.regions import Cells, global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.core.graph.links import Links
+from convseq_ros.core.graph.links import Links, SessionBounds
 from convseq_ros.core.map.format import MapSession
-from convseq_ros.core.map.kept_image import kept_image, KeptImages, packed_depths
 from convseq_ros.core.map.place import (
+    Depths,
+    KEPT_IMAGE,
+    kept_image,
     NO_CELLS,
     pack_cells,
     Packed,
+    packed_depths,
     Picture,
     Place,
     Places,
-    SessionBounds,
+    reduced,
+    shown,
     thumbnail,
     unpack_cells,
+    unpacked_depths,
 )
-from convseq_ros.core.types import Camera, Descriptor, Frame, Halves, Pose
+from convseq_ros.core.types import Camera, Descriptor, Frame, Gray, Halves, Pose
+from convseq_ros.errors import MapError
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 ReadPictures = Callable[[Sequence[int], bool], list[Picture]]
+
+
+class KeptImages:
+    """
+    The images and depths of a map, by its `pictures`; read only if any `are_kept`.
+
+    Of what could not be decoded, `unreadable` is how often, and `problem` why the last could not.
+    """
+
+    def __init__(
+        self, pictures: Callable[[Sequence[int], bool], list[Picture]], are_kept: bool = True
+    ) -> None:
+        # Not held, so that a map that is let go of is gone at once.
+        self._pictures, self.are_kept = WeakMethod(pictures), are_kept
+        self.unreadable, self.problem = 0, ''
+
+    def image(self, index: int, max_mpx: float) -> Gray | None:
+        """Return the image of a place; None if none was kept, or it cannot be decoded."""
+
+        def decode(picture: Picture) -> Gray | None:
+            if picture.image is None:
+                return None
+            if (gray := shown(picture.image, max_mpx * 1e6)) is not None:
+                return reduced(gray, KEPT_IMAGE.longest_px)
+            raise ValueError(f'no JPEG within max_image_mpx, {max_mpx:g}; build the map again')
+
+        return self._decoded('image', index, decode)
+
+    def depths(self, index: int, cells: int) -> Depths | None:
+        """Return the depths of a place's regions; None if none are known, or they are damaged."""
+
+        def decode(picture: Picture) -> Depths | None:
+            return None if picture.depths is None else unpacked_depths(picture.depths, cells)
+
+        return self._decoded('depth', index, decode)
+
+    def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
+        pictures = self._pictures() if self.are_kept else None
+        try:
+            return decode(*pictures([index], True)) if pictures else None
+        except (MapError, ValueError, cv2.error) as error:
+            self.unreadable += 1
+            self.problem = f'kept {what} of reference {index}: {error}'
+            return None
 
 
 class ReferenceMap:

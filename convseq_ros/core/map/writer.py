@@ -17,7 +17,7 @@ from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
-from convseq_ros.core.map.database import Database, explained
+from convseq_ros.core.map.database import BESIDE, Database, explained, MapLock, PART
 from convseq_ros.core.map.format import (
     APPLICATION_ID,
     FORMAT_VERSION,
@@ -27,7 +27,6 @@ from convseq_ros.core.map.format import (
     SCHEMA,
     Settings,
 )
-from convseq_ros.core.map.lock import BESIDE, MapLock, PART
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap

@@ -15,7 +15,7 @@ from typing import Any
 from convseq_ros.core.encoding.descriptor import seen_cells
 from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
-from convseq_ros.core.map.kept_image import reduced
+from convseq_ros.core.map.place import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS

@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Any
 
 from convseq_ros.config import SequenceConfig
-from convseq_ros.core.map.place import SessionBounds
+from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.types import Descriptor, Indices, Row
 import numpy as np
 import numpy.typing as npt

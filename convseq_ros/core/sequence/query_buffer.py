@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from convseq_ros.core.geometry.verification import Verification, verify
-from convseq_ros.core.map.place import SessionBounds
+from convseq_ros.core.graph.links import SessionBounds
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.sequence.diagonals import ONE_SESSION, sequence_scores, Values
 from convseq_ros.core.types import Candidate, constants, Descriptor, Indices, Row
