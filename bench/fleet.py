@@ -35,7 +35,6 @@ import cv2
 import numpy as np
 
 from bench import material
-from bench.work import resident_mb
 
 FIRST = 2000  # places of the map that holds the street, whose images the others repeat
 FRAMES = 200  # of the drive through the street
@@ -84,7 +83,7 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
         path.touch()
         os.truncate(path, each * first.stat().st_size // FIRST)
     with connected(Cluster(workers=chosen.workers, are_threads=chosen.threads)) as client:
-        empty_mb = max(client.run(resident_mb).values())
+        empty_mb = max(client.run(material.resident_mb).values())
         client.run(open_thin, first, each)
         started_s = time.monotonic()
         session = Fleet(client, [first, *paths], Config(), 300.0)
@@ -111,9 +110,9 @@ def frames(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
             'p95_ms': float(np.percentile(took_ms[WARM:], 95)),
             'here_busy_ms': 1e3 * here_s / count,  # of a processor's time, a frame
             'workers_busy_ms': [1e3 * one / count for one in workers_s],
-            'worker_mb': max(client.run(resident_mb).values()),
+            'worker_mb': max(client.run(material.resident_mb).values()),
             'empty_worker_mb': empty_mb,
-            'here_mb': resident_mb(),
+            'here_mb': material.resident_mb(),
             'accepted': accepted,
             'right': right,
             'frames': len(took_ms),
@@ -132,7 +131,7 @@ def build(chosen: argparse.Namespace, folder: Path) -> Mapping[str, Any]:
     for workers in (1, chosen.workers, 1, chosen.workers):
         maps = Path(tempfile.mkdtemp(dir=folder))
         with connected(Cluster(workers=workers)) as client:
-            client.run(resident_mb)  # all are there
+            client.run(material.resident_mb)  # all are there
             jobs = {
                 path.name: (path, maps / f'{path.name}.db', Config())
                 for path in sorted((folder / 'recordings').iterdir())

@@ -73,7 +73,7 @@ def _failed(name: str, setting: Setting, why: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measure one part and print its findings."""
-    from bench.work import Work
+    from bench.material import Work
 
     parser = argparse.ArgumentParser()
     parser.add_argument('part', choices=PARTS)

@@ -3,10 +3,8 @@
 """
 Print the tables of docs/RESULTS.md: what we and what robots run today recognise.
 
-Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow]
-[--kept peers], some 20 minutes of a core. What a method did on a set is kept in a JSON file of its
-own, so that a run goes on where it was stopped; delete them to begin anew. In methods, DATA is the
-folder.
+Usage: python scripts/peers.py --data FOLDER [--sets corridor laps] [--methods convseq orb-bow],
+some 20 minutes of a core. In methods, DATA is the folder.
 
 By the open protocol: half of the map is removed in turn. Recall is right matches of all frames
 whose place is in the map. *Own*: by the method's own decision, with its false matches. *Best*: at
@@ -19,12 +17,9 @@ lap is driven on: 40 of 840 places off is right, and up to 100 is not counted.
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-import json
 from pathlib import Path
-import re
-import sys
 import tempfile
 import time
 
@@ -35,8 +30,8 @@ from convseq_ros.evaluation.methods import make_method, parse_method
 from convseq_ros.evaluation.protocols import ask, ONLINE, OPEN, Outcome
 from convseq_ros.evaluation.scorecard import first_closures, judge, Verdicts
 from convseq_ros.evaluation.truth import Truth
-from convseq_ros.results import complete_or_absent
 from convseq_ros.sources.folder import pictures_in
+from drives import head, row
 import laps
 import numpy as np
 import numpy.typing as npt
@@ -148,71 +143,39 @@ def _run(outcome: Outcome) -> Run:
     return Run(judge(outcome), outcome.halves, frame_ms, pairs.place_bytes or 0.0)
 
 
-def keep(path: Path, some: Sequence[Run]) -> None:
-    """Write what a method did on a set."""
-    with complete_or_absent(path) as part:
-        part.write_text(json.dumps([asdict(one) for one in some], default=np.ndarray.tolist))
-
-
-def recall(path: Path) -> list[Run]:
-    """Read what a method did on a set."""
-    told = json.loads(path.read_text())
-    for one in told:
-        values = {name: np.array(given) for name, given in one['verdicts'].pop('values').items()}
-        flags = {name: np.array(given) for name, given in one['verdicts'].items()}
-        one['verdicts'] = Verdicts(**flags, values=values)
-    return [Run(**one) for one in told]
-
-
 def criteria(run: Run) -> list[str]:
     """Return how sure a method can say to be."""
     return [one for one, values in run.verdicts.values.items() if not np.isnan(values).all()]
 
 
-def main() -> int:
+def main() -> None:
     """Measure, and print two tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--data', type=Path, required=True)
     parser.add_argument('--sets', nargs='*', default=SETS)
     parser.add_argument('--methods', nargs='*', default=[*NAMES])
-    parser.add_argument('--kept', type=Path, default=Path('peers'))
     chosen = parser.parse_args()
-    chosen.kept.mkdir(exist_ok=True)
     time.perf_counter = time.process_time  # what else the machine does takes no part
     config = make_config({'threads': 1})
-    found: dict[str, dict[str, list[Run]]] = {text: {} for text in chosen.methods}
-    first = 'frames to the first right match, at best'
-    print(f'| set | method | own, % | best, % | {first} | ms a frame | kB a place |')
-    print('|---' * 7 + '|')
-    slugs = {text: re.sub(r'[^\w-]+', '_', text) for text in chosen.methods}
+    found: dict[str, list[list[Run]]] = {text: [] for text in chosen.methods}
+    head('set', 'method', 'own, %', 'best, %', 'frames to the first right match, at best',
+         'ms a frame', 'kB a place')  # fmt: skip
     for name in chosen.sets:
-        files = {text: chosen.kept / f'{name}.{slug}.json' for text, slug in slugs.items()}
-        if missing := [text for text, file in files.items() if not file.exists()]:
-            with _opened(name, chosen.data, config) as material:
-                for text in missing:
-                    asked = text.replace('DATA', str(chosen.data))
-                    keep(files[text], runs(material, asked, config))
-        shown = f'{name} '
-        for text in chosen.methods:
-            some = found[text][name] = recall(files[text])
-            share, first = max(_options(some))
-            best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)
-            ms, kept_kb = some[0].frame_ms, some[0].place_bytes / 1e3
-            costs = f'{f"{ms:.0f}" if ms >= 0.5 else "< 1"} | {kept_kb:.1f}'
-            cells = f'{_name(text)} | {_own(some[0])} | {best} | {first} | {costs}'
-            print(f'| {shown}| {cells} |', flush=True)
-            shown = ''
+        with _opened(name, chosen.data, config) as material:
+            for text in chosen.methods:
+                some = runs(material, text.replace('DATA', str(chosen.data)), config)
+                found[text].append(some)
+                share, first = max(_options(some))
+                best = f'**{_percent(share)}**' if text == 'convseq' else _percent(share)
+                ms, kept_kb = some[0].frame_ms, some[0].place_bytes / 1e3
+                costs = f'{ms:.0f}' if ms >= 0.5 else '< 1', f'{kept_kb:.1f}'
+                shown = name if text == chosen.methods[0] else ''
+                row(shown, NAMES.get(text, text), _own(some[0]), best, first, *costs)
     print()
-    print('| method |', ' | '.join(chosen.sets), '|')
-    print('|---' * (len(chosen.sets) + 1) + '|')
+    head('method', *chosen.sets)
     for text, by_set in found.items():
-        one = max(_for_all([*by_set.values()]), key=sum)
-        print(f'| {_name(text)} |', ' | '.join(map(_percent, one)), '|', flush=True)
-    return 0
-
-
-def _name(text: str) -> str:
-    return NAMES.get(text, text)
+        one = max(_for_all(by_set), key=sum)
+        row(NAMES.get(text, text), *map(_percent, one))
 
 
 @contextmanager
@@ -250,4 +213,4 @@ def _percent(share: float) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

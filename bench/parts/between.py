@@ -11,8 +11,7 @@ from convseq_ros.core.types import Frame, Pose, Reason
 import numpy as np
 
 from bench.finding import Finding
-from bench.material import read_drive
-from bench.work import Work
+from bench.material import read_drive, Work
 
 _RATE_HZ, _FRAMES = 30, 150
 _MOST_MS = 0.3

@@ -40,9 +40,8 @@ import numpy as np
 
 from bench.finding import Finding
 from bench.machine import float32_peak, int8_peak
-from bench.material import read_into_file_cache, truth
+from bench.material import read_into_file_cache, truth, Work
 from bench.parts.kernels import OPERATIONS, REGIONS, salient
-from bench.work import Work
 
 # What is called in each stage: by what has it, and its name there.
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {

@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.finding import Finding
 from bench.machine import float32_peak, int8_peak
-from bench.work import Work
+from bench.material import Work
 
 KERNELS = ('int8', 'float32', 'numpy')
 REGIONS = 900  # of a reference

@@ -20,8 +20,7 @@ from convseq_ros.core.types import Frame
 import numpy as np
 
 from bench.finding import Finding
-from bench.material import queries_path
-from bench.work import resident_mb, Work
+from bench.material import queries_path, resident_mb, Work
 
 _WANTED_SIZE = 100_000
 _MOST_MB, _MOST_OPEN_S, _MOST_KB = 250, 3, 20

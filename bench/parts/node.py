@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.finding import Finding
-from bench.material import keyframe_map, model_map, model_of, read_drive
+from bench.material import keyframe_map, model_map, model_of, read_drive, Work
 from bench.part import ALONE
-from bench.work import Work
 
 if TYPE_CHECKING:
     from bench.torture.robot import Robot

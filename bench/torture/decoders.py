@@ -29,7 +29,7 @@ from convseq_ros.sources.topics import RawMessage
 import numpy as np
 
 from bench.torture import corpus
-from bench.torture.scenarios import APART, drawn, ENCODING
+from bench.torture.maps import APART, drawn, ENCODING
 
 _SMALLEST_PAGE_BYTES = 512  # of SQLite: a map of few bytes has many of what can be wrong
 # What a text may hold where it should not, beside all that a fuzzer thinks of.

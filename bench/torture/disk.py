@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A disk that fails at the n-th call that changes it; a library in C, preloaded, does so."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import ctypes
 from enum import IntEnum
@@ -15,7 +15,11 @@ import shutil
 import subprocess
 import sys
 
+from convseq_ros.core.map import autosave
+
 from bench.torture.attack import Try
+
+_NEVER_S = 1e6
 
 
 class How(IntEnum):
@@ -26,6 +30,22 @@ class How(IntEnum):
     TEAR = 2  # the process ends when half of it is written
     FULL = 3  # it fails, and all that take room after it: the disk is full
     FAIL = 4  # it fails, and only it: the disk has an error
+
+
+class Acknowledged:
+    """A number that a child leaves behind, whatever becomes of it; -1 at first."""
+
+    def __init__(self) -> None:
+        self.shared = mmap.mmap(-1, 8)
+        self.value = -1
+
+    @property
+    def value(self) -> int:
+        return int.from_bytes(self.shared[:], 'little', signed=True)
+
+    @value.setter
+    def value(self, number: int) -> None:
+        self.shared[:] = number.to_bytes(8, 'little', signed=True)
 
 
 def compiler() -> str | None:
@@ -58,10 +78,10 @@ def calls() -> int:
 
 
 @contextmanager
-def recorded(path: Path, number: mmap.mmap) -> Iterator[None]:
-    """Record every call that changes a disk in a file, and the 8 bytes of a number with it."""
+def recorded(path: Path, number: Acknowledged) -> Iterator[None]:
+    """Record every call that changes a disk in a file, and a number with it."""
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    watched = ctypes.c_int64.from_buffer(number)
+    watched = ctypes.c_int64.from_buffer(number.shared)
     arm(0, How.COUNT)
     _library().disk_record(file, ctypes.byref(watched))
     try:
@@ -69,6 +89,14 @@ def recorded(path: Path, number: mmap.mmap) -> Iterator[None]:
     finally:
         _library().disk_record(-1, None)
         os.close(file)
+
+
+def print_tries(make: Callable[[int, int, Path], Iterator[tuple[str, str]]]) -> None:
+    """Make the tries that the command line asks for, one after another."""
+    count, seed, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+    autosave._COMMIT_EVERY_S = _NEVER_S  # what is written is asked for
+    for found in make(count, seed, folder):
+        print(json.dumps(found), flush=True)
 
 
 def tries_of(module: str, count: int, seed: int, folder: Path) -> Iterator[Try]:

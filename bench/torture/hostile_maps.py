@@ -20,7 +20,7 @@ import numpy as np
 
 from bench.torture.attack import Try
 from bench.torture.forked import problem_of
-from bench.torture.scenarios import APART, drawn, ENCODING
+from bench.torture.maps import APART, drawn, ENCODING
 
 ABOUT = (
     'A map with triggers, endless views, further tables, indices out of reach, links to places '

@@ -12,7 +12,7 @@ from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import MapWriter, save_map
 
 from bench.torture.attack import Try
-from bench.torture.scenarios import add_one, APART, drawn, ENCODING, problem_of_use
+from bench.torture.maps import add_one, APART, drawn, ENCODING, problem_of_use
 
 ABOUT = (
     'A map grows in one to six commits and crashes, none of them in its file yet; one bit of the '

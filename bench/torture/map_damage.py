@@ -10,7 +10,7 @@ from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.writer import save_map
 
 from bench.torture.attack import Try
-from bench.torture.scenarios import add_one, drawn, links_hold, problem_of_use
+from bench.torture.maps import add_one, drawn, links_hold, problem_of_use
 
 ABOUT = (
     'In a map of 60 places and 40 links one bit flips (of ten tries six), 512 bytes are zeros or '

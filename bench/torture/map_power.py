@@ -14,8 +14,8 @@ import tempfile
 import traceback
 
 from bench.torture.attack import Try
-from bench.torture.disk import recorded, tries_of
-from bench.torture.scenarios import Acknowledged, print_tries, SCENARIOS
+from bench.torture.disk import Acknowledged, print_tries, recorded, tries_of
+from bench.torture.map_writes import SCENARIOS
 
 ABOUT = (
     'The power is cut at a random call of those of `map_writes`: of what was written since a file '
@@ -132,10 +132,9 @@ def _recorded(
         start.names[str(one)] = one.stat().st_ino
         start.files[one.stat().st_ino] = bytearray(one.read_bytes())
     acknowledged = Acknowledged()
-    acknowledged.value = -1
     record = folder / 'record'
     if not (child := os.fork()):
-        with recorded(record, acknowledged.shared):
+        with recorded(record, acknowledged):
             SCENARIOS[name].act(path, commits, acknowledged)
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

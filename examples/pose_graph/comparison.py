@@ -1,6 +1,6 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What false closures cost, with and without a robust back end."""
+"""How far a path is from the truth, and what false closures cost it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from statistics import median
 from graph import Closure, Odometry, optimise, Solution
 import numpy as np
 import numpy.typing as npt
-from trajectory_error import absolute_error_m
 
 Truth = Mapping[int, tuple[float, float]]  # x, y in metres by the stamps of the odometry
+Points = npt.NDArray[np.float64]  # (N, 2): x, y in metres; of two paths at the same times
 _APART_M, _APART_NS = 20.0, 30_000_000_000
 _SAME_M = 5.0
 
@@ -90,3 +90,22 @@ def compare(
                 )
             )
     return trials
+
+
+def aligned(estimate: Points, truth: Points) -> Points:
+    """Return a path, turned and moved as a whole (SE2, no scale) to lie nearest to the truth."""
+    centre, true_centre = estimate.mean(axis=0), truth.mean(axis=0)
+    left, _, right = np.linalg.svd((truth - true_centre).T @ (estimate - centre))
+    flip = np.diag((1.0, np.sign(np.linalg.det(left @ right))))
+    moved: Points = (estimate - centre) @ (left @ flip @ right).T + true_centre
+    return moved
+
+
+def rmse_m(estimate: Points, truth: Points) -> float:
+    """Return the root mean square distance of paths of shape (N, 2), metres, as they lie."""
+    return float(np.sqrt(np.mean(np.sum((estimate - truth) ** 2, axis=1))))
+
+
+def absolute_error_m(estimate: Points, truth: Points) -> float:
+    """Return the absolute trajectory error: the distance that is left after alignment."""
+    return rmse_m(aligned(estimate, truth), truth)

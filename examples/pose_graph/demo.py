@@ -16,20 +16,18 @@ try:
     import rclpy  # noqa: F401
 except ModuleNotFoundError as error:
     sys.exit(f"demo: {error.name} is not installed; in a clone, pip install '.[slam,ros,plot]'")
-from comparison import compare, draw_false, Trial, true_path, twice
+from comparison import absolute_error_m, compare, draw_false, Trial, true_path, Truth, twice
 from convseq_ros.cli.demo import make_empty
 from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError
 from convseq_ros.sources.recording import read_poses
-from graph import Closure, Odometry, optimise, Solution
+from graph import Closure, micro, Odometry, optimise, read_record, Solution
 from graph import Pose as PlanarPose
 from incremental import Incremental
 from live import play
 import numpy as np
 from picture import draw_picture
-from record import micro, read_record
 from simulated import DRIFT, record, two_blocks
-from trajectory_error import absolute_error_m
 
 Errors = Mapping[str, tuple[float, float]]
 _MARKER = '.convseq-demo-slam'
@@ -89,7 +87,7 @@ def _run(chosen: argparse.Namespace) -> None:
     trials = compare(odometry, right, truth, _COUNTS, chosen.draws)
 
     live = optimise(odometry, closures)
-    errors = _errors(odometry, ours, live, poses)
+    errors = _errors(odometry, ours, live, truth)
     print(f'\n{_told(route.length_m, len(truth))}\n')
     print(_summary(poses, ours, kept, is_false))
     print()
@@ -111,11 +109,8 @@ def _run(chosen: argparse.Namespace) -> None:
     print(f'\npicture  {chosen.picture or picture}')
 
 
-def _errors(
-    odometry: Odometry, ours: Sequence[Closure], live: Solution, poses: Mapping[int, Pose]
-) -> Errors:
+def _errors(odometry: Odometry, ours: Sequence[Closure], live: Solution, truth: Truth) -> Errors:
     """Return the errors by each way: of all keyframes, and of those passed twice."""
-    truth = {stamp_ns: pose.position[:2] for stamp_ns, pose in poses.items()}
     real, again = true_path(live, truth), twice(live, truth)
     batch = optimise(odometry, ours)
     believed = [closure for closure, kept in zip(ours, batch.kept, strict=True) if kept]

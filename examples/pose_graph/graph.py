@@ -1,11 +1,18 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry and loop closures in, a corrected path out; solved as `convseq map link` does."""
+"""
+Odometry and loop closures in, a corrected path out; solved as `convseq map link` does.
+
+A record is what a graph was told, as a file from which it can be made again.
+"""
 
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+import json
 import math
+import os
+from pathlib import Path
 from typing import NamedTuple
 
 from convseq_ros.core.graph.pose_graph import agreeing
@@ -213,3 +220,36 @@ def closure_factor(
 
 def _sigmas(*values: float) -> gtsam.noiseModel.Diagonal:
     return gtsam.noiseModel.Diagonal.Sigmas(np.array(values))
+
+
+def micro(stamp_ns: int) -> int:
+    """Return microseconds, as exactly as seconds in a float64 keep them."""
+    return round(stamp_ns / 1000)
+
+
+def write_record(
+    path: Path, odometry: Odometry, closures: Sequence[Closure], kept: Sequence[bool]
+) -> None:
+    """Write all odometry, all closures and what became of them; complete or not at all."""
+    part = path.with_name(path.name + '.part')
+    part.write_text(
+        json.dumps(
+            {
+                'odometry': [[stamp_ns, *pose] for stamp_ns, pose in odometry.measured],
+                'closures': [list(closure) for closure in closures],
+                'kept': list(kept),
+            }
+        )
+    )
+    os.replace(part, path)
+
+
+def read_record(path: Path) -> tuple[list[tuple[int, Pose]], list[Closure], list[bool]]:
+    """Return stamped odometry, closures, and whether each closure was kept."""
+    told = json.loads(path.read_text())
+    odometry = [(stamp_ns, Pose(*pose)) for stamp_ns, *pose in told['odometry']]
+    closures = [
+        Closure(*times, turn_rad, measured and Pose(*measured), covariance and tuple(covariance))
+        for *times, turn_rad, measured, covariance in told['closures']
+    ]
+    return odometry, closures, told['kept']

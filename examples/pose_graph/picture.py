@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from comparison import error_m, Trial, true_path, Truth
+from comparison import aligned, error_m, Trial, true_path, Truth
 from graph import Closure, Odometry, Solution
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 import numpy.typing as npt
-from trajectory_error import aligned
 
 _PALE, _DIM, _LINES = '#e8eef4', '#9fb0c0', '#2c3a48'
 _TRUE, _BEFORE, _AFTER = '#c9d4de', '#f5a623', '#4ea8ff'

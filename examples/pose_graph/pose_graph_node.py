@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 try:
-    from graph import Closure, Noise, Odometry, optimise, Pose, Solution
+    from graph import Closure, micro, Noise, Odometry, optimise, Pose, Solution, write_record
     from incremental import Incremental
 except ModuleNotFoundError as error:
     sys.exit(f'pose_graph_node: {error}; pip install gtsam')
@@ -45,7 +45,6 @@ except ModuleNotFoundError as error:
         'ros-jazzy-rclpy[fastrtps] ros-jazzy-common-interfaces'
     )
 import numpy as np
-from record import micro, write_record
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'closures'))
 from read_closure import read_closure
@@ -75,7 +74,7 @@ class PoseGraphNode(Node):
         self._measured: dict[tuple[int, int], tuple[Pose, tuple[float, ...]]] = {}
         self._incremental = Incremental(self._noise)
         self._closures: list[Closure] = []
-        self._solved = self._shown = 0
+        self._shown = 0
         self._solution: Solution | None = None
         self._duration_s = 0.0
         overrides = QoSOverridingOptions.with_default_policies()
@@ -160,7 +159,7 @@ class PoseGraphNode(Node):
 
     def _work(self) -> None:
         # A closure may be heard before the first odometry is.
-        if len(self._odometry) and len(self._pairs) > self._solved:
+        if len(self._odometry) and len(self._pairs) > len(self._closures):
             self._solve()
             self._tell()
         if len(self._odometry) > self._shown:
@@ -176,7 +175,6 @@ class PoseGraphNode(Node):
         ]
         self._solution = optimise(self._odometry, self._closures, self._noise)
         self._duration_s = time.monotonic() - begun_s
-        self._solved = len(self._closures)
 
     def _turn(self, query_ns: int, reference_ns: int) -> float | None:
         """Return how far the robot was turned against before, if a pose told."""
@@ -205,8 +203,7 @@ class PoseGraphNode(Node):
         path = PathMessage()
         path.header.frame_id = self._map_frame
         path.poses = [self._stamped(*one) for one in zip(stamps_ns, poses, strict=True)]
-        if path.poses:
-            path.header.stamp = path.poses[-1].header.stamp
+        path.header.stamp = path.poses[-1].header.stamp
         return path
 
     def _stamped(self, stamp_ns: int, pose: Pose) -> PoseStamped:
@@ -219,13 +216,14 @@ class PoseGraphNode(Node):
         return stamped
 
     def _tell(self) -> None:
-        text = self._summary()
+        kept, keyframes = sum(self._kept), len(self._odometry)
+        rejected = len(self._closures) - kept
+        text = (
+            f'closures: {kept} kept, {rejected} rejected; {keyframes} keyframes, optimised in '
+            f'{self._duration_s * 1000:.0f} ms'
+        )
         self.get_logger().info(text)
-        values = {
-            'kept': sum(self._kept),
-            'rejected': len(self._closures) - sum(self._kept),
-            'keyframes': len(self._odometry),
-        }
+        values = {'kept': kept, 'rejected': rejected, 'keyframes': keyframes}
         status = DiagnosticStatus(level=DiagnosticStatus.OK, name=self.get_name(), message=text)
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
@@ -235,12 +233,6 @@ class PoseGraphNode(Node):
     @property
     def _kept(self) -> tuple[bool, ...]:
         return self._solution.kept if self._solution else ()
-
-    def _summary(self) -> str:
-        return (
-            f'closures: {sum(self._kept)} kept, {len(self._closures) - sum(self._kept)} rejected; '
-            f'{len(self._odometry)} keyframes, optimised in {self._duration_s * 1000:.0f} ms'
-        )
 
 
 def _pose(pose: PoseMessage) -> Pose:

@@ -20,7 +20,7 @@ from bench.parts.frames import STAGES
 from bench.torture import forked, fuzz
 from bench.torture.attack import attacks
 from bench.torture.disk import compiler
-from bench.torture.scenarios import SCENARIOS
+from bench.torture.map_writes import SCENARIOS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEED_A_COMPILER = 'map_power', 'map_writes'
@@ -40,13 +40,13 @@ def test_maps_survive_a_short_part_of_the_torture(name):
 LIES = """
 import sys
 from pathlib import Path
-from bench.torture import scenarios
+from bench.torture import disk, map_writes
 from convseq_ros.core.map.autosave import Autosave
 # A program that says at once that all is safe.
 Autosave.flush = lambda self: setattr(self, 'committed', len(self.reference_map))
-scenarios.SCENARIOS = {'grow': scenarios.SCENARIOS['grow']}
+map_writes.SCENARIOS = {'grow': map_writes.SCENARIOS['grow']}
 sys.argv[1:] = ['6', '0', sys.argv[1]]
-scenarios.print_tries(scenarios.tries)
+disk.print_tries(map_writes.tries)
 """
 
 

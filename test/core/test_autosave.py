@@ -14,7 +14,7 @@ from convseq_ros.errors import MapError
 from programs import wait_for
 import pytest
 
-from bench.torture.scenarios import APART, cells, drawn, ENCODING, grow, holds
+from bench.torture.maps import APART, cells, drawn, ENCODING, grow, holds
 
 pytestmark = pytest.mark.once
 

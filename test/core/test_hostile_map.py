@@ -23,7 +23,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
-from bench.torture.scenarios import APART, cells, drawn, ENCODING
+from bench.torture.maps import APART, cells, drawn, ENCODING
 
 pytestmark = pytest.mark.once
 

@@ -9,12 +9,10 @@ import pytest
 
 pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 
-from comparison import compare, error_m, Trial
-from graph import Closure, Noise, Odometry, optimise, Pose
+from comparison import absolute_error_m, aligned, compare, error_m, rmse_m, Trial
+from graph import Closure, Noise, Odometry, optimise, Pose, read_record, write_record
 import gtsam
 from incremental import Incremental
-from record import read_record, write_record
-from trajectory_error import absolute_error_m, aligned, rmse_m
 
 SECOND = 1_000_000_000
 COUNTS = (0, 1, 3, 6, 12)

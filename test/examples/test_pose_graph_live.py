@@ -17,15 +17,14 @@ pytest.importorskip('gtsam', reason='needs gtsam: pip install gtsam')
 pytest.importorskip('rclpy', reason="needs ROS: pip install '.[ros]'")
 pytest.importorskip('rosbags', reason='needs rosbags: pip install rosbags')
 
+from comparison import absolute_error_m
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.sources.recording import read_poses
 import drives
-from graph import Odometry, optimise
+from graph import Odometry, optimise, read_record
 from live import play
 import numpy as np
-from record import read_record
 from simulated import shots, two_blocks
-from trajectory_error import absolute_error_m
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'pose_graph'
 SIMULATED = EXAMPLE / 'simulated.py'

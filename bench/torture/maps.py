@@ -1,0 +1,96 @@
+# Copyright 2026 The convseq_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps whose places any process can tell by their index, and what must hold of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+
+from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import MapWriter
+from convseq_ros.core.types import Pose, RelativePose
+from convseq_ros.errors import MapError
+import numpy as np
+
+ENCODING, APART = EncodingConfig(image_size_px=64), KeyframeConfig()
+_RELATIVE = RelativePose((0.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (1.0, 0.0, 0.0), np.eye(6), 30)
+_MOST_S = 5.0  # that the use of a damaged map takes
+
+
+def grow(reference_map: ReferenceMap, count: int, drive: int = 0) -> None:
+    """Add places that any process can tell by their index."""
+    for index in range(len(reference_map), len(reference_map) + count):
+        pose = Pose((index, 0, 0), (0, 0, 0, 1)) if index % 2 else None
+        place = Place(index, f'drive {drive}', pose)
+        reference_map.add(place, cells(index, drive), b'%d' % index)
+        if (other := linked_to(index)) is None:
+            reference_map.links.add_first(index)
+        else:
+            reference_map.links.add(index, other, 0.75, index, _RELATIVE if index % 2 else None)
+
+
+def linked_to(index: int) -> int | None:
+    """Return what a place is linked to, if it is."""
+    return index // 2 if index % 3 else None
+
+
+def cells(index: int, drive: int = 0) -> np.ndarray:
+    """Return the packed cells of a place that `grow` adds."""
+    return pack_cells(np.random.default_rng([index, drive]).random((4, 4, 8), np.float32) * 1e5)
+
+
+def holds(path: Path, drive: int = 0) -> int:
+    """Return how many places a map has; AssertionError if one is not what was written."""
+    opened = open_map(path, ENCODING)
+    for index, place in enumerate(opened.places):
+        assert (place.stamp_ns, place.source) == (index, f'drive {drive}'), index
+        assert (opened.packed(index) == cells(index, drive)).all(), index
+        assert opened.thumbnail(index) == b'%d' % index, index
+    # Who is killed may have noted a place, and not yet its link.
+    assert not opened.problem and opened.links.known >= len(opened) - 1, opened.links.known
+    assert links_hold(opened)
+    return len(opened)
+
+
+def links_hold(reference_map: ReferenceMap) -> bool:
+    """Return whether all links are what `grow` made."""
+    return all(
+        (one.other, one.confidence, one.inliers) == (linked_to(one.place), 0.75, one.place)
+        and (one.relative is None or one.relative.position_m == _RELATIVE.position_m)
+        and one.anchor <= one.other
+        for one in reference_map.links.each()
+    )
+
+
+def add_one(path: Path, count: int) -> str:
+    """Add a place to a map of so many; return what is wrong with it then."""
+    whole = drawn(count + 1)
+    with MapWriter(path, ENCODING, APART, append=True) as writer:
+        writer.copy(whole, count + 1)
+    added = open_map(path).places[count:]
+    return '' if [*added] == [*whole.places[count:]] else 'what was added is not there'
+
+
+def problem_of_use(path: Path, use: Callable[[], str], may_refuse: bool = True) -> str:
+    """Return what is wrong with a use of a damaged map, which may refuse it in one line."""
+    started_s = time.monotonic()
+    try:
+        if problem := use():
+            return problem
+    except MapError as error:
+        if not may_refuse or '\n' in str(error) or path.name not in str(error):
+            return f'says {error}'
+    except Exception as error:
+        return repr(error)
+    took_s = time.monotonic() - started_s
+    return f'took {took_s:.1f} s' if took_s > _MOST_S else ''
+
+
+def drawn(count: int, drive: int = 0) -> ReferenceMap:
+    """Return a map of places that `grow` adds."""
+    reference_map = ReferenceMap(ENCODING)
+    grow(reference_map, count, drive)
+    return reference_map
