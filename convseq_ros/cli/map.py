@@ -14,7 +14,6 @@ from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
 from convseq_ros.cli.options import add_max_looks
 from convseq_ros.cli.terminal import of_map, progress
-from convseq_ros.core.linking import link_map, not_linked
 from convseq_ros.core.map.edit import (
     bound,
     chosen_slice,
@@ -28,6 +27,7 @@ from convseq_ros.core.map.edit import (
     write_new,
 )
 from convseq_ros.core.map.reader import open_map
+from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.errors import MapError
 
 _SESSION = 'name, number or id of a session, as `convseq info` shows it'

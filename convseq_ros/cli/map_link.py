@@ -17,12 +17,12 @@ from convseq_ros.cli.terminal import of_map, printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved
-from convseq_ros.core.linking import link_map, not_linked
-from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import joined, refuse_existing, SessionSlice, slices_of, write_new
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.rigid import matrix, pose_of
+from convseq_ros.core.session import Autosave
 from convseq_ros.errors import MapError
 from convseq_ros.parameter import add_parameters, given
 from convseq_ros.results import complete_or_absent

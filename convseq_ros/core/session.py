@@ -1,23 +1,171 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recogniser with the file of its map, which grows with it in online mode."""
+"""A recogniser with the file of its map, which grows with it, and is persisted as it grows."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from threading import Event, Lock, Thread
+import time
 
-from convseq_ros.config import Config, KeyframeConfig
+from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
 from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
-from convseq_ros.core.map.autosave import Autosave, NoAutosave
+from convseq_ros.core.map.database import MapLock
+from convseq_ros.core.map.edit import bound
+from convseq_ros.core.map.online import surplus
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import MapError
 import numpy as np
+
+_COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
+_PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
+
+
+class NoAutosave:
+    """A map that is in memory alone, or does not grow."""
+
+    committed = 0  # places that are safe in a file
+    committed_s: float | None = None  # monotonic time at which the file grew last
+    is_failing = False  # whether what was added last could not be written
+    removed = 0  # places that went when it was closed
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self.reference_map = reference_map
+
+    def save(self) -> None: ...
+
+    def flush(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Autosave(NoAutosave):
+    """
+    Owns a map file, and writes to it what is added to the map, in a thread of its own.
+
+    What was added is safe half a second later, whether or not anything comes after it. What is
+    safe outlives a crash, and is evicted from memory, so that a map may grow all day. An owner
+    whose file was moved or replaced, or added to by another in spite of the lock, says so once
+    and goes on in memory; it writes again once its file is back as it was.
+
+    `append` as of `MapWriter`; a file that was made and got no place goes at the end unless it
+    `keeps_empty`. At the end no place has more than `max_looks`; 0 is no limit. MapError if the
+    map has another owner, cannot be written, or is refused by `MapWriter`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        encoding: EncodingConfig,
+        keyframes: KeyframeConfig,
+        append: bool | None = None,
+        keeps_empty: bool = True,
+        max_looks: int = 0,
+    ) -> None:
+        self._path, self._keeps_empty, self._max_looks = path, keeps_empty, max_looks
+        with ExitStack() as opened:
+            opened.enter_context(MapLock(path))
+            self._writer = MapWriter(path, encoding, keyframes, append)
+            opened.callback(self._writer.close)
+            super().__init__(self._writer.reader.reference_map())
+            self._file = path.stat().st_ino
+            self.committed = self._writer.committed
+            self._writer.linked = self.reference_map.links.known
+            self._writer.write_ahead()
+            self._opened = opened.pop_all()
+        self._writing = Lock()
+        self._error: MapError | None = None  # to be reported
+        self._news, self._end = Event(), Event()
+        self._thread = Thread(target=self._run, name='autosave', daemon=True)
+        self._thread.start()
+
+    def save(self) -> None:
+        """
+        Have what was added written, soon; call it after every frame.
+
+        MapError, once, if it could not be written; it is tried again and again, without a word
+        until it worked.
+        """
+        if self._is_behind(len(self.reference_map)):
+            self._news.set()
+        error, self._error = self._error, None
+        if error:
+            raise error
+
+    def flush(self) -> None:
+        """Make all that was added safe before it returns; MapError if it cannot be written."""
+        with self._writing:
+            try:
+                self._write()
+            except MapError:
+                self.is_failing = True
+                raise
+            self.is_failing = False
+
+    def close(self) -> None:
+        """Make all that was added safe and close the file; MapError if it cannot be written."""
+        self._end.set()
+        self._news.set()
+        self._thread.join()
+        with self._opened:
+            self.flush()
+            if self._is_in_place():
+                self._writer.journal()
+            if not (self.committed or self._keeps_empty) and self._writer.is_new:
+                self._refuse_replaced()
+                self._path.unlink()
+        if self.has_surplus:
+            self.removed = bound(self._path, self._max_looks)
+            self.committed -= self.removed
+
+    @property
+    def has_surplus(self) -> bool:
+        """Whether some place has more than `max_looks`."""
+        return bool(surplus(self.reference_map, self._max_looks))
+
+    def _run(self) -> None:
+        while self._news.wait() and not self._end.is_set():
+            self._news.clear()
+            is_known = self.is_failing
+            try:
+                self.flush()
+            except MapError as error:
+                self._error = self._error if is_known else error
+                self._news.set()
+            self._end.wait(_COMMIT_EVERY_S)
+
+    def _write(self) -> None:
+        end = len(self.reference_map)
+        while self._is_behind(end):
+            self._refuse_replaced()
+            stop = min(end, self.committed + _PLACES_AT_ONCE)
+            self._writer.copy(self.reference_map, stop)
+            self.committed, self.committed_s = stop, time.monotonic()
+            self.reference_map.evict(stop, self._writer.reader.pictures)
+            self._writer.settle()
+
+    def _is_behind(self, end: int) -> bool:
+        """Return whether places, up to before `end`, or links of what is safe wait."""
+        links, linked = self.reference_map.links, self._writer.linked
+        return self.committed < end or bool(links.since(linked, self.committed))
+
+    def _is_in_place(self) -> bool:
+        with suppress(OSError):
+            return self._path.stat().st_ino == self._file
+        return False
+
+    def _refuse_replaced(self) -> None:
+        if self._is_in_place():
+            return
+        raise MapError(f'{self._path}: was moved or replaced; what is added is not kept')
 
 
 class Session:
@@ -43,11 +191,9 @@ class Session:
         self.path = path
         self.is_growing = config.online.grows
         self.is_persisted = path is not None and self.is_growing  # in a file that grows
-        self.autosave, self._problem = NoAutosave(), ''  # why the map has more than `max_looks`
+        self._problem = ''  # why the map has more than `max_looks`
         encoding = with_mask_read(config.encoding, config.reading)
-        if path is None:
-            reference_map = ReferenceMap(encoding, keyframes=config.keyframes)
-        elif self.is_growing:
+        if path and self.is_growing:
             max_looks = config.online.max_looks
             settings = path, encoding, config.keyframes, None if make else True, True, max_looks
             autosave = Autosave(*settings)
@@ -57,9 +203,12 @@ class Session:
                 except MapError as error:  # as of a disk that is full: the map works as it is
                     self._problem = f'max_looks is ignored: {error}'
                 autosave = Autosave(*settings)
-            self.autosave, reference_map = autosave, autosave.reference_map
+            self.autosave: NoAutosave = autosave
+        elif path:
+            self.autosave = NoAutosave(open_map(path, encoding))
         else:
-            reference_map = open_map(path, encoding)
+            self.autosave = NoAutosave(ReferenceMap(encoding, keyframes=config.keyframes))
+        reference_map = self.autosave.reference_map
         # Call `save` after every frame.
         self.save, self.flush = self.autosave.save, self.autosave.flush
         self.close = self.autosave.close

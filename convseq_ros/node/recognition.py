@@ -10,7 +10,7 @@ from threading import Event, Lock, Thread
 import time
 from typing import Any
 
-from convseq_ros.core.linking import link_map, not_linked
+from convseq_ros.core.map_builder import link_map, not_linked
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match

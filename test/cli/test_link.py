@@ -11,7 +11,6 @@ from convseq_ros.cli.map_picture import laid_out
 from convseq_ros.config import Config, EVERY_FRAME
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, GRAPH, solved
-from convseq_ros.core.linking import not_linked
 from convseq_ros.core.map import edit
 from convseq_ros.core.map.edit import unlink
 from convseq_ros.core.map.format import MapSession
@@ -19,7 +18,7 @@ from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import MapBuilder
+from convseq_ros.core.map_builder import MapBuilder, not_linked
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
 from convseq_ros.core.types import RelativePose
 from convseq_ros.simulation.drive import Drive

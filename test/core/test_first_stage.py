@@ -7,13 +7,12 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.config import Config, EVERY_FRAME
-from convseq_ros.core.linking import link_map
 from convseq_ros.core.map.edit import joined, slices_of, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.reader import MapReader, open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map
+from convseq_ros.core.map_builder import build_map, link_map
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Reason

@@ -9,17 +9,15 @@ import sqlite3
 from convseq_ros.cli import main
 from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
 from convseq_ros.core.graph.links import beyond, Link, LINKS, Links, SessionBounds
-from convseq_ros.core.linking import not_linked
-from convseq_ros.core.map.autosave import Autosave
 from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_new
 from convseq_ros.core.map.format import row_crc
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
-from convseq_ros.core.map_builder import build_map, MapBuilder
+from convseq_ros.core.map_builder import build_map, MapBuilder, not_linked
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, turned_by
-from convseq_ros.core.session import Session
+from convseq_ros.core.session import Autosave, Session
 from convseq_ros.core.types import Camera, Frame, RelativePose
 import cv2
 from hypothesis import given, settings
