@@ -9,12 +9,12 @@ from functools import partial
 
 from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.decision.make_decider import make_decider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
 from convseq_ros.core.frame_gate import FrameGate, Order, StampOrder, Verdict
-from convseq_ros.core.localizer import Localizer
 from convseq_ros.core.map.online import OnlineMap, PreloadedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, make_matcher, Matcher

@@ -3,7 +3,7 @@
 """Lost, candidate, localised: read from the belief, on made-up matches."""
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.localizer import Localizer
+from convseq_ros.core.decision.localizer import Localizer
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Candidate, LocalizationState, Match, Reason, Status
 from hypothesis import given
