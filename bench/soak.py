@@ -16,7 +16,6 @@ Each sample goes to the table at once, so that a drive that is broken off leaves
 import argparse
 from collections.abc import Iterator, Sequence
 import csv
-from functools import partial
 from pathlib import Path
 import sys
 import tempfile
@@ -66,7 +65,8 @@ class Sample(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive, write what was seen, and judge it."""
-    chosen = _parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    chosen = _parser().parse_args(given)
     print(f'soak: drawing {chosen.lap} frames of a town', file=sys.stderr, flush=True)
     lap = _lap(chosen.lap, chosen.width_px)
     stem = f'soak_{chosen.mode}_{f"{chosen.rate:g}_hz" if chosen.rate else "fast"}'
@@ -92,18 +92,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _picture(samples, text, chosen.output / f'{stem}.png')
     print(text)
     if chosen.docs:
-        keep_soak(chosen.docs, stem, _command(chosen), text)
+        keep_soak(chosen.docs, stem, ' '.join(given), text)
         _picture(samples, text, chosen.docs / 'images' / f'{stem}.png')
     return int(last.unaccounted != 0 or last.failed > 0 or percent_an_hour > _MOST_GROWTH)
-
-
-def _command(chosen: argparse.Namespace) -> str:
-    """Return the options that were not left as they are."""
-    asked = {name: value for name, value in vars(chosen).items() if name not in ('docs', 'output')}
-    usual = vars(_parser().parse_args([]))
-    given = {name: one for name, one in asked.items() if one != usual[name] or name == 'mode'}
-    shown = {name: f'{one:g}' if isinstance(one, float) else one for name, one in given.items()}
-    return ' '.join(f'--{name.replace("_", "-")} {one}' for name, one in shown.items())
 
 
 def growth(samples: Sequence[Sample]) -> tuple[float, float]:
@@ -173,17 +164,13 @@ def _soak(
             sent += 1
             if chosen.rate:
                 one.spin(max(0.0, begun_s + sent / chosen.rate - time.monotonic()))
-            elif not one.wait_for(partial(_few_on_their_way, one, sent), _PATIENCE_S):
+            elif not one.wait_for(lambda sent=sent: one.answers >= sent - _IN_FLIGHT, _PATIENCE_S):
                 break
             if time.monotonic() - sampled_s > chosen.sample_s:
                 sampled_s = time.monotonic()
                 yield _sample(one, sent, sampled_s - begun_s)
         one.wait_for(lambda: unaccounted(one, sent) <= 0 and not one.count('queue'), _PATIENCE_S)
         yield _sample(one, sent, time.monotonic() - begun_s)
-
-
-def _few_on_their_way(one: Robot, sent: int) -> bool:
-    return one.answers >= sent - _IN_FLIGHT
 
 
 def _sample(one: Robot, sent: int, seconds: float) -> Sample:

@@ -8,7 +8,7 @@ other/ and ground_truth.csv. Recall is right matches of the known keyframes: tho
 known (from SIFT matches, 8 or more, of a frame at most 8 away) and is in the part of the map that
 may be matched. Right is within 40 of the true place, wrong beyond 100, of 840 in a lap; all of
 other/ is wrong. Maps are also driven through by the frames that they are made of, where it says
-all of it. `first`: frames from the first known one to the first right match.
+all of it.
 """
 
 from collections.abc import Iterable
@@ -36,13 +36,11 @@ class Counts:
     right: int = 0
     wrong: int = 0
     accepted: int = 0
-    first: int | None = None
 
     def __str__(self) -> str:
         told = f'{self.right} of {self.known}' if self.known else ''
         share = f'{self.right / self.known:.3f}' if self.known else ''
-        first = '' if self.first is None else self.first
-        return f'{told} | {share} | {self.wrong} | {self.accepted} | {first}'
+        return f'{told} | {share} | {self.wrong} | {self.accepted}'
 
 
 def number(frame: Frame) -> int:
@@ -73,8 +71,8 @@ def count(
 ) -> Counts:
     """Recognise frames in a map of others, or in their own past; `where` is empty for nowhere."""
     recognizer = PlaceRecognizer(build_map(mapped, None, config), config)
-    counts, began, own = Counts(), 0, config.online.grows
-    for index, frame in enumerate(asked):
+    counts, own = Counts(), config.online.grows
+    for frame in asked:
         match, here = recognizer.process(frame), where.get(frame.stamp_ns)
         if match.reason in (*PASSED_OVER, Reason.UNREADABLE) or (
             own and number(frame) <= FIRST_LAP
@@ -87,7 +85,6 @@ def count(
             if not own or one.stamp_ns <= until_ns
         )
         known = here is not None and any(at is not None and off(at, here) <= RIGHT for at in there)
-        began = began if counts.known else index
         counts.known += known
         if not (accepted := match.accepted):
             continue
@@ -98,9 +95,7 @@ def count(
         if here is None or found is None:
             continue
         counts.wrong += off(here, found) > WRONG
-        if known and off(here, found) <= RIGHT:
-            counts.right += 1
-            counts.first = index - began if counts.first is None else counts.first
+        counts.right += known and off(here, found) <= RIGHT
     return counts
 
 
@@ -114,7 +109,7 @@ def main() -> None:
     truth = read_truth(chosen.data / 'ground_truth.csv')
     where = {frame.stamp_ns: place(truth, number(frame)) for frame in drive}
     lap, half = ([one for one in drive if number(one) <= last] for last in (FIRST_LAP, HALF))
-    head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted', 'first')
+    head('map', 'query', 'right of known', 'recall', 'wrong', 'accepted')
     for name, mapped, query, asked, known, how in (
         ('first lap', lap, 'all of the drive', drive, where, config),
         ('first lap', lap, 'what follows', drive[len(lap) :], where, config),

@@ -60,25 +60,23 @@ def run(count: int, seed: int, folder: Path) -> Iterator[Try]:
             save_map(drawn(_PLACES), path)
             name, way = ways[number % len(ways)]
             way(path, draw)
-            command = draw.choice(list(_COMMANDS))
-            arguments = _COMMANDS[command](path, drive)
+            command, arguments = draw.choice([*_commands(path, drive).items()])
             problem = problem_of(lambda arguments=arguments: convseq(arguments))
             if not problem and victim.read_text() != 'of somebody':
                 problem = 'another file was changed'
             yield Try(f'{number}: {name}, {command}', problem)
 
 
-_COMMANDS: dict[str, Callable[[Path, Path], list[str]]] = {
-    'info': lambda path, _: ['info', str(path)],
-    'replay': lambda path, drive: _replay(path, drive, 'preloaded'),
-    'online': lambda path, drive: _replay(path, drive, 'online'),
-    'append': lambda path, drive: ['build-map', str(drive), str(path), '--append', *_SIZE],
-}
-
-
-def _replay(path: Path, drive: Path, mode: str) -> list[str]:
-    own = ['--mode', mode, '--output', str(path.with_name('rows.csv')), *_SIZE]
-    return ['replay', str(drive), '--map', str(path), *own]
+def _commands(path: Path, drive: Path) -> dict[str, list[str]]:
+    """Return what is asked of a map, by name."""
+    replay = ['replay', str(drive), '--map', str(path), *_SIZE]
+    replay += ['--output', str(path.with_name('rows.csv')), '--mode']
+    return {
+        'info': ['info', str(path)],
+        'replay': [*replay, 'preloaded'],
+        'online': [*replay, 'online'],
+        'append': ['build-map', str(drive), str(path), '--append', *_SIZE],
+    }
 
 
 def _changed(change: Change) -> Callable[[Path, random.Random], None]:

@@ -107,8 +107,7 @@ class Bridge(Node):
 
         def send(robot: int, query: int, reference: int, confidence: float) -> bool:
             ends = (self._robot, query), (robot, reference)
-            match = messages.swarm_robot_match(self._kinds, *ends, confidence)
-            matches.publish(messages.swarm_robot_matches(self._kinds, [match]))
+            matches.publish(messages.swarm_robot_matches(self._kinds, *ends, confidence))
             return True
 
         def learn(robot: int, message: Any) -> None:
@@ -153,7 +152,7 @@ class Bridge(Node):
 
         def send(closure: Any) -> None:
             header = Header(stamp=self.get_clock().now().to_msg())
-            edges.publish(messages.voxgraph_edges(self._kinds, header, [closure]))
+            edges.publish(messages.voxgraph_edges(self._kinds, header, closure))
 
         # It finds its own submaps by stamp.
         self._send_by_stamp = send
@@ -168,9 +167,7 @@ class Bridge(Node):
 
         def on_image(message: Image) -> None:
             vector = np.asarray(global_descriptor(describe(decode_image(message)).cells))
-            descriptors.publish(
-                messages.rtabmap_descriptor(self._kinds, message.header, vector, 1)
-            )
+            descriptors.publish(messages.rtabmap_descriptor(self._kinds, message.header, vector))
 
         best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(Image, 'image', on_image, best_effort)

@@ -17,6 +17,7 @@ Kinds = Mapping[str, Callable[..., Any]]
 _USER_CLOSURE = 4  # rtabmap/core/Link.h: kUserClosure
 _LOOP_CLOSURE = 1  # pose_graph_tools_msgs/PoseGraphEdge: LOOPCLOSE
 _NO_ROBOT = 2**32 - 1  # of a uint32; no robot takes it for itself
+_OURS = 1  # rtabmap_msgs/GlobalDescriptor: tells kinds of them apart
 _CV_32FC1 = 5  # OpenCV's number of a matrix of floats
 
 
@@ -37,15 +38,15 @@ def rtabmap_link(kinds: Kinds, query: int, reference: int, closure: Closure) -> 
     )
 
 
-def rtabmap_descriptor(kinds: Kinds, header: Any, descriptor: np.ndarray, number: int) -> Any:
-    """Return rtabmap_msgs/GlobalDescriptor of a vector; `number` tells kinds of them apart."""
+def rtabmap_descriptor(kinds: Kinds, header: Any, descriptor: np.ndarray) -> Any:
+    """Return rtabmap_msgs/GlobalDescriptor of a vector."""
     floats = np.asarray(descriptor, '<f4').ravel()
     shape = np.array([1, len(floats), _CV_32FC1], '<i4')
     # rtabmap/core/Compression.h: zlib, then rows, columns and type of the matrix.
     data = np.frombuffer(zlib.compress(floats.tobytes()) + shape.tobytes(), np.uint8)
     nothing = np.zeros(0, np.uint8)
     return kinds['rtabmap_msgs/msg/GlobalDescriptor'](
-        header=header, type=number, info=nothing, data=data
+        header=header, type=_OURS, info=nothing, data=data
     )
 
 
@@ -55,39 +56,36 @@ def swarm_local_match(kinds: Kinds, query: int, reference: int) -> Any:
     return kind(keyframe0_id=query, keyframe1_id=reference)
 
 
-def swarm_robot_match(
+def swarm_robot_matches(
     kinds: Kinds, query: tuple[int, int], reference: tuple[int, int], weight: float
 ) -> Any:
-    """Return Swarm-SLAM's match of keyframes, each a robot and a number, of two robots."""
-    return kinds['cslam_common_interfaces/msg/InterRobotMatch'](
+    """
+    Return Swarm-SLAM's match of keyframes, each a robot and a number, of two robots, as a list.
+
+    Each robot leaves out what it sent.
+    """
+    match = kinds['cslam_common_interfaces/msg/InterRobotMatch'](
         robot0_id=query[0],
         robot0_keyframe_id=query[1],
         robot1_id=reference[0],
         robot1_keyframe_id=reference[1],
         weight=weight,
     )
-
-
-def swarm_robot_matches(kinds: Kinds, matches: list[Any]) -> Any:
-    """Return Swarm-SLAM's list of matches of two robots; each robot leaves out what it sent."""
     kind = kinds['cslam_common_interfaces/msg/InterRobotMatches']
-    return kind(robot_id=_NO_ROBOT, matches=matches)
+    return kind(robot_id=_NO_ROBOT, matches=[match])
 
 
-def voxgraph_edges(kinds: Kinds, header: Any, closures: list[Closure]) -> Any:
-    """Return voxgraph_msgs/LoopClosureEdgeList: T_A_B is of the query in the reference."""
-    edges = [
-        kinds['voxgraph_msgs/msg/LoopClosureEdge'](
-            timestamp_a=_time(kinds, one.reference_ns),
-            timestamp_b=_time(kinds, one.query_ns),
-            t_a_b=kinds['geometry_msgs/msg/PoseWithCovariance'](
-                pose=_pose(kinds, one), covariance=one.covariance.ravel()
-            ),
-        )
-        for one in closures
-    ]
+def voxgraph_edges(kinds: Kinds, header: Any, closure: Closure) -> Any:
+    """Return voxgraph_msgs/LoopClosureEdgeList of one: T_A_B is of the query in the reference."""
+    edge = kinds['voxgraph_msgs/msg/LoopClosureEdge'](
+        timestamp_a=_time(kinds, closure.reference_ns),
+        timestamp_b=_time(kinds, closure.query_ns),
+        t_a_b=kinds['geometry_msgs/msg/PoseWithCovariance'](
+            pose=_pose(kinds, closure), covariance=closure.covariance.ravel()
+        ),
+    )
     kind = kinds['voxgraph_msgs/msg/LoopClosureEdgeList']
-    return kind(header=header, loop_closure_edges=edges)
+    return kind(header=header, loop_closure_edges=[edge])
 
 
 def kimera_edge(

@@ -99,7 +99,7 @@ def rotation(vector):
 
 def test_our_descriptor_is_what_rtabmap_uncompresses(store):
     vector = np.linspace(-1, 1, 288, dtype=np.float32)
-    made = messages.rtabmap_descriptor(store.types, header(store), vector, 1)
+    made = messages.rtabmap_descriptor(store.types, header(store), vector)
     data = round_trip(store, made).data.tobytes()
     rows, columns, kind = np.frombuffer(data[-12:], '<i4')
     assert (rows, columns, kind) == (1, 288, 5)
@@ -199,7 +199,7 @@ def test_a_session_that_names_no_robot_is_told(text):
 
 
 def test_voxgraph_gets_both_stamps_and_the_query_in_the_reference(store):
-    made = messages.voxgraph_edges(store.types, header(store), [CLOSURE])
+    made = messages.voxgraph_edges(store.types, header(store), CLOSURE)
     (edge,) = round_trip(store, made).loop_closure_edges
     assert stamp_to_ns(edge.timestamp_a) == REFERENCE_NS
     assert stamp_to_ns(edge.timestamp_b) == QUERY_NS
