@@ -14,9 +14,9 @@ from convseq_ros.evaluation.material import Material, open_material
 from convseq_ros.evaluation.methods import make_method, Method, MethodName, parse_method
 from convseq_ros.evaluation.protocols import ask, CLOSED, ONLINE, OPEN, VERSION
 from convseq_ros.evaluation.provenance import provenance
-from convseq_ros.evaluation.scorecard import add_thresholds, judge, Scorecard, summarize, Summary
+from convseq_ros.evaluation.scorecard import judge, own_threshold, summarize, Summary
 
-DEFAULT_METHODS = ('convseq', 'convseq-k10', 'convseq-forward', 'cohog', 'seqslam', 'hog')
+DEFAULT_METHODS = ('convseq', 'convseq-k10', 'cohog', 'seqslam', 'hog')
 PUBLISHED = 'published'
 PAST = 'past'
 Report = Callable[[str], None]
@@ -49,21 +49,16 @@ def evaluate(
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f'{name}: two data sets of this name; rename one')
-    cards: list[Scorecard] = []
+    summaries: list[Summary] = []
     for data_set in data_sets:
         protocols: tuple[str, ...] = plan.protocols
         if data_set.online:
             protocols = (ONLINE,)
         elif PAST in protocols:
             for past in data_set.own_pasts:
-                cards += _on_set(past, (ONLINE,), config, plan, output, report)
+                summaries += _on_set(past, (ONLINE,), config, plan, output, report)
         protocols = tuple(one for one in protocols if one != PAST)
-        cards += _on_set(data_set, protocols, config, plan, output, report)
-    add_thresholds(cards)
-    summaries = [card.summary for card in cards]
-    for summary in summaries:
-        folder = output / summary['set'] / summary['method']
-        run_folder.write_json(folder / 'summary.json', summary)
+        summaries += _on_set(data_set, protocols, config, plan, output, report)
     run_folder.write_summary_table(output, summaries)
     if plan.export is not None:
         run_folder.write_exports(plan.export, summaries)
@@ -94,10 +89,10 @@ def _on_set(
     plan: Plan,
     output: Path,
     report: Report,
-) -> list[Scorecard]:
-    cards: list[Scorecard] = []
+) -> list[Summary]:
+    summaries: list[Summary] = []
     if not protocols:
-        return cards
+        return summaries
     methods = [make_method(name, config) for name in method_names(plan.methods, data_set)]
     report(f'{data_set.name}: reading images')
     material = open_material(data_set, config.encoding, config.reading)
@@ -110,18 +105,17 @@ def _on_set(
         _describe_set(output / name, protocol, material, plan.keep)
         for method in methods:
             report(f'{name}: {method.name.label}')
-            cards.append(_measure(material, method, protocol, output / name, plan))
-    return cards
+            summaries.append(_measure(material, method, protocol, output / name, plan))
+    return summaries
 
 
 def _measure(
     material: Material, method: Method, protocol: str, folder: Path, plan: Plan
-) -> Scorecard:
+) -> Summary:
     outcome = ask(material, method, protocol, plan.keep)
     verdicts = judge(outcome)
     answerable = int((verdicts.matched & verdicts.known).sum())
     curve = verdicts.curve(plan.criterion, answerable)
-    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve)
     summary = {
         'set': folder.name,
         'method': method.name.label,
@@ -139,8 +133,10 @@ def _measure(
         },
         **provenance(),
         'argv': list(plan.argv),
+        **own_threshold(verdicts, outcome.halves),
     }
-    return Scorecard(summary, verdicts, outcome.halves)
+    run_folder.write_run(folder / method.name.label, outcome, verdicts, curve, summary)
+    return summary
 
 
 def _describe_set(

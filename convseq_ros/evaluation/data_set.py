@@ -2,18 +2,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """A data set: a query, a reference and a truth, named by a small YAML file."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 import re
 
+from convseq_ros.core.types import Frame
 from convseq_ros.errors import ConfigError
-from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.files import made_record, read_yaml
 from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.simulation.drive import draw, Drive
+from convseq_ros.simulation.street import Street
 
 READY_MADE = Path(__file__).resolve().parents[1] / 'data_sets'
 TRUTH_KINDS = ('identity', 'table', 'poses', 'none')
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDrive(Drive):
+    """Images that are drawn when they are first read; the same every time."""
+
+    street: int = 0  # seed of the street, which is as long as the drive
+
+    def __post_init__(self) -> None:
+        Drive.__post_init__(self)
+        Street(1.0, self.street)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(_drawn(self))
+
+
+@lru_cache(maxsize=2)
+def _drawn(drive: SimulatedDrive) -> tuple[Frame, ...]:
+    """Return all frames: a drive is read for each method, and drawing takes longer than that."""
+    furthest_m = max(drive.start_m, drive.distance_m(drive.num_frames))
+    street = Street(furthest_m + 1.0, drive.street)
+    return tuple(shot.frame for shot in draw(street, drive))
 
 
 @dataclass(frozen=True, slots=True)

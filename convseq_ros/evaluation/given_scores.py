@@ -14,7 +14,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.sequence.diagonals import sequence_scores
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Match, Row
 from convseq_ros.evaluation.material import Drive
-from convseq_ros.evaluation.recognition import part_of, Scores, with_known
+from convseq_ros.evaluation.recognition import Scores, with_known
 import numpy as np
 import numpy.typing as npt
 
@@ -65,23 +65,12 @@ def answers_to(
     reference_map: ReferenceMap,
     config: Config,
     scorer: SequenceScorer | None = None,
-    forward: bool = False,
 ) -> tuple[list[Match], SequenceScores]:
     """
     Return the recogniser's answers to a drive, given its pair scores, and its sequence scores.
 
-    With a `scorer`, the method's own scores of sequences decide. If `forward`, the frames of a
-    sequence lie after the anchor, as in the paper: drive and map are read from their ends.
+    With a `scorer`, the method's own scores of sequences decide.
     """
-    if forward:
-        backwards = part_of(reference_map, len(reference_map) - 1, -1, -1)
-        found, scores = answers_to(rows[::-1, ::-1], drive.flipped, backwards, config, scorer)
-        pairs = zip(reversed(found), drive.stamps_ns, strict=True)
-        matches = [
-            _flipped(match, index, stamp_ns, reference_map)
-            for index, (match, stamp_ns) in enumerate(pairs)
-        ]
-        return matches, scores[::-1, ::-1]
     if scorer is None:
         matches = _recognized(rows, drive, reference_map, config)
         lengths = [match.sequence_length for match in matches]
@@ -127,15 +116,3 @@ def _recognized(
         matches.append(recognizer.process(frame, descriptor))
         given.frame += 1
     return matches
-
-
-def _flipped(match: Match, index: int, stamp_ns: int, reference_map: ReferenceMap) -> Match:
-    last = len(reference_map) - 1
-    places = [last - one.reference_index for one in match.candidates]
-    candidates = tuple(
-        replace(
-            one, reference_index=place, reference_stamp_ns=reference_map.places[place].stamp_ns
-        )
-        for one, place in zip(match.candidates, places, strict=True)
-    )
-    return replace(match, query_index=index, query_stamp_ns=stamp_ns, candidates=candidates)

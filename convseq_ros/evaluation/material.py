@@ -100,17 +100,6 @@ class Drive:
         for stamp_ns, readable, descriptor in zip(*columns, strict=True):
             yield Frame(stamp_ns, None), descriptor if readable else None
 
-    @property
-    def flipped(self) -> 'Drive':
-        """The same frames, the last one first, at the same distances in time."""
-        return replace(
-            self,
-            stamps_ns=[self.stamps_ns[-1] - stamp_ns for stamp_ns in self.stamps_ns[::-1]],
-            names=self.names[::-1],
-            readable=self.readable[::-1],
-            descriptors=self.descriptors[::-1],
-        )
-
     @cached_property
     def reference_map(self) -> ReferenceMap:
         """The drive as a map, without poses; frames that could not be read hold places."""

@@ -94,7 +94,6 @@ class Kind:
     settings: Mapping[str, Value] = field(default_factory=dict)  # core parameters it needs
     options: tuple[str, ...] = ()  # its own
     argument: str = ''  # what stands after the colon; empty for nothing
-    forward: bool = False  # whether the frames of a sequence lie after the anchor
     recognizer: bool = False  # whether the online recogniser answers
 
 
@@ -288,7 +287,6 @@ _other = partial(Kind, settings={**_PUBLISHED, **_ANSWERS_ALWAYS})
 
 KINDS: Mapping[str, Kind] = {
     'convseq': Kind(_core, None, recognizer=True),
-    'convseq-forward': Kind(_core, None, {**_PUBLISHED, **_ANSWERS_ALWAYS}, forward=True),
     'cohog': Kind(_core, 1, {**_PUBLISHED, **_ANSWERS_ALWAYS}, recognizer=True),
     'seqslam': _other(_seqslam, seqslam.LENGTH),
     'hog': _other(_hog),

@@ -131,7 +131,7 @@ def _of_part(
         lengths = [match.sequence_length for match in answers]
         scores[:, first:last] = rank_references(kept, query, lengths)
     else:
-        given = query, part, method.config, pairs.scorer, method.kind.forward
+        given = query, part, method.config, pairs.scorer
         answers, scores[:, first:last] = answers_to(kept, *given)
     matches = [renumbered(one, lambda one: one.reference_index + first) for one in answers]
     return Recognition(matches, [], scores)

@@ -36,13 +36,13 @@ def with_known(config: Config, values: Mapping[str, Value]) -> Config:
     return with_values(config, {name: value for name, value in values.items() if name in flat})
 
 
-def part_of(whole: ReferenceMap, first: int, last: int, step: int = 1) -> ReferenceMap:
-    """Return a map of the references from `first` to before `last`, in steps, and their links."""
+def part_of(whole: ReferenceMap, first: int, last: int) -> ReferenceMap:
+    """Return a map of the references from `first` to before `last`, and their links."""
     part = ReferenceMap(whole.encoding, keyframes=whole.keyframes, sessions=whole.sessions)
-    for index in range(first, last, step):
+    for index in range(first, last):
         known = whole.global_descriptors[index] if whole.encoding.descriptor_model else None
         part.add(whole.places[index], whole.packed(index), known_descriptor=known)
-    carry_links([(whole, index) for index in range(first, last, step)], part.links)
+    carry_links([(whole, index) for index in range(first, last)], part.links)
     return part
 
 

@@ -114,8 +114,10 @@ def write_set(folder: Path, material: Material) -> None:
         _write_thumbnails(folder / 'thumbnails' / 'reference', material.reference)
 
 
-def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) -> None:
-    """Write what a method answered, and its curve."""
+def write_run(
+    folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve, summary: Mapping[str, Any]
+) -> None:
+    """Write what a method answered, its curve, and its figures."""
     _write_frames(folder / 'frames.csv', outcome, verdicts)
     if outcome.protocol != OPEN:
         _write_array(folder / 'scores.npy', outcome.pairs.scores.astype(np.float32))
@@ -124,6 +126,7 @@ def write_run(folder: Path, outcome: Outcome, verdicts: Verdicts, curve: Curve) 
     texts = ([f'{value:.7g}' for value in point] for point in points)
     table = (dict(zip(names, point, strict=True)) for point in texts)
     write_table(folder / 'curve.csv', names, table)
+    write_json(folder / 'summary.json', summary)
 
 
 def _write_array(path: Path, array: npt.NDArray[Any]) -> None:

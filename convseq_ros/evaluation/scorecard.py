@@ -10,7 +10,7 @@ from typing import Any
 
 from convseq_ros.core.types import Match
 from convseq_ros.evaluation import metrics
-from convseq_ros.evaluation.protocols import CLOSED, Outcome
+from convseq_ros.evaluation.protocols import Outcome
 import numpy as np
 import numpy.typing as npt
 
@@ -54,15 +54,6 @@ class Verdicts:
         """Return the values of a criterion, -inf where the method does not say."""
         values = self.values[criterion]
         return np.where(np.isnan(values), -np.inf, values)
-
-
-@dataclass(frozen=True)
-class Scorecard:
-    """What one method did on one set."""
-
-    summary: Summary
-    verdicts: Verdicts
-    halves: Sequence[str]  # M; which part of the map was kept
 
 
 def margin(match: Match) -> float:
@@ -145,56 +136,30 @@ def first_closures(
     return waits
 
 
-def add_thresholds(cards: Sequence[Scorecard]) -> None:
+def own_threshold(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
     """
-    Add to the summaries what the best thresholds without a false closure would give.
+    Return what the best threshold without a false closure would give on this very set.
 
-    `own_threshold_...` is best on the set itself, `common_threshold_...` on all sets of a method:
-    the highest value of a wrong best candidate, by the criterion of greatest recall.
+    It is the highest value of a wrong best candidate, by the criterion of greatest recall; the
+    names begin with `own_threshold`.
     """
-    groups: dict[tuple[str, bool], list[Scorecard]] = {}
-    for card in cards:
-        key = card.summary['method'], card.summary['protocol'] == CLOSED
-        groups.setdefault(key, []).append(card)
-    for group in groups.values():
-        for card in group:
-            _add_threshold([card], 'own_threshold')
-        _add_threshold(group, 'common_threshold')
-
-
-def _add_threshold(cards: Sequence[Scorecard], name: str) -> None:
-    best: list[Summary] = []
+    wrong = verdicts.matched & ~(verdicts.correct | verdicts.slip)
+    best: Summary = {}
     for criterion in CRITERIA:
-        all_verdicts = [card.verdicts for card in cards]
-        if all(np.isnan(one.values[criterion]).all() for one in all_verdicts):
+        if np.isnan(verdicts.values[criterion]).all():
             continue
-        wrong = [one.matched & ~(one.correct | one.slip) for one in all_verdicts]
-        threshold = max(
-            metrics.highest_wrong(~flags, one.sure(criterion))
-            for flags, one in zip(wrong, all_verdicts, strict=True)
-        )
-        found = []
-        for card, verdicts in zip(cards, all_verdicts, strict=True):
-            taken = verdicts.taken(criterion, threshold)
-            right = int((taken & verdicts.correct).sum())
-            first = first_closures(verdicts, card.halves, taken=taken)
-            found.append(
-                {
-                    name: threshold if math.isfinite(threshold) else None,
-                    f'{name}_by': criterion,
-                    f'{name}_recall': metrics.share(right, int(verdicts.known.sum())),
-                    f'{name}_first': first,
-                }
-            )
-        if not best or _mean_recall(found, name) > _mean_recall(best, name):
+        threshold = metrics.highest_wrong(~wrong, verdicts.sure(criterion))
+        taken = verdicts.taken(criterion, threshold)
+        right = int((taken & verdicts.correct).sum())
+        found = {
+            'own_threshold': threshold if math.isfinite(threshold) else None,
+            'own_threshold_by': criterion,
+            'own_threshold_recall': metrics.share(right, int(verdicts.known.sum())),
+            'own_threshold_first': first_closures(verdicts, halves, taken),
+        }
+        if not best or (found['own_threshold_recall'] or 0) > (best['own_threshold_recall'] or 0):
             best = found
-    for card, one in zip(cards, best, strict=False):
-        card.summary.update(one)
-
-
-def _mean_recall(found: Sequence[Summary], name: str) -> float:
-    recalls = [one[f'{name}_recall'] for one in found]
-    return float(np.mean([one for one in recalls if one is not None] or [0.0]))
+    return best
 
 
 def summarize(outcome: Outcome, verdicts: Verdicts, criterion: str) -> Summary:

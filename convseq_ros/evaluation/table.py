@@ -21,7 +21,6 @@ HEADINGS = {
     'slips': 'slips',
     'first_closures': 'first after',
     'own_threshold_recall': 'R at 0 false',
-    'common_threshold_recall': 'R, one threshold',
     'mean_k': 'mean k',
     'encode_ms': 'encode ms',
     'frame_ms': 'frame ms',

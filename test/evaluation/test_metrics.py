@@ -12,11 +12,10 @@ from convseq_ros.evaluation.metrics import (
     reliability,
 )
 from convseq_ros.evaluation.scorecard import (
-    add_thresholds,
     decisions,
     figures,
     first_closures,
-    Scorecard,
+    own_threshold,
     Verdicts,
 )
 from hypothesis import given, settings, strategies
@@ -170,34 +169,22 @@ def test_without_answers_there_are_no_figures():
     assert set(found.values()) == {None}
 
 
-def card(name, own):
-    """Return what a method did on a set that has these verdicts."""
-    return Scorecard({'method': 'net', 'set': name, 'protocol': 'open'}, own, [''] * 5)
-
-
-def test_a_threshold_lets_through_what_beats_all_wrong_answers_here_or_everywhere():
-    here = card('here', verdicts())
+def test_a_threshold_lets_through_what_beats_all_wrong_answers():
+    # By margin both right answers beat the wrong one, by score only one does.
+    found = own_threshold(verdicts(), [''] * 5)
+    assert found == {
+        'own_threshold': 0.1,
+        'own_threshold_by': 'margin',
+        'own_threshold_recall': 0.5,
+        'own_threshold_first': {'': 1},
+    }
     values = {'score': np.array([np.nan, 0.9, 0.6, 0.5, 0.85])}
     unknown = dict.fromkeys(('margin', 'confidence'), np.full(5, np.nan))
-    there = card('there', verdicts(values=values | unknown))
-    other = card('other', verdicts())
-    other.summary['method'] = 'another'
-    add_thresholds([here, there, other])
-    # By margin both right answers of `here` beat the wrong one, by score only one does.
-    assert here.summary['own_threshold_by'] == 'margin'
-    assert here.summary['own_threshold'] == 0.1
-    assert here.summary['own_threshold_recall'] == 0.5
-    assert here.summary['own_threshold_first'] == {'': 1}
-    assert there.summary['own_threshold'] == 0.85
-    for one in (here, there):
-        assert one.summary['common_threshold'] == 0.85
-        assert one.summary['common_threshold_by'] == 'score'
-        assert one.summary['common_threshold_recall'] == 0.25
-    assert other.summary['common_threshold'] == 0.1
+    found = own_threshold(verdicts(values=values | unknown), [''] * 5)
+    assert found['own_threshold'] == 0.85 and found['own_threshold_by'] == 'score'
 
 
 def test_where_no_answer_is_wrong_everything_is_taken():
-    sound = card('sound', verdicts(correct=np.array([0, 1, 1, 1, 1], bool)))
-    add_thresholds([sound])
-    assert sound.summary['own_threshold'] is None
-    assert sound.summary['own_threshold_recall'] == 1
+    found = own_threshold(verdicts(correct=np.array([0, 1, 1, 1, 1], bool)), [''] * 5)
+    assert found['own_threshold'] is None
+    assert found['own_threshold_recall'] == 1

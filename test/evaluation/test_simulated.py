@@ -8,10 +8,9 @@ from convseq_ros.config import Config, EncodingConfig, EVERY_FRAME
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConfigError
 from convseq_ros.evaluation.bench import evaluate, Plan
-from convseq_ros.evaluation.data_set import open_data_set, Part
+from convseq_ros.evaluation.data_set import open_data_set, Part, SimulatedDrive
 from convseq_ros.evaluation.material import Images, open_material
 from convseq_ros.evaluation.recognition import recognize
-from convseq_ros.evaluation.simulated import SimulatedDrive
 from convseq_ros.files import made_record
 import numpy as np
 import pytest
