@@ -151,7 +151,7 @@ def own_threshold(verdicts: Verdicts, halves: Sequence[str]) -> Summary:
         threshold = metrics.highest_wrong(~wrong, verdicts.sure(criterion))
         taken = verdicts.taken(criterion, threshold)
         right = int((taken & verdicts.correct).sum())
-        found = {
+        found: Summary = {
             'own_threshold': threshold if math.isfinite(threshold) else None,
             'own_threshold_by': criterion,
             'own_threshold_recall': metrics.share(right, int(verdicts.known.sum())),
