@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 
 from convseq_ros.config import AcceptanceConfig, Config
-from convseq_ros.core.decision.decider import Query
+from convseq_ros.core.decision.belief_decider import BeliefDecider
+from convseq_ros.core.decision.decider import PaperDecider, Query
 from convseq_ros.core.decision.localizer import Localizer
-from convseq_ros.core.decision.make_decider import make_decider
 from convseq_ros.core.encoding.descriptor import blank_descriptor, describe
 from convseq_ros.core.encoding.first_stage import Describe, FirstStage
 from convseq_ros.core.encoding.view import upright
@@ -20,7 +20,7 @@ from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.pose.relative_pose import RelativePoses
-from convseq_ros.core.sequence.coarse_scores import Coarse
+from convseq_ros.core.sequence.coarse_scores import Coarse, CoarseScores, EveryPlace
 from convseq_ros.core.sequence.diagonals import choose_length
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
 from convseq_ros.core.similarity.overlap import PaperSimilarity
@@ -70,7 +70,12 @@ class PlaceRecognizer:
         self.mapping = OnlineMap(reference_map, config) if grows else PreloadedMap(reference_map)
         self.matcher = matcher or make_matcher(reference_map, config)
         self.buffer = QueryBuffer(self.matcher, reference_map.bounds)
-        self.decider = make_decider(reference_map, config, coarse)
+        if config.matching.search == 'exhaustive':
+            coarse = EveryPlace()
+        coarse = coarse or CoarseScores(reference_map, config.matching.both_directions)
+        decider: type[BeliefDecider | PaperDecider]
+        decider = BeliefDecider if config.believes else PaperDecider
+        self.decider = decider(reference_map, coarse, config)
         self.closures = Closures(reference_map, self.matcher, config)
         self.order, self._frames, self._blank = StampOrder(), 0, blank_descriptor(self._encoding)
         self.localizer = Localizer(reference_map)

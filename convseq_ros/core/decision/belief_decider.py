@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The belief's decision: a place is a match if it holds nearly all of the mass."""
 
+from convseq_ros.config import Config
 from convseq_ros.core.decision.belief import Belief, Posterior
-from convseq_ros.core.decision.decider import Answer, candidate, Query
+from convseq_ros.core.decision.decider import Answer, apart, candidate, Query
 from convseq_ros.core.decision.likelihood import strength_of
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import Observation, OBSERVED, Observer
+from convseq_ros.core.decision.motion import MotionModel
+from convseq_ros.core.decision.observation import Neighbourhood, Observation, OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.graph.links import LINKS
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -23,17 +24,13 @@ _WINDOW = LINKS.beside // 2
 class BeliefDecider:
     """Predict, look, update, report: one step of a Bayes filter a keyframe."""
 
-    def __init__(
-        self,
-        reference_map: ReferenceMap,
-        coarse: Coarse,
-        listed: int,
-        belief: Belief,
-        prior: OdometryPrior,
-    ) -> None:
-        self._map, self._coarse, self._belief, self._prior = reference_map, coarse, belief, prior
-        self._near = Neighbourhood(reference_map)
-        self._observer = Observer(coarse, self._near, listed)
+    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+        matching, robot = config.matching, config.robot
+        both, error = matching.both_directions, robot.odometry_way_error
+        self._map, self._coarse, self._near = reference_map, coarse, Neighbourhood(reference_map)
+        self._belief = Belief(reference_map, MotionModel(reference_map, both, error))
+        self._prior = OdometryPrior(reference_map, robot, config.online.grows)
+        self._observer = Observer(coarse, self._near, matching.shortlist_length)
 
     def reset(self) -> None:
         """Forget the drive."""
@@ -55,7 +52,7 @@ class BeliefDecider:
         belief.motion.move(frame.pose, query.missing, query.buffer.novelty)
         self._prior.move(frame.stamp_ns, frame.pose)
         belief.predict(query.usable)
-        predicted = belief.likeliest(OBSERVED.predicted)
+        predicted = belief.likeliest(OBSERVED.peaks)
         seen = self._observer.observe(query.buffer, belief.places, predicted, query.session_start)
         entry = self._prior.shares(seen.places, query.session_start)
         belief.update(seen.places, seen.log_ratios, entry, query.usable)
@@ -116,15 +113,13 @@ class BeliefDecider:
     ) -> Candidates:
         """Return the modes of the belief, no two near each other, the best first."""
         config, places = query.config.acceptance, posterior.places
-        left, found = np.ones(len(places), np.bool_), list[int]()
-        order = np.argsort(-posterior.mass, kind='stable')
-        for index in (best, *places[order].tolist()):
-            at = np.searchsorted(places, index)
-            if not found or left[at]:
-                found.append(index)
-                left &= ~self._map.bounds.near(places, index, config.rival_distance)
-            if len(found) == config.num_candidates:
-                break
+
+        def near(place: int) -> Flags:
+            return self._map.bounds.near(places, place, config.rival_distance)
+
+        left = np.where(near(best), -np.inf, posterior.mass)
+        others = apart(left, config.num_candidates - 1, lambda at: near(int(places[at])))
+        found = best, *places[others].tolist()
         return tuple(self._candidate(one, seen, query) for one in found)
 
     def _candidate(self, index: int, seen: Observation, query: Query) -> Candidate:

@@ -1,15 +1,25 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What decides: one question, one complete answer; the paper's decider and the belief's."""
+"""
+What decides: one question, one complete answer; here by the paper's rule.
 
-from collections.abc import Sequence
+Notes
+-----
+With one departure: the paper always answers; here the best must lead its best rival, more than
+`rival_distance` away, by `min_margin`, as scores of unrelated places lie near true ones.
+
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
-from convseq_ros.config import Config
+from convseq_ros.config import AcceptanceConfig, Config
 from convseq_ros.core.map.place import Place
+from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.types import Candidate, Candidates, Frame, Reason
+from convseq_ros.core.types import Candidate, Candidates, Doubles, Flags, Frame, Indices, Reason
+import numpy as np
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -21,9 +31,7 @@ class Query:
     usable: int  # the first so many places may be matched, at least one
     session_start: int  # places from here on are of this very drive
     config: Config  # as it is now
-    length: (
-        int | None
-    )  # k of the paper (III-A, E, F); None if that takes more frames than there are
+    length: int | None  # k of the paper; None if that takes more frames than there are
     missing: int = 0  # keyframes that were dropped before it
 
 
@@ -38,22 +46,71 @@ class Answer:
     implausible_m: float | None = None  # by how much odometry denies the best, if it does
 
 
-class Decider(Protocol):
-    """Decides frame after frame."""
-
-    def reset(self) -> None:
-        """Forget the drive."""
-
-    def decide(self, query: Query) -> Answer:
-        """Return whether the best place is a match, and why."""
-
-    def share(self, other: 'Decider') -> None:
-        """Have what odometry says of another camera's matches hold for both."""
-
-
 def candidate(
     places: Sequence[Place], index: int, score: float, inliers: int | None = None
 ) -> Candidate:
     """Return a place as a candidate."""
     place = places[index]
     return Candidate(index, place.stamp_ns, score, inliers=inliers, session=place.session)
+
+
+def apart(scores: Doubles, count: int, near: Callable[[int], Flags]) -> list[int]:
+    """Return where the best so many finite scores (n,) are, none `near` (n,) a better one."""
+    left, found = np.isfinite(scores), list[int]()
+    while len(found) < count and left.any():
+        found.append(int(np.where(left, scores, -np.inf).argmax()))
+        left &= ~near(found[-1])
+    return found
+
+
+class PaperDecider:
+    """Scores k frames against k places in a row, at the velocity of the map (III-D, III-G)."""
+
+    def __init__(self, reference_map: ReferenceMap, coarse: Coarse, config: Config) -> None:
+        self._map, self._coarse = reference_map, coarse
+        self._listed = config.matching.shortlist_length
+
+    def reset(self) -> None:
+        """Forget the drive."""
+        self._coarse.reset()
+
+    def share(self, _other: object) -> None:
+        """Share nothing: odometry has no say."""
+
+    def decide(self, query: Query) -> Answer:
+        """Return the best places by their sequence scores."""
+        buffer, length = query.buffer, query.length
+        newest = buffer.newest
+        self._coarse.update(newest.descriptor, query.usable)
+        ends = self._coarse.best(self._listed, self._listed // 4)
+        if length is None:
+            buffer.score(1, ends)  # what is kept saves time later
+            return Answer(Reason.WARMING_UP)
+        # III-D: pair scores; III-G: sums along diagonals; the best sequences are the candidates.
+        buffer.score(length, ends)
+        scores = buffer.best_scores(length, ends)
+        found = self._best(ends, scores, query.config.acceptance)
+        if not found:
+            starts = self._map.bounds.starts
+            spans = np.diff(starts[starts < query.usable], append=query.usable)
+            is_short = spans.max(initial=0) < length
+            return Answer(Reason.MAP_TOO_SHORT if is_short else Reason.WARMING_UP, (), length)
+        return Answer(decide_by_margin(found, query.config.acceptance), found, length)
+
+    def _best(self, ends: Indices, scores: Doubles, config: AcceptanceConfig) -> Candidates:
+        def near(top: int) -> Flags:
+            return self._map.bounds.near(ends, int(ends[top]), config.rival_distance)
+
+        places, count = self._map.places, max(2, config.num_candidates)
+        return tuple(
+            candidate(places, int(ends[one]), float(scores[one]))
+            for one in apart(scores, count, near)
+        )
+
+
+def decide_by_margin(candidates: Candidates, config: AcceptanceConfig) -> Reason:
+    """Decide by the lead of the first of at least one candidate over the second."""
+    if len(candidates) < 2:
+        return Reason.TOO_FEW_RIVALS
+    lead = candidates[0].score - candidates[1].score
+    return Reason.ACCEPTED if lead >= config.min_margin else Reason.AMBIGUOUS

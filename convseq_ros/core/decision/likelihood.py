@@ -37,9 +37,9 @@ class RATIO:
     beside: float = 0.25
     least: float = -2.0
     most: float = 6.5
-    # Scales of the gaps between controls, before a drive has shown any, and how many frames these
-    # count for; the power takes back part of what a drive shows, as it shows it late.
-    prior_strength: float = 1.0  # in square roots of strength, doubled
+    # Scale of the gaps between controls' pair scores, before a drive has shown any, and how many
+    # frames it counts for; that of strengths, in square roots, doubled, is 1. The power takes back
+    # part of what a drive shows, as it shows it late.
     prior_score: float = 0.008
     memory: float = 20.0  # frames
     power: float = 0.7
@@ -106,7 +106,7 @@ class Likelihood:
 
     def reset(self) -> None:
         """Forget the drive."""
-        self._strength_scale = RecentMean(RATIO.prior_strength, RATIO.memory / 2)
+        self._strength_scale = RecentMean(1.0, RATIO.memory / 2)
         self._score_scale = RecentMean(RATIO.prior_score, RATIO.memory / 2)
         # What matches usually have, as a logarithm: places of other drives, and of this one.
         self._usual: dict[bool, float] = {}

@@ -16,9 +16,9 @@ class MOTION:
 
     # Places a keyframe: hypotheses about how fast the drive is, against the drive of the map.
     velocities: tuple[float, ...] = (0.0, 0.5, 0.8, 1.0, 1.25, 2.0, 3.0, 4.5, 6.0)
-    changing: float = 0.01  # share of the mass that takes up another velocity in a keyframe
-    backwards: float = 0.01  # share of drives that meet the places in reverse order ...
-    backwards_of_both: float = 0.5  # ... and with `both_directions`
+    # Share of the mass that takes up another velocity in a keyframe, and of the drives that meet
+    # the places in reverse order.
+    changing: float = 0.01
     sigma_places: float = 0.55  # of where a keyframe lies between two places of the map
 
 
@@ -33,7 +33,7 @@ class MotionModel:
     def __init__(self, reference_map: ReferenceMap, both: bool, way_error: float) -> None:
         ahead = MOTION.velocities
         back = tuple(-one for one in ahead if one)
-        backwards = MOTION.backwards_of_both if both else MOTION.backwards
+        backwards = 0.5 if both else MOTION.changing
         shares = (1 - backwards) / len(ahead), backwards / len(back)
         self.velocities: Doubles = np.array((*ahead, *back))
         self.prior: Doubles = np.repeat(shares, (len(ahead), len(back)))  # of velocities, 1 in sum

@@ -10,13 +10,14 @@ pair scores; the best of these are verified. The likelihood judges what is found
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from convseq_ros.core.decision.decider import apart
 from convseq_ros.core.decision.likelihood import Leads, Likelihood, RATIO, strength_of
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
 from convseq_ros.core.geometry.verification import Verification
 from convseq_ros.core.graph.links import LINKS
+from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.sequence.query_buffer import QueryBuffer
-from convseq_ros.core.types import constants, Doubles, Indices, Row
+from convseq_ros.core.types import constants, Doubles, Flags, Indices, Row
 import numpy as np
 
 
@@ -33,11 +34,50 @@ class OBSERVED:
     # 8 lose 2 % of the matches, and 16 gain nothing.
     scored: int = 12
     first_scored: int = 30  # in the first frames
-    predicted: int = 6  # places, the likeliest by what was believed before, and of these ...
+    peaks: int = 6  # best by pair score, apart from each other, that are verified; as many are
+    # scored that were the likeliest by what was believed before, and of these ...
     checked: int = 2  # so many are verified whatever their pair score
-    peaks: int = 6  # best by pair score, apart from each other, that are verified
     beside: int = 2  # places to either side of the best that are verified, too
     fewest: int = 8  # scored controls without which nothing speaks for a place
+
+
+class Neighbourhood:
+    """Knows which places of a map show much the same as one of them."""
+
+    def __init__(self, reference_map: ReferenceMap) -> None:
+        self._map = reference_map
+
+    def ranges(self, index: int, distance: int = LINKS.beside) -> list[range]:
+        """Return the places of each session within a distance of a place, or of a look of it."""
+        looks = (index, *self._map.links.looks(index))
+        return [self._map.bounds.around(one, distance) for one in looks]
+
+    def mask(self, places: Indices, index: int, distance: int = LINKS.beside) -> Flags:
+        """Return which of some places (n,) are near one."""
+        found = np.zeros(len(places), np.bool_)
+        for some in self.ranges(index, distance):
+            found |= (places >= some.start) & (places < some.stop)
+        return found
+
+    def beside(self, places: Indices, index: int, distance: int) -> Flags:
+        """Return which of some places (n,) are of the same session, within a distance."""
+        return self._map.bounds.near(places, index, distance)
+
+    def best_beside(
+        self, places: Indices, others: Indices, values: Doubles, reach: int, loss: float = 0.0
+    ) -> Doubles:
+        """
+        Return of places (n,) the best value of others (m,) at most so far off in their session.
+
+        It is less by so much for each place between; -inf where there is none.
+        """
+        near = self._map.bounds.nearness(places, others, reach)
+        found = values[:, None] - loss * abs(places - others[:, None])
+        return np.where(near, found, -np.inf).max(axis=0, initial=-np.inf)
+
+    def is_near(self, one: int, other: int, distance: int = LINKS.beside) -> bool:
+        """Return whether a place is near another."""
+        return any(one in some for some in self.ranges(other, distance))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -177,14 +217,8 @@ class Observer:
 
     def _peaks(self, places: Indices, scores: Doubles, count: int) -> list[int]:
         """Return the best places by pair score that are not near each other, best first."""
-        found, left = list[int](), np.ones(len(places), np.bool_)
-        for at in np.argsort(-scores, kind='stable').tolist():
-            if left[at]:
-                found.append(int(places[at]))
-                left &= ~self._near.mask(places, found[-1])
-            if len(found) == count:
-                break
-        return found
+        found = apart(scores, count, lambda at: self._near.mask(places, int(places[at])))
+        return places[found].tolist()
 
     def _elsewhere(self, places: Indices, best: int) -> Indices:
         """Return the places that are controls of the best one."""

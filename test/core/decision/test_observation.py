@@ -3,8 +3,7 @@
 """What a frame says of places: by hand, and whatever it shows."""
 
 from convseq_ros.core.decision.likelihood import gumbel_scale, RATIO
-from convseq_ros.core.decision.neighbourhood import Neighbourhood
-from convseq_ros.core.decision.observation import Observer
+from convseq_ros.core.decision.observation import Neighbourhood, Observer
 from convseq_ros.core.geometry.verification import Verification
 from hypothesis import given, settings
 from hypothesis import strategies as st
