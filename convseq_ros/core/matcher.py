@@ -16,7 +16,7 @@ from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background, NoBackground
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
 import numpy as np

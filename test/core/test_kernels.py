@@ -14,7 +14,7 @@ from convseq_ros.core.encoding.regions import projected_regions
 from convseq_ros.core.map.place import pack_cells, unpack_cells
 from convseq_ros.core.sequence import coarse_scores
 from convseq_ros.core.similarity.coherent import global_similarity, widened
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.similarity.kernels.numpy_kernels import less_background
 from convseq_ros.core.types import Descriptor
 import cv2
@@ -172,7 +172,7 @@ from convseq_ros.config import MatchingConfig
 from convseq_ros.core.compiled import library
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.place import pack_cells
-from convseq_ros.core.similarity.kernels.choice import chosen_kernels
+from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.sequence.coarse_scores import products
 
 print(library().variant)

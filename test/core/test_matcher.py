@@ -11,7 +11,7 @@ from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.core.map.place import pack_cells, Place
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Matcher
-from convseq_ros.core.similarity.kernels import choice
+from convseq_ros.core.similarity import kernels
 from convseq_ros.core.types import Descriptor
 from convseq_ros.errors import ConfigError
 import numpy as np
@@ -156,8 +156,8 @@ def test_only_coherent_matching_tells_the_shift(made, way):
 
 @pytest.mark.parametrize('kernel', ['float32', 'int8'])
 def test_a_kernel_that_the_machine_cannot_run_is_refused(monkeypatch, kernel):
-    monkeypatch.setattr(choice, 'available', lambda: False)
-    monkeypatch.setattr(choice, 'library', lambda: Library(problem='not built; install gcc'))
+    monkeypatch.setattr(kernels, 'available', lambda: False)
+    monkeypatch.setattr(kernels, 'library', lambda: Library(problem='not built; install gcc'))
     refusal = rf'kernel: no {kernel}: .*install gcc.*choose auto'
     with pytest.raises(ConfigError, match=refusal):
         Matcher(ReferenceMap(), MatchingConfig(kernel=kernel), 0.5)

@@ -18,7 +18,7 @@ class ENTROPY:
     max_bits: float = 8.0  # bits of a pixel of 256 levels; entropy is told as a share of them
     side_px: int = 100  # of the small copy that entropy is computed on
     radius_px: int = 5  # of the disk around a pixel
-    outside: int = 256  # level that stands for what lies beyond the image; no pixel has it
+    outside = int(2**max_bits)  # level that stands for what lies beyond the image
     step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
     resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
 

@@ -12,6 +12,7 @@ from importlib.resources import files
 from math import isqrt
 
 from convseq_ros.core.compiled import kernels_of
+from convseq_ros.core.encoding.descriptor import HOG
 from convseq_ros.core.types import constants, Doubles, Floats, Halves
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,8 @@ class REGION:
 
     paper_span: int = 2  # cells in a row of a region of the paper (III-C)
     span: int = 3  # cells in a row of a projected region
-    numbers: int = 32  # of a region, either kind (projection.md)
+    numbers = paper_span**2 * HOG.bins  # of a region, either kind (projection.md)
+    byte_scale: float = 160.0  # of numbers as bytes; hardly any of a unit vector is clipped
     frequencies: int = 6  # of a global descriptor, down and across together; 21 pairs of them
     axes: int = 12  # of a global descriptor; channels, of 32
 

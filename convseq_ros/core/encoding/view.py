@@ -10,8 +10,9 @@ from typing import Any
 
 from convseq_ros.config import EncodingConfig, RobotConfig
 from convseq_ros.core.encoding.descriptor import HOG
+from convseq_ros.core.encoding.regions import REGION
 from convseq_ros.core.rigid import matrix, of_roll_pitch_yaw, pose_of
-from convseq_ros.core.types import Camera, constants, Frame, Gray
+from convseq_ros.core.types import Camera, Frame, Gray
 from convseq_ros.errors import ConfigError, ImageError, SourceError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig
@@ -21,14 +22,7 @@ import numpy as np
 
 # What was to the right of a lens is above it when the image is turned to the left.
 _ON_ITS_SIDE = of_roll_pitch_yaw((0.0, 0.0, 0.0), math.pi / 2, 0.0, 0.0)
-
-
-@constants
-class MASK:
-    """Of masks; engineering, not studied."""
-
-    white: int = 128  # level from which on a pixel of a mask is seen
-    block: int = 3  # cells in a row that must be seen together somewhere, to compare anything
+_WHITE = 128  # level from which on a pixel of a mask is seen
 
 
 def upright(frame: Frame, encoding: EncodingConfig, robot: RobotConfig = RobotConfig()) -> Frame:
@@ -89,9 +83,9 @@ def with_mask_read(
     side = encoding.image_size_px
     square = cv2.resize(np.ascontiguousarray(turned), (side, side), interpolation=cv2.INTER_AREA)
     reach = np.ones((2 * HOG.margin_px + 1,) * 2, np.uint8)
-    white = cv2.erode((square >= MASK.white).astype(np.uint8), reach)
+    white = cv2.erode((square >= _WHITE).astype(np.uint8), reach)
     seen = white.reshape(side // HOG.cell_px, HOG.cell_px, -1, HOG.cell_px).all(axis=(1, 3))
-    whole = cv2.erode(seen.astype(np.uint8), np.ones((MASK.block,) * 2), borderValue=0)
+    whole = cv2.erode(seen.astype(np.uint8), np.ones((REGION.span,) * 2), borderValue=0)
     if not whole.any():
         raise ConfigError(f'image_mask: {path} hides everything; white is what the camera sees')
     kept = '' if seen.all() else f'#{np.packbits(seen).tobytes().hex()}'

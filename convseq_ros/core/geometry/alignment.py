@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import math
 
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.geometry.structure import Points, Sight, Structure
+from convseq_ros.core.geometry.structure import DEPTH, Points, Sight, Structure
 from convseq_ros.core.rigid import Matrix, turned_by
 from convseq_ros.core.types import constants, Doubles
 import cv2
@@ -43,12 +43,13 @@ class ALIGNMENT:
     cells: Precision = Precision(sigmas=(1.0,) * 4 + (0.3,) * 7, agreeing=0.6, fewest=40, alike=3)
     # Of the way across, which the field misses, for each cell that it moves the middle region.
     shrunk: float = 0.08  # fitted on drawn streets
-    # Of a start by points in space: deviations of a depth that tells how far its point is, how
-    # many such points there must be, and what of OpenCV's samples, which are always alike.
+    # Of a start by points in space: deviations of a depth that tells how far its point is, and
+    # how many samples; OpenCV's are always alike.
     least_depth_sigmas: float = 3.0
-    fewest_points: int = 8
     samples: int = 200
+    # Of all samples: of one without outliers, and from how many points.
     probability: float = 0.999
+    fewest_points: int = 8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -155,8 +156,6 @@ def _squares(regions: npt.NDArray[np.intp], count: int, side: int) -> npt.NDArra
 class TWO_VIEW:
     """Engineering, but for the field's error, which was measured."""
 
-    threshold_cells: float = 0.3  # off the epipolar line; a tenth is usual
-    probability: float = 0.999  # of a sample without outliers; OpenCV's samples are always alike
     fewest: int = 60  # regions that must agree
     rounds: int = 5  # of the fit of a turn alone
     still_cells: float = 0.5  # median of what a turn alone leaves, below which there is no way
@@ -182,8 +181,9 @@ def two_view(first: Points, second: Points, scale: Doubles) -> TwoView | None:
     if np.median(left) < TWO_VIEW.still_cells:
         agree = left <= 2 * TWO_VIEW.still_cells
         return TwoView(turned, None, int(agree.sum()), float(agree.mean()))
-    threshold = TWO_VIEW.threshold_cells / float(np.sqrt(scale.prod()))
-    options = np.eye(3), cv2.RANSAC, TWO_VIEW.probability, threshold
+    # Off the epipolar line a tenth of a cell is usual.
+    threshold = DEPTH.sigma_cells / float(np.sqrt(scale.prod()))
+    options = np.eye(3), cv2.RANSAC, ALIGNMENT.probability, threshold
     essential, agree = cv2.findEssentialMat(first, second, *options)
     if essential is None or essential.shape != (3, 3):
         return None

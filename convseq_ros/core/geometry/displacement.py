@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 # (n, 5): row and column of a region, rows and columns that it moved, similarity; in cells.
 Displacements = Floats
+_WORDS = REGION.numbers // 4  # of a region, four bytes each
+_SPREAD = 32  # columns; rows of regions are padded to a multiple, as in kernels.c
 
 
 @constants
@@ -24,13 +26,10 @@ class FIELD:
     # Reach and radius are constants of kernels.c, too.
     reach_cells: int = 4  # of the search about the common shift; 5 is no better for its time
     sigma_cells: float = 1.0  # of the Gaussian over neighbours; 1.3 is alike, 1.7 worse
-    radius_cells: int = 3  # where the Gaussian ends, three sigmas from its middle
+    radius_cells = round(3 * sigma_cells)  # where the Gaussian ends
     tolerance_cells: float = 0.7  # by which what leads there and back may miss
-    spread: int = 32  # columns; rows of regions are padded to a multiple, as in kernels.c
-    # Of a region's numbers as bytes, as pair scores have it: a sum of products of two regions of
-    # unit length is below 2 ** 15, in any order.
-    scale: float = 160.0
-    words: int = REGION.numbers // 4  # of a region, four bytes each
+    # A sum of products of two regions of unit length is below 2 ** 15, in any order.
+    scale = REGION.byte_scale
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,8 +42,8 @@ class Arranged:
     @property
     def rows(self) -> npt.NDArray[np.int32]:
         """Four bytes of a region in a word, and zeros to the right, (side, 8, wide)."""
-        count = self.side * FIELD.words * _wide(self.side)
-        return self.first[:count].reshape(self.side, FIELD.words, -1)
+        count = self.side * _WORDS * _wide(self.side)
+        return self.first[:count].reshape(self.side, _WORDS, -1)
 
     @property
     def first(self) -> npt.NDArray[np.int32]:
@@ -61,19 +60,19 @@ class Arranged:
 def arranged(regions: Regions) -> Arranged:
     """Return regions (side ** 2, 32) of at most unit length as kernels read them; NaN is zero."""
     side = isqrt(len(regions))
-    room = np.zeros(side * FIELD.words * _wide(side) + 2 * _border(side) + 16, np.int32)
+    room = np.zeros(side * _WORDS * _wide(side) + 2 * _border(side) + 16, np.int32)
     made = Arranged(room[-address(room) % 64 // 4 :], side)  # which begins with a cache line
     kernels_of(__package__).arrange(regions, made.rows)
     return made
 
 
 def _wide(side: int) -> int:
-    return -(-side // FIELD.spread) * FIELD.spread
+    return -(-side // _SPREAD) * _SPREAD
 
 
 def _border(side: int) -> int:
     """Return how many words before and behind the regions a kernel may read."""
-    return _wide(side) + FIELD.spread
+    return _wide(side) + _SPREAD
 
 
 def weights() -> Floats:
@@ -83,9 +82,21 @@ def weights() -> Floats:
     return np.asarray(window / window.sum(), np.float32)
 
 
-def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
+def found_in(regions: Arranged, other: Arranged, start: tuple[int, int]) -> Points:
     """
     Return where regions lie in another image, rows and columns (n, 2); NaN if not found.
+
+    They are searched about `start`, rows and columns that all may have moved.
+    """
+    found = kernels_of(__package__).displacements(regions, other, start).astype(np.float64)
+    places = np.full((regions.side**2, 2), np.nan)
+    places[(found[:, 0] * regions.side + found[:, 1]).astype(int)] = found[:, :2] + found[:, 2:4]
+    return places
+
+
+def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
+    """
+    Return what `found_in` does, for regions that moved by themselves.
 
     They are expected to have moved by `went`, (n, 2), and the other image is bent until all would
     stay: none leaves the search, and neighbours move alike. Ours: large parallax is not smoothed
@@ -97,16 +108,14 @@ def followed(regions: Arranged, other: Arranged, went: Points) -> Points:
     bent = cv2.remap(
         _image(other.regions, side), expected[..., 1], expected[..., 0], cv2.INTER_LINEAR
     )
-    kernels = kernels_of(__package__)
-    found = kernels.displacements(regions, arranged(bent.reshape(side**2, -1)), (0, 0))
-    places = np.full((side**2, 2), np.nan)
-    if len(found):
-        at = found[:, :2] + found[:, 2:4]
-        edge = cv2.BORDER_REPLICATE
+    places = found_in(regions, arranged(bent.reshape(side**2, -1)), (0, 0))
+    known = np.isfinite(places).all(axis=1)
+    if known.any():
+        at, edge = places[known].astype(np.float32), cv2.BORDER_REPLICATE
         moved = cv2.remap(
             _image(went, side), at[:, 1], at[:, 0], cv2.INTER_LINEAR, borderMode=edge
         )
-        places[(found[:, 0] * side + found[:, 1]).astype(int)] = at + moved.reshape(-1, 2)
+        places[known] = at + moved.reshape(-1, 2)
     places[((places < -0.5) | (places > side - 0.5)).any(axis=1)] = np.nan
     return places
 

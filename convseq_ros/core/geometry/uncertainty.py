@@ -53,9 +53,8 @@ class ERROR:
     unsure_share: float = 0.5
     # Most that are off by more than a metre have less.
     least_share: float = 0.35  # before regions are followed
-    least_last_share: float = 0.5  # at last
+    least_last_share: float = 0.5  # at last, and of two views
     two_view_rad: float = 0.1  # where no depth is known, from a look at road_1 and road_2
-    two_view_share: float = 0.5  # there, from drawn streets 1 and 2, driven back
 
 
 def base_pose(
@@ -107,7 +106,7 @@ def base_pose_of_two_views(
         None if found.direction is None else _unit(base_reference[:3, :3] @ found.direction)
     )
     covariance = _of_turns(np.eye(3) * ERROR.two_view_rad**2)
-    explains = found.share >= ERROR.two_view_share
+    explains = found.share >= ERROR.least_last_share
     return RelativePose(quaternion(turn), None, direction, covariance, found.inliers, explains)
 
 

@@ -15,12 +15,12 @@ import math
 
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
+from convseq_ros.core.pose.ways import WAYS
 from convseq_ros.core.rigid import base_between, composed_covariance, Matrix, matrix, pose_of
 from convseq_ros.core.types import Camera, Frame, Match, Pose, RelativePose, Row, Shift
 import numpy as np
 
 # Engineering, not studied.
-_LOOK = 10  # places to either side
 _SAME_SPOT_M = 1e-3  # no further apart, a robot stood
 _AS_GOOD = 0.9  # of the place's own pair score
 _UNKNOWN_TURN_RAD = 0.3  # standard deviation of the heading where the yaw is not known
@@ -115,9 +115,9 @@ def _to_nearer_neighbour(places: Sequence[Place], index: int, here: Pose) -> Mat
 
 def _sides(places: Sequence[Place], index: int, count: int) -> Iterator[Iterator[int]]:
     """Yield the places of a session before and after one, outwards, as far as one looks."""
-    before = range(index - 1, max(index - _LOOK, 0) - 1, -1)
+    before = range(index - 1, max(index - WAYS.look, 0) - 1, -1)
     session = places[index].session
-    for side in (before, range(index + 1, min(index + _LOOK + 1, count))):
+    for side in (before, range(index + 1, min(index + WAYS.look + 1, count))):
         yield takewhile(lambda at: places[at].session == session, side)
 
 

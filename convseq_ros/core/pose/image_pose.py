@@ -13,11 +13,17 @@ from functools import cached_property, lru_cache, partial
 from typing import Any
 
 from convseq_ros.core.encoding.descriptor import seen_cells
-from convseq_ros.core.geometry.alignment import align, Alignment, Precision, start_by_points
+from convseq_ros.core.geometry.alignment import (
+    align,
+    ALIGNMENT,
+    Alignment,
+    Precision,
+    start_by_points,
+)
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
 from convseq_ros.core.map.place import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.ways import Ways
+from convseq_ros.core.pose.ways import WAYS, Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2
@@ -25,6 +31,7 @@ import numpy as np
 
 _CV2: Any = cv2  # whose types lack SIFT
 Pairs = Indices  # (m, 2), of a keypoint of the one image and its like in the other
+_KEPT = 64  # places whose keypoints, and whose depths, are remembered; 30 MB at most
 
 
 @constants
@@ -35,19 +42,7 @@ class KEYPOINT:
     contrast: float = 0.01  # of OpenCV's SIFT; its usual .04 leaves too few at 320 px
     ratio: float = 0.85  # of the best to the second best distance, at most
     error_px: float = 1.0  # off an epipolar line
-    probability: float = 0.999  # of a sample without outliers; OpenCV's samples are always alike
-    samples: int = 1000  # at most
     unit_px: float = 2.0  # of a kept image, that count for keypoints as a cell does for regions
-    fewest: int = 8  # pairs that have an epipolar geometry
-
-
-@constants
-class IMAGE_POSE:
-    """Chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
-
-    apart_m: float = 0.9  # of neighbours from the place, and from each other
-    neighbours: int = 4
-    kept: int = 64  # places whose keypoints, and whose depths, are remembered; 30 MB at most
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,9 +86,9 @@ def alike(one: Keypoints, other: Keypoints) -> Pairs:
 def of_one_scene(one: Points, other: Points) -> Flags:
     """Return which of some pairs, in pixels without distortion, have one epipolar geometry."""
     none = np.zeros(len(one), np.bool_)
-    if len(one) < KEYPOINT.fewest:
+    if len(one) < ALIGNMENT.fewest_points:
         return none
-    how = cv2.USAC_MAGSAC, KEYPOINT.error_px, KEYPOINT.probability, KEYPOINT.samples
+    how = cv2.USAC_MAGSAC, KEYPOINT.error_px, ALIGNMENT.probability
     try:
         _, agree = cv2.findFundamentalMat(one, other, *how)
     except cv2.error:  # of all samples none had a geometry
@@ -178,12 +173,12 @@ class ImagePoses:
             reference_map.encoding.image_mask, reference_map.cell_shape[0]
         )
 
-        @lru_cache(IMAGE_POSE.kept)
+        @lru_cache(_KEPT)
         def view_of(index: int, camera: Camera) -> KeypointView | None:
             gray = reference_map.images.image(index, max_mpx)
             return None if gray is None else KeypointView(camera, keypoints(gray, seen))
 
-        self._place = lru_cache(IMAGE_POSE.kept)(partial(_place, ways, view_of))
+        self._place = lru_cache(_KEPT)(partial(_place, ways, view_of))
 
     def align(self, index: int, own: Camera, frame: Frame, moved: Matrix) -> Alignment | None:
         """
@@ -193,7 +188,8 @@ class ImagePoses:
         """
         if frame.gray is None or frame.camera is None:
             return None
-        around = self._ways.neighbours(index, IMAGE_POSE.apart_m, IMAGE_POSE.neighbours)
+        # Twice as many as regions have, half as far apart.
+        around = self._ways.neighbours(index, WAYS.apart_m / 2, 2 * WAYS.count)
         place = self._place(index, own, tuple(other for other, _ in around))
         if place is None:
             return None

@@ -13,10 +13,9 @@ again, from there on and finer.
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
-from convseq_ros.core.compiled import kernels_of
 from convseq_ros.core.encoding.regions import REGION
-from convseq_ros.core.geometry.alignment import align, Alignment, Precision, two_view, unshrunk
-from convseq_ros.core.geometry.displacement import Arranged, followed
+from convseq_ros.core.geometry.alignment import align, ALIGNMENT, Alignment, two_view, unshrunk
+from convseq_ros.core.geometry.displacement import Arranged, followed, found_in
 from convseq_ros.core.geometry.structure import (
     DEPTH,
     is_usable,
@@ -31,7 +30,7 @@ from convseq_ros.core.geometry.uncertainty import base_pose, base_pose_of_two_vi
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.pose.image_pose import ImagePoses, LensView
-from convseq_ros.core.pose.ways import Ways
+from convseq_ros.core.pose.ways import WAYS, Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix
 from convseq_ros.core.types import (
     Camera,
@@ -46,14 +45,7 @@ from convseq_ros.core.types import (
 from convseq_ros.reading_config import ReadingConfig
 import numpy as np
 
-
-@constants
-class NEIGHBOURS:
-    """Places that give depth; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
-
-    count: int = 2  # one on either side is better than two on one
-    apart_m: float = 1.8  # that a neighbour is off the place, and the next off the one before
-    kept: int = 64  # places whose measured depths are remembered
+_KEPT = 64  # places whose measured depths are remembered
 
 
 @constants
@@ -62,7 +54,7 @@ class FAR:
 
     baselines: float = 0.6  # of the way to the first neighbour, beyond which regions are followed
     rounds: int = 3  # 2 are worse at night, 5 alike
-    precision: Precision = Precision(sigmas=(0.3,) * 5, agreeing=0.6, fewest=40, alike=3)
+    precision = replace(ALIGNMENT.cells, sigmas=ALIGNMENT.cells.sigmas[-5:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +99,8 @@ class CellView(LensView):
 
     def sight_from(self, other: 'CellView', moved: Matrix, start: tuple[int, int]) -> Sight:
         """Return the same, searched about rows and columns that everything moved."""
-        kernels, side = kernels_of('convseq_ros.core.geometry'), self.regions.side
-        found = kernels.displacements(self.regions, other.regions, start).astype(np.float64)
-        places = np.full((side**2, 2), np.nan)
-        places[(found[:, 0] * side + found[:, 1]).astype(int)] = found[:, :2] + found[:, 2:4]
-        return Sight(rays(other.camera, places, side), moved, other.scale)
+        places = found_in(self.regions, other.regions, start)
+        return Sight(rays(other.camera, places, self.regions.side), moved, other.scale)
 
 
 class RelativePoses:
@@ -126,7 +115,7 @@ class RelativePoses:
         self._map, self._matcher = reference_map, matcher
         self.ways = Ways(reference_map)
         cells = reference_map.cell_shape[0]
-        read = lru_cache(NEIGHBOURS.kept)
+        read = lru_cache(_KEPT)
         self._measured = read(lambda index: reference_map.images.depths(index, cells))
         self._images = ImagePoses(reference_map, self.ways, reading.max_image_mpx)
 
@@ -231,7 +220,7 @@ class RelativePoses:
         lens = reference.base_lens
         return [
             (view, inverse(lens) @ moved @ lens)
-            for other, moved in self.ways.neighbours(index, NEIGHBOURS.apart_m, NEIGHBOURS.count)
+            for other, moved in self.ways.neighbours(index, WAYS.apart_m, WAYS.count)
             if (view := self._view(other, reference.camera)) is not None
         ]
 
@@ -252,7 +241,7 @@ def _aligned_by_depth(
     # Once more, with what was seen searched about what the first found.
     again = reference.sight(query, first.moved)
     found = align(structure, again)
-    return found and unshrunk(replace(found, baseline_m=NEIGHBOURS.apart_m), None)
+    return found and unshrunk(replace(found, baseline_m=WAYS.apart_m), None)
 
 
 def _is_far(found: Alignment) -> bool:

@@ -14,6 +14,8 @@ class WAYS:
     """Which places help; chosen on road_1, road_2 and drawn streets (docs/GEOMETRY.md)."""
 
     look: int = 10  # to either side, among which are neighbours
+    count: int = 2  # neighbours that give depth; one on either side is better than two on one
+    apart_m: float = 1.8  # that a neighbour is off the place, and the next off the one before
     most_turned: float = 0.8  # cosine of the turn to a neighbour, at least
     nearer_m: float = 0.3  # by which another place must lie nearer, to be measured from
 

@@ -20,6 +20,7 @@ import numpy as np
 
 _AT_ONCE = 4096  # rows in float32, for 4 MB of memory
 _PADDED = 16  # numbers; rows are multiplied so many at a time
+_GROUP = 64  # scores of which only the best is looked at first
 _products = kernel('products', array('f2'), SIZE, SIZE, array('f4'), array('f4'))  # kernels.c
 
 
@@ -46,12 +47,11 @@ class COARSE:
     """Of the whitening; chosen by recall on 14 sets, by day and darkened (docs/MATCHING.md)."""
 
     prior_frames: int = 2  # that the map's mean counts for in the drive's
-    prior_of_variance: int = 20  # samples: places for the map's, frames for the drive's
-    prior_places: int = 20  # that the map's mean counts for in a session's
-    least_variance: float = 1e-6  # of a number; none is constant
+    # Places or frames that count beforehand: in a session's mean, and in all variances.
+    prior: int = 20
+    least: float = 1e-6  # variance of a number, and squared distance from the mean
     power: float = 1 / 8  # of a variance; 1/2 takes off all spread, and costs single frames by day
     averaged_anew: float = 1.02  # growth of the map after which its mean is taken anew
-    least_distance: float = 1e-6  # squared, from the mean; nearer ones have no direction
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,7 +75,7 @@ class Centred:
         self._means = np.tile(usual.mean, (len(starts), 1))
         for own, session in zip(self._means, np.split(references, starts[1:]), strict=True):
             more = sums_of(session)[0] - len(session) * usual.mean.astype(np.float64)
-            own += more / (len(session) + COARSE.prior_places)
+            own += more / (len(session) + COARSE.prior)
         self._map_mean, self._nearness = usual.mean, GrowingArray(np.zeros(0, np.float32))
         self.follow(references, starts)
 
@@ -88,7 +88,7 @@ class Centred:
             for some in widened(references[max(starts[session], first) : ends[session]]):
                 away = (some - self._means[session]).astype(np.float64)
                 distances = away**2 @ self._weights
-                apart, here = distances > COARSE.least_distance, np.zeros(len(some), np.float32)
+                apart, here = distances > COARSE.least, np.zeros(len(some), np.float32)
                 self._nearness.extend(np.divide(1, np.sqrt(distances), out=here, where=apart))
 
     def row(self, references: Halves, starts: Indices, direction: Floats) -> Row:
@@ -115,9 +115,9 @@ def usual_of(sums: Doubles, count: int) -> Usual:
         numbers = sums.shape[1]
         return Usual(np.zeros(numbers, np.float32), np.ones(numbers, np.float32))
     mean, square = sums / count
-    variance = np.maximum(square - mean**2, COARSE.least_variance)
-    variance = count * variance + COARSE.prior_of_variance * variance.mean()
-    variance = (variance / (count + COARSE.prior_of_variance)).astype(np.float32)
+    variance = np.maximum(square - mean**2, COARSE.least)
+    variance = count * variance + COARSE.prior * variance.mean()
+    variance = (variance / (count + COARSE.prior)).astype(np.float32)
     return Usual(mean.astype(np.float32), variance)
 
 
@@ -140,7 +140,7 @@ class DriveMean:
         past = total + COARSE.prior_frames * usual.mean
         away = query - past / (self._frames + COARSE.prior_frames)
         # Of the drive, so many times; how often makes no difference to a direction.
-        variance = squares - total**2 / self._frames + COARSE.prior_of_variance * usual.variance
+        variance = squares - total**2 / self._frames + COARSE.prior * usual.variance
         return usual.direction(away, variance)
 
 
@@ -150,7 +150,6 @@ class TRACK:
 
     memory: float = 0.8  # of what a place's predecessors have, per keyframe
     reach: int = 3  # places that a drive may pass in a keyframe
-    group: int = 64  # scores of which only the best is looked at first
 
 
 class Coarse(Protocol):
@@ -282,10 +281,10 @@ def top(scores: Row, count: int, passed: Sequence[range] = ()) -> Indices:
             scores[max(0, some.start) : max(0, some.stop)] = -np.inf
     if not count:
         return np.zeros(0, np.int64)
-    groups = len(scores) // TRACK.group
+    groups = len(scores) // _GROUP
     if groups > count:
         # So many groups have a score that is no worse than this one.
-        best = scores[: groups * TRACK.group].reshape(TRACK.group, groups).max(axis=0)
+        best = scores[: groups * _GROUP].reshape(_GROUP, groups).max(axis=0)
         likely = np.flatnonzero(scores >= np.partition(best, groups - count)[groups - count])
     else:
         likely = np.arange(len(scores))

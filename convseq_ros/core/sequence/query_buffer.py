@@ -39,12 +39,11 @@ class QueryBuffer:
     """
     Keeps the last frames, and scores each pair once; otherwise as for `sequence_scores`.
 
-    `frame`, the newest one's number, goes on when emptied; `pairs_scored` counts since that frame.
+    `pairs_scored` counts since the newest frame.
     """
 
     def __init__(self, matcher: Matcher, bounds: SessionBounds = ONE_SESSION) -> None:
-        self.frame = self.pairs_scored = 0
-        self._matcher, self.bounds = matcher, bounds
+        self._matcher, self.bounds, self.pairs_scored = matcher, bounds, 0
         self._frames: deque[BufferedFrame] = deque()
 
     def __len__(self) -> int:
@@ -89,7 +88,6 @@ class QueryBuffer:
         """Let frames that never came keep the diagonals straight; begin anew after a long gap."""
         if missing > BUFFER.longest_gap:
             self._frames.clear()
-            self.frame += missing
             return
         for _ in range(missing):
             self._keep(BufferedFrame(blank), most)
@@ -156,7 +154,6 @@ class QueryBuffer:
 
     def _keep(self, frame: BufferedFrame, most: int) -> None:
         self._frames = deque((*self._frames, frame), most)
-        self.frame += 1
         self.pairs_scored = 0
 
     def _diagonals(

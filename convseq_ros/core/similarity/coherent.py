@@ -32,7 +32,7 @@ class COHERENT:
     """Of the votes for a shift; chosen on real image pairs (docs/MATCHING.md)."""
 
     sigma_cells: float = 1.5  # of the Gaussian within which votes are counted together
-    reach_cells: int = 6  # where the Gaussian ends, four sigmas from its middle
+    reach_cells = round(4 * sigma_cells)  # where the Gaussian ends
     # Rough scores are those of every second region of both images, a sixteenth of the work.
     rough_step: int = 2
     rough_sigma: float = 1.0  # second regions
@@ -42,7 +42,7 @@ class COHERENT:
 class GLOBAL_SIMILARITY:
     """Chosen on real and darkened image pairs (docs/MATCHING.md)."""
 
-    block: int = 3  # regions in a row that are summed up
+    block = REGION.span  # regions in a row that are summed up, which share cells
     most_shift: int = 4  # blocks to either side
     unit: float = 2.0**17  # of a region's numbers; products of whole ones are exact
 

@@ -51,8 +51,7 @@ Query = tuple[Panel, npt.NDArray[np.int32] | None]
 
 _CACHE_LINE = 64  # bytes, of all processors with kernels
 _MARGIN = 8  # of a grid of votes, as in coherent.c
-_BYTE_SCALE = 160.0  # of a region's numbers as bytes; hardly any of a unit vector is clipped
-# The same of the paper's regions; none is negative, so a reference's begin below zero. Dot
+# Scales of the paper's regions as bytes; none is negative, so a reference's begin below zero. Dot
 # products are at most 127 x 254, rounding included, so that 16 bits hold them. Of 13 pairs of
 # scales tried these err least, .0012 at most, on real images with noise down to 3 % of the light.
 _PAPER_SCALES, _PAPER_ORIGIN = (124.0, 251.0), 127
@@ -161,7 +160,7 @@ class _CompiledCoherent(CoherentPair):
     subtract = staticmethod(less_background)
 
     def __init__(self, name: str) -> None:
-        self._scale = _BYTE_SCALE if name == 'int8' else 0.0
+        self._scale = REGION.byte_scale if name == 'int8' else 0.0
         super().__init__(f'{name} {library().variant}', not self._scale)
 
     def laid_out(self, query: CoherentQuery) -> tuple[Any, ...]:
