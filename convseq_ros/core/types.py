@@ -24,7 +24,11 @@ Row = npt.NDArray[np.float32]  # (R,), scores of a frame; NaN where there is non
 
 
 def constants(record: type[Any]) -> Any:
-    """Return the one instance, frozen, of a class of annotated defaults: a stage's constants."""
+    """
+    Return the one instance, frozen, of a class of annotated defaults: a stage's constants.
+
+    What follows from other constants has no annotation.
+    """
     made: Any = dataclass(frozen=True, slots=True)(record)
     return made()
 
