@@ -22,10 +22,11 @@ from convseq_ros.evaluation.truth import read_pairs, read_positions
 from convseq_ros.results import COLUMNS, read_results
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import camera_from_info, read_camera_file
-from convseq_ros.sources.images import decode_compressed, decode_image, decode_picture
+from convseq_ros.sources.images import message_pixels, picture_pixels
 from convseq_ros.sources.pose_file import read_pose_file
 from convseq_ros.sources.pose_track import pose_from_message
-from convseq_ros.sources.topics import RawMessage
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import decode
 import numpy as np
 
 from bench.torture import corpus
@@ -47,17 +48,17 @@ def decoders() -> dict[str, Decoder]:
     """Return every decoder, by name."""
     found: dict[str, Decoder] = {}
     for kind, (_, data) in corpus.pictures().items():
-        found[f'picture {kind}'] = Decoder([data], lambda given, _: decode_picture(given))
-    for name, decode in {
-        'Image': decode_image,
-        'CompressedImage': decode_compressed,
-        'CameraInfo': camera_from_info,
-        'PoseStamped': lambda message: pose_from_message(message.pose),
+        found[f'picture {kind}'] = Decoder([data], lambda given, _: picture_pixels(given))
+    for name, read in {
+        'Image': message_pixels,
+        'CompressedImage': message_pixels,
+        'CameraInfo': lambda message: camera_from_info(decode(message)),
+        'PoseStamped': lambda message: pose_from_message(decode(message).pose),
     }.items():
         kind = f'{"geometry" if "Pose" in name else "sensor"}_msgs/msg/{name}'
         found[f'message {name}'] = Decoder(
             [corpus.cdr(kind)],
-            lambda given, _, kind=kind, decode=decode: decode(RawMessage(0, kind, given).decode()),
+            lambda given, _, kind=kind, read=read: read(RawMessage(0, kind, given)),
         )
     for kind, (name, files) in corpus.recordings().items():
         if '' in files:

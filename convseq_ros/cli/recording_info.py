@@ -9,8 +9,9 @@ from typing import Any
 from convseq_ros.cli.terminal import printable
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import holds_recording, open_source
+from convseq_ros.sources.raw_message import IMAGE_TYPES
 from convseq_ros.sources.storage import is_storage_file, open_storage
-from convseq_ros.sources.topics import CAMERA_TYPES, IMAGE_TYPES, merge_topics, POSE_TYPES, Topic
+from convseq_ros.sources.topics import CAMERA_TYPES, merge_topics, POSE_TYPES, Topic
 from convseq_ros.sources.video import VIDEO_SUFFIXES
 
 _OPTIONS = {'--topic': IMAGE_TYPES, '--odom': POSE_TYPES, '--camera-info': CAMERA_TYPES}

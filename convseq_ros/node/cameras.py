@@ -4,17 +4,16 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import TypeAlias
 
 from convseq_ros.errors import ConfigError
 from convseq_ros.node.conversions import type_name
 from convseq_ros.node.topic_finder import cameras, COMPRESSED
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
+from convseq_ros.sources.raw_message import RawMessage
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
-ImageMessage: TypeAlias = Image | CompressedImage
 QUEUE_BYTES = 256_000_000  # of images that wait, and as many again in the middleware
 _FEWEST = 2  # images that the middleware may hold, however large: one comes while one is taken
 
@@ -26,19 +25,19 @@ class ImageSubscription(FollowingSubscription):
         self,
         node: Node,
         depth: int,
-        on_image: Callable[[ImageMessage, str], None],
+        on_image: Callable[[RawMessage, str], None],
         topic: str = 'image',
     ) -> None:
         self._on_image = on_image
-        super().__init__(node, Image, topic, self._on_sized, depth, starts=False)
+        super().__init__(node, Image, topic, self._on_bytes, depth, starts=False, raw=True)
 
     @property
     def kind(self) -> type:
         return CompressedImage if self.topic.endswith(COMPRESSED) else Image
 
-    def _on_sized(self, message: ImageMessage) -> None:
-        self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(message.data))))
-        self._on_image(message, self.topic)
+    def _on_bytes(self, cdr: bytes) -> None:
+        self.hold_at_most(max(_FEWEST, QUEUE_BYTES // max(1, len(cdr))))
+        self._on_image(RawMessage(0, type_name(self.kind), cdr), self.topic)
 
     def advice(self) -> str:
         """Say why no images may come and what to do about it, in one line."""
@@ -58,7 +57,7 @@ class ImageSubscription(FollowingSubscription):
 
 
 def image_subscriptions(
-    node: Node, config: NodeConfig, on_image: Callable[[ImageMessage, str], None]
+    node: Node, config: NodeConfig, on_image: Callable[[RawMessage, str], None]
 ) -> list[ImageSubscription]:
     """Return one for each of `image_topics`, or one for `image`; ConfigError if one is twice."""
     names = config.image_topics.split() or ['image']

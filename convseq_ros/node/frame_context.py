@@ -20,6 +20,7 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info, fitted
 from convseq_ros.sources.depth import decode_depth, Depth, KEPT, nearest
 from convseq_ros.sources.pose_track import LONGEST_GAP_NS, pose_from_message, PoseTrack
+from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.node import Node
 from rclpy.time import Time
@@ -122,11 +123,11 @@ class DepthImages:
     def __init__(self, node: Node, topic: str, wait_s: float, reading: ReadingConfig) -> None:
         self.unreadable = self.missing = 0
         self._logger, self._reading = node.get_logger(), reading
-        self._newest = deque[tuple[int, Any]](maxlen=KEPT)
+        self._newest = deque[tuple[int, RawMessage]](maxlen=KEPT)
         self.waiting = Waiting(wait_s)
         self._topic = topic
         if topic:
-            FollowingSubscription(node, Image, topic, self._on_depth, KEPT)
+            FollowingSubscription(node, Image, topic, self._on_depth, KEPT, raw=True)
 
     def at(self, stamp_ns: int) -> Depth | None:
         """Return the depth image of a time; None if there is none."""
@@ -139,16 +140,17 @@ class DepthImages:
             self.missing += 1
             return None
         try:
-            return decode_depth(found, self._reading)
+            return decode_depth(found.image(), self._reading)
         except ImageError as error:
             self.unreadable += 1
             line = f'{self._topic}: {error}; its frame has no depth'
             self._logger.warning(line, throttle_duration_sec=_LOG_PERIOD_S)
             return None
 
-    def _on_depth(self, message: Any) -> None:
+    def _on_depth(self, cdr: bytes) -> None:
+        message = RawMessage(0, IMAGE, cdr)
         with self.waiting.changed:
-            self._newest.append((stamp_to_ns(message.header.stamp), message))
+            self._newest.append((message.header_stamp_ns, message))
             self.waiting.came()
 
 

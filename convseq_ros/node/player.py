@@ -23,8 +23,9 @@ from convseq_ros.errors import ConvseqError, SourceError
 from convseq_ros.node.conversions import image_message, stamp_from_ns
 from convseq_ros.reading_config import add_reading, chosen_reading
 from convseq_ros.sources import open_source, Source
+from convseq_ros.sources.raw_message import RawMessage, STAMP_END
 from convseq_ros.sources.recording import Recording, TopicMessages
-from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES, RawMessage, STAMP_END
+from convseq_ros.sources.topics import CAMERA_TYPES, ODOMETRY_TYPES
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.duration import Duration

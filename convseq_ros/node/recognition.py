@@ -18,8 +18,8 @@ from convseq_ros.errors import ConfigError, ConvseqError, ImageError, in_full, M
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.results import ResultWriter
-from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
-from sensor_msgs.msg import CompressedImage, Image
+from convseq_ros.sources.images import gray_and_color, message_pixels
+from convseq_ros.sources.raw_message import RawMessage
 
 _LOG_PERIOD_S = 5.0
 _PATIENCE_S = 5.0  # for the place that is being linked, at the end
@@ -119,7 +119,7 @@ class MapLinking:
 class Arrival:
     """A message as it came in."""
 
-    message: Image | CompressedImage  # not yet decoded
+    message: RawMessage
     stamp_ns: int  # when it was taken
     arrival_ns: int  # monotonic time at which it came
     topic: str
@@ -245,11 +245,10 @@ class Recognition:
             self.logger.error(str(error), throttle_duration_sec=_LOG_PERIOD_S)
 
     def _decode(self, arrival: Arrival) -> Frame:
-        message, stamp_ns, topic = arrival.message, arrival.stamp_ns, arrival.topic
-        decode = compressed_pixels if isinstance(message, CompressedImage) else image_pixels
+        stamp_ns, topic = arrival.stamp_ns, arrival.topic
         reading = self.session.recognizer.config.reading
         try:
-            gray, color = gray_and_color(decode(message, reading), reading)
+            gray, color = gray_and_color(message_pixels(arrival.message, reading), reading)
         except ImageError as error:
             self.statistics.unreadable += 1
             self.logger.warning(f'{topic}: {error}', throttle_duration_sec=_LOG_PERIOD_S)

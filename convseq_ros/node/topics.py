@@ -45,9 +45,9 @@ class FollowingSubscription:
     """
     Asks for reliable delivery, and for best effort while a publisher offers no better.
 
-    `on_message` receives each message in the executor's thread, for which `depth` may wait. `lost`
-    counts what did not arrive since the first: as the middleware reports and, of a single
-    publisher, by the numbers of its messages.
+    `on_message` receives each message in the executor's thread, for which `depth` may wait; its
+    bytes, if it is asked for `raw`. `lost` counts what did not arrive since the first: as the
+    middleware reports and, of a single publisher, by the numbers of its messages.
     """
 
     def __init__(
@@ -58,10 +58,11 @@ class FollowingSubscription:
         on_message: Callable[[Any], None],
         depth: int,
         starts: bool = True,
+        raw: bool = False,
     ) -> None:
         self._reported = self._missing = self._last = 0
         self._node, self._own_kind, self.topic = node, kind, node.resolve_topic_name(topic)
-        self._on_message, self._depth = on_message, depth
+        self._on_message, self._depth, self._raw = on_message, depth, raw
         self._subscription: Any = None
         if starts:
             self.start()
@@ -105,6 +106,7 @@ class FollowingSubscription:
             self.topic,
             on_message,
             QoSProfile(depth=self._depth, reliability=reliability),
+            raw=self._raw,
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=self._on_incompatible_qos,
                 message_lost=self._on_lost,

@@ -19,8 +19,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
-from convseq_ros.node.cameras import image_subscriptions, ImageMessage, QUEUE_BYTES
-from convseq_ros.node.conversions import stamp_to_ns
+from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES
 from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
@@ -36,6 +35,7 @@ from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.onnx_model import open_model
+from convseq_ros.sources.raw_message import RawMessage
 from std_srvs.srv import SetBool, Trigger
 
 _STOP_TIMEOUT_S = 1.0
@@ -208,12 +208,12 @@ class VprNode(ManagedNode):
         if self._fleet and recognizer is self._recognition.session.recognizer:
             self._fleet.put(frame)
 
-    def _on_image(self, message: ImageMessage, topic: str) -> None:
+    def _on_image(self, message: RawMessage, topic: str) -> None:
         arrival_ns = time.monotonic_ns()
         self._statistics.arrived(arrival_ns)
         if not self._enabled:
             return
-        stamp_ns = stamp_to_ns(message.header.stamp)
+        stamp_ns = message.header_stamp_ns
         if not stamp_ns:
             stamp_ns = self.get_clock().now().nanoseconds
             self.get_logger().warning(
@@ -221,7 +221,7 @@ class VprNode(ManagedNode):
             )
         number = self._statistics.received - 1
         arrival = Arrival(message, stamp_ns, arrival_ns, topic, number)
-        self._worker.put(arrival, len(message.data))
+        self._worker.put(arrival, len(message.cdr))
 
     def _on_parameters(self, config: Config, node_config: NodeConfig) -> None:
         self._config, self._node_config = config, node_config

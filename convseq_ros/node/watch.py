@@ -22,7 +22,9 @@ from convseq_ros.errors import ConvseqError, ImageError, MapError
 from convseq_ros.node.cameras import ImageSubscription
 from convseq_ros.node.running import turns
 from convseq_ros.node.topics import FollowingSubscription
-from convseq_ros.sources.images import decode_compressed, decode_image
+from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.images import gray_and_color, message_pixels
+from convseq_ros.sources.raw_message import RawMessage
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -37,7 +39,6 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
-from sensor_msgs.msg import CompressedImage
 
 _PICTURE_COLUMNS = 38  # of a terminal; a character shows two pixels, one over the other
 _SHOWN_EVERY_S = 0.2
@@ -79,10 +80,9 @@ class Watcher(Node):
             self._map = known = open_map(self._map_path)  # it grows
         return shown(known.thumbnail(index)) if index < len(known) else self._place
 
-    def _on_image(self, message: Any, _topic: str) -> None:
-        decode = decode_compressed if isinstance(message, CompressedImage) else decode_image
+    def _on_image(self, message: RawMessage, _topic: str) -> None:
         try:
-            self._camera = decode(message)
+            self._camera = gray_and_color(message_pixels(message), ReadingConfig())[0]
         except ImageError:
             self._camera = None
 

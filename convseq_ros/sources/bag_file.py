@@ -10,7 +10,8 @@ from typing import Any
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.inflate import inflate
-from convseq_ros.sources.topics import Index, RawMessage, Topic, typestore
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import Index, Topic, typestore
 
 _MAGIC = b'#ROSBAG V2.0\n'
 

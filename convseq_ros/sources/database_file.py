@@ -12,7 +12,8 @@ import struct
 from convseq_ros.errors import SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.inflate import inflate, inflated_file
-from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import Index, merge_topics, Topic
 
 _HEAD = struct.Struct('>16sH10xI')  # magic, bytes in a page (1 = 65536), pages
 _MAGIC = b'SQLite format 3\0'

@@ -100,7 +100,7 @@ class DepthTopic:
             self._waiting.append((message.stamp_ns, message))
         found = nearest(self._waiting, stamp_ns)
         try:
-            return None if found is None else decode_depth(found.decode(), self.reading)
+            return None if found is None else decode_depth(found.image(), self.reading)
         except ImageError as error:
             if (
                 line := f'{self.messages.chosen.name}: {error}; its frame has no depth'

@@ -3,9 +3,9 @@
 """
 From the fields of an image message, or the bytes of a picture file, to a grey image.
 
-Messages are duck-typed: those of rclpy and of rosbags, which hold their data as array, numpy
-array or bytes, serve alike. Colour reaches grey by one road (BGR, then `gray_from_bgr`), so that
-a folder, a recording and a camera that show the same picture give the same pixels.
+Messages are duck-typed: their data may be bytes, an array or a view. Colour reaches grey by one
+road (BGR, then `gray_from_bgr`), so that a folder, a recording and a camera that show the same
+picture give the same pixels.
 """
 
 from contextlib import suppress
@@ -16,6 +16,7 @@ from typing import Any
 from convseq_ros.errors import ImageError
 from convseq_ros.picture_header import declared
 from convseq_ros.reading_config import ReadingConfig
+from convseq_ros.sources.raw_message import COMPRESSED_IMAGE, RawMessage
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -41,23 +42,10 @@ def gray_and_color(pixels: Pixels, reading: ReadingConfig) -> tuple[Gray, Pixels
     return gray_from_bgr(pixels), pixels.copy() if reading.keeps_color else None
 
 
-def decode_image(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """Return the grey image (H, W) of a sensor_msgs/Image; errors of `image_pixels`."""
-    return _only_gray(image_pixels(message, reading))
-
-
-def decode_compressed(message: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """Return the grey image (H, W) of a CompressedImage; errors of `compressed_pixels`."""
-    return _only_gray(compressed_pixels(message, reading))
-
-
-def decode_picture(data: Any, reading: ReadingConfig = ReadingConfig()) -> Gray:
-    """Return the grey image (H, W) of an encoded picture; errors of `picture_pixels`."""
-    return _only_gray(picture_pixels(data, reading))
-
-
-def _only_gray(pixels: Pixels) -> Gray:
-    return pixels if pixels.ndim == 2 else gray_from_bgr(pixels)
+def message_pixels(message: RawMessage, reading: ReadingConfig = ReadingConfig()) -> Pixels:
+    """Return what a serialized image shows: `compressed_pixels` or `image_pixels`."""
+    decode = compressed_pixels if message.type_name == COMPRESSED_IMAGE else image_pixels
+    return decode(message.image(), reading)
 
 
 def image_pixels(message: Any, reading: ReadingConfig = ReadingConfig()) -> Pixels:

@@ -12,7 +12,8 @@ from typing import Any, IO
 from convseq_ros.errors import one_line, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.inflate import inflate, inflated_file
-from convseq_ros.sources.topics import Index, merge_topics, RawMessage, Topic
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import Index, merge_topics, Topic
 
 _MAGIC = b'\x89MCAP0\r\n'
 _HEAD = struct.Struct('<BQ')  # of a record: its kind, and how many bytes follow

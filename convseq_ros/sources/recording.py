@@ -11,22 +11,19 @@ from convseq_ros.core.types import Camera, Frame, Pose
 from convseq_ros.errors import ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources.camera_info import camera_from_info
-from convseq_ros.sources.images import compressed_pixels, gray_and_color, image_pixels
+from convseq_ros.sources.images import gray_and_color, message_pixels
 from convseq_ros.sources.nav_sat import Fix, fix_from_message, local_poses
 from convseq_ros.sources.pose_track import pose_from_message
+from convseq_ros.sources.raw_message import IMAGE_TYPES, RawMessage, STAMP_END
 from convseq_ros.sources.storage import open_storage
 from convseq_ros.sources.topics import (
     CAMERA_TYPES,
     choose_topic,
+    decode,
     FIX_TYPES,
-    IMAGE_TYPES,
     merge_topics,
     POSE_TYPES,
-    RawMessage,
-    STAMP_END,
 )
-
-DECODERS = dict(zip(IMAGE_TYPES, (image_pixels, compressed_pixels), strict=True))
 
 
 class TopicMessages:
@@ -85,7 +82,7 @@ class Recording:
     def __iter__(self) -> Iterator[Frame]:
         for message in self._raw_messages():
             try:
-                pixels = DECODERS[message.type_name](message.decode(), self._reading)
+                pixels = message_pixels(message, self._reading)
             except ImageError as error:
                 yield Frame(message.stamp_ns, None, self.topic, problem=str(error))
                 continue
@@ -155,7 +152,7 @@ def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
     problem = 'K and P are zero, so it is not calibrated'
     for message in messages:
         try:
-            camera = camera_from_info(message.decode())
+            camera = camera_from_info(decode(message))
         except (ImageError, SourceError) as error:
             problem = str(error)
             continue
@@ -166,7 +163,7 @@ def read_camera(path: Path, topic: str = '', reading: ReadingConfig = ReadingCon
 
 def _pose(message: RawMessage) -> tuple[int, Pose] | Fix | None:
     try:
-        decoded = message.decode()
+        decoded = decode(message)
     except ImageError:
         return None
     if message.type_name in FIX_TYPES:

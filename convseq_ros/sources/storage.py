@@ -12,7 +12,8 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.regular_file import refuse_irregular
 from convseq_ros.sources import bag_file, database_file, mcap_file
 from convseq_ros.sources.folder import natural_key
-from convseq_ros.sources.topics import RawMessage, typestore
+from convseq_ros.sources.raw_message import RawMessage
+from convseq_ros.sources.topics import typestore
 
 _FORMATS: dict[str, tuple[Any, str]] = {
     '.mcap': (mcap_file, 'mcap recover'),

@@ -1,17 +1,16 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of a recording, and its messages as they lie in it."""
+"""The topics of a recording, and what its messages hold."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import functools
 from pathlib import Path
-import struct
 from typing import Any, NamedTuple
 
-from convseq_ros.errors import ConvseqError, ImageError, one_line, pip_install, SourceError
+from convseq_ros.errors import ConvseqError, pip_install, SourceError
+from convseq_ros.sources.raw_message import damaged, RawMessage
 
-IMAGE_TYPES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 CAMERA_TYPES = ('sensor_msgs/msg/CameraInfo',)
 ODOMETRY_TYPES = ('nav_msgs/msg/Odometry',)
 POSE_TYPES = (
@@ -82,38 +81,12 @@ def choose_topic(
     raise SourceError(f'{path}: {problem}; use{listing}')
 
 
-MAX_STAMP_NS = 2**63 - 1
-STAMP_END = 12  # bytes: CDR header, seconds, nanoseconds
-
-
-class RawMessage(NamedTuple):
-    """One serialized message."""
-
-    log_time_ns: int  # when it was recorded
-    type_name: str  # such as sensor_msgs/msg/Image
-    cdr: bytes  # as rclpy publishes it; empty if it was too damaged to convert
-
-    @property
-    def header_stamp_ns(self) -> int:
-        """Stamp of a message that starts with a std_msgs/Header; 0 if unset or unreadable."""
-        if len(self.cdr) < STAMP_END:
-            return 0
-        seconds, nanoseconds = struct.unpack_from('<iI' if self.cdr[1] & 1 else '>iI', self.cdr, 4)
-        return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the header; if that is unset, the time of recording."""
-        return self.header_stamp_ns or min(self.log_time_ns, MAX_STAMP_NS)
-
-    def decode(self) -> Any:
-        """Return the message with its fields; ImageError if it is damaged."""
-        try:
-            return typestore().deserialize_cdr(self.cdr, self.type_name)
-        except Exception as error:
-            raise ImageError(
-                f'a {self.type_name} of {len(self.cdr)} bytes is damaged ({one_line(error)})'
-            ) from None
+def decode(message: RawMessage) -> Any:
+    """Return a message with its fields; ImageError if it is damaged."""
+    try:
+        return typestore().deserialize_cdr(message.cdr, message.type_name)
+    except Exception as error:
+        raise damaged(message, error) from None
 
 
 @functools.cache

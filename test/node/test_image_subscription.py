@@ -82,7 +82,7 @@ def test_large_images_leave_less_room_in_the_history(client, vpr, image, monkeyp
     monkeypatch.setattr(cameras, 'QUEUE_BYTES', 1_000_000)
     node = vpr(queue_size=20)
     camera = client.camera(Image)
-    camera.publish(image(np.zeros((200, 500), np.uint8), 1))
+    camera.publish(image(np.zeros((199, 500), np.uint8), 1))
     client.wait_for(lambda: node._images[0]._depth == 10)
     camera.publish(image(np.zeros((2000, 1000), np.uint8), 2))
     client.wait_for(lambda: node._images[0]._depth == 2)

@@ -16,6 +16,7 @@ from convseq_ros.simulation.drive import Drive, Shot
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
 from convseq_ros.sources.storage import open_storage
+from convseq_ros.sources.topics import decode
 import cv2
 from drives import shots_of
 import numpy as np
@@ -122,7 +123,7 @@ def test_the_recording_tells_what_the_table_does(mapped, tmp_path):
     assert not warnings and not storage.damage
     told = []
     for message in storage.messages('/vpr_node/answer'):
-        answer = message.decode()
+        answer = decode(message)
         assert message.log_time_ns == message.header_stamp_ns
         told.append({pair.key: pair.value for pair in answer.status[0].values})
     rows = read_results(tmp_path / 'x.csv')

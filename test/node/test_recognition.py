@@ -18,10 +18,12 @@ from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.results import read_results, ResultWriter
+from convseq_ros.sources.raw_message import IMAGE, RawMessage
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from programs import wait_for
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
 STEP_NS = 100_000_000
@@ -57,7 +59,8 @@ class Setup:
         self.published.append((frame, match, len(recognizer.reference_map)))
 
     def handle(self, message, number):
-        self.recognition.handle(Arrival(message, (number + 1) * STEP_NS, 0, '/image', number))
+        cdr = RawMessage(0, IMAGE, serialize_message(message))
+        self.recognition.handle(Arrival(cdr, (number + 1) * STEP_NS, 0, '/image', number))
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 
 SECOND = 1_000_000_000
@@ -188,7 +189,7 @@ def depth(stamp_ns, millimetres=1500, encoding='16UC1'):
     data = np.full((4, 6), millimetres, '<u2').tobytes()
     message = Image(height=4, width=6, encoding=encoding, step=12, data=data)
     message.header.stamp = stamp_from_ns(stamp_ns)
-    return message
+    return serialize_message(message)
 
 
 @pytest.fixture

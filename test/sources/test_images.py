@@ -12,13 +12,11 @@ from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.images import (
     compressed_pixels,
-    decode_compressed,
-    decode_image,
-    decode_picture,
     ENCODINGS,
     gray_and_color,
     gray_from_bgr,
     image_pixels,
+    picture_pixels,
 )
 import cv2
 from hypothesis import given, settings
@@ -29,6 +27,10 @@ import pytest
 BLUE, GREEN, RED = 200, 90, 30
 GRAY_OF_COLOUR = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
 MOSAICS = {'rggb': 'RGGB', 'bggr': 'BGGR', 'gbrg': 'GBRG', 'grbg': 'GRBG'}
+
+
+def gray_of(pixels):
+    return gray_and_color(pixels, ReadingConfig())[0]
 
 
 def message(pixels, encoding, bigendian=0, padding=0, container=bytes):
@@ -66,7 +68,7 @@ def mosaic(pattern, bgr):
 @pytest.mark.parametrize('encoding', ['mono8', '8UC1'])
 def test_gray_encodings_keep_every_pixel(encoding, container, padding):
     gray = noise(7, 9)
-    decoded = decode_image(message(gray, encoding, padding=padding, container=container))
+    decoded = gray_of(image_pixels(message(gray, encoding, padding=padding, container=container)))
     np.testing.assert_array_equal(decoded, gray)
 
 
@@ -79,7 +81,7 @@ def test_colour_encodings_agree_with_bgr(encoding, channels, padding):
     bgr = noise(7, 9, 3)
     planes = {'B': bgr[..., 0], 'G': bgr[..., 1], 'R': bgr[..., 2], 'A': noise(7, 9)}
     pixels = np.stack([planes[channel] for channel in channels], axis=2)
-    decoded = decode_image(message(pixels, encoding, padding=padding))
+    decoded = gray_of(image_pixels(message(pixels, encoding, padding=padding)))
     np.testing.assert_array_equal(decoded, gray_from_bgr(bgr))
 
 
@@ -87,7 +89,7 @@ def test_colour_encodings_agree_with_bgr(encoding, channels, padding):
 @pytest.mark.parametrize(('bigendian', 'dtype'), [(0, '<u2'), (1, '>u2')])
 def test_mono16_becomes_its_high_byte_in_either_byte_order(bigendian, dtype, padding):
     values = noise(5, 6, dtype=np.uint16)
-    decoded = decode_image(message(values.astype(dtype), 'mono16', bigendian, padding))
+    decoded = gray_of(image_pixels(message(values.astype(dtype), 'mono16', bigendian, padding)))
     np.testing.assert_array_equal(decoded, values >> 8)
 
 
@@ -98,7 +100,7 @@ def test_bayer_mosaic_of_a_drawn_picture_resembles_only_its_own_pattern(name):
     pixels = mosaic(MOSAICS[name], bgr)
     wanted = gray_from_bgr(bgr).astype(int)
     errors = {
-        other: np.abs(decode_image(message(pixels, f'bayer_{other}8')) - wanted).mean()
+        other: np.abs(gray_of(image_pixels(message(pixels, f'bayer_{other}8'))) - wanted).mean()
         for other in MOSAICS
     }
     assert min(errors, key=errors.get) == name
@@ -115,7 +117,7 @@ def test_yuv422_of_a_known_colour_becomes_its_gray(encoding, order):
     v = 128 + (112.0 * RED - 93.8 * GREEN - 18.2 * BLUE) / 255
     parts = {'Y': round(luma), 'U': round(u), 'V': round(v)}
     pair = np.array([parts[part] for part in order], np.uint8).reshape(2, 2)
-    decoded = decode_image(message(np.tile(pair, (6, 4, 1)), encoding, padding=2))
+    decoded = gray_of(image_pixels(message(np.tile(pair, (6, 4, 1)), encoding, padding=2)))
     assert decoded.shape == (6, 8)
     assert np.abs(decoded.astype(int) - GRAY_OF_COLOUR).max() <= 3
 
@@ -127,7 +129,7 @@ def test_results_own_their_memory(encoding):
     fields = SimpleNamespace(
         height=6, width=8, encoding=encoding, is_bigendian=0, step=8 * size, data=data
     )
-    decoded = decode_image(fields)
+    decoded = gray_of(image_pixels(fields))
     before = decoded.copy()
     data[:] = bytes(len(data))
     np.testing.assert_array_equal(decoded, before)
@@ -159,7 +161,7 @@ def test_wrong_fields_are_named_with_value_and_remedy_in_one_line(changes, words
     fields = message(noise(6, 8), 'mono8')
     fields.__dict__.update(changes)
     with pytest.raises(ImageError) as caught:
-        decode_image(fields)
+        gray_of(image_pixels(fields))
     assert all(word in str(caught.value) for word in words)
     assert '\n' not in str(caught.value)
 
@@ -180,7 +182,7 @@ def test_any_fields_give_an_image_of_that_size_or_an_image_error(
         height=height, width=width, step=step, data=data, encoding=encoding, is_bigendian=bigendian
     )
     try:
-        assert decode_image(fields).shape == (height, width)
+        assert gray_of(image_pixels(fields)).shape == (height, width)
     except ImageError as error:
         assert '\n' not in str(error)
 
@@ -196,7 +198,7 @@ def smooth(*shape):
 def test_png_is_exact_in_either_spelling_of_the_format(name):
     bgr = noise(8, 9, 3)
     fields = SimpleNamespace(format=name, data=cv2.imencode('.png', bgr)[1].tobytes())
-    np.testing.assert_array_equal(decode_compressed(fields), gray_from_bgr(bgr))
+    np.testing.assert_array_equal(gray_of(compressed_pixels(fields)), gray_from_bgr(bgr))
 
 
 @pytest.mark.parametrize('name', ['jpeg', 'jpg', 'bgr8; jpeg compressed bgr8'])
@@ -204,7 +206,7 @@ def test_png_is_exact_in_either_spelling_of_the_format(name):
 def test_jpeg_is_close_in_either_spelling_of_the_format(name, container):
     bgr = smooth(40, 50, 3)
     data = cv2.imencode('.jpg', bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-    decoded = decode_compressed(SimpleNamespace(format=name, data=container(data)))
+    decoded = gray_of(compressed_pixels(SimpleNamespace(format=name, data=container(data))))
     assert np.abs(decoded.astype(int) - gray_from_bgr(bgr)).mean() < 2
     assert decoded.flags.c_contiguous
     assert decoded.flags.owndata
@@ -220,13 +222,13 @@ def test_exif_orientation_is_ignored():
     block = exif(orientation=6)
     turned = data[:2] + b'\xff\xe1' + struct.pack('>H', len(block) + 2) + block + data[2:]
     assert cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_COLOR).shape[:2] == (30, 20)
-    np.testing.assert_array_equal(decode_picture(turned), decode_picture(data))
+    np.testing.assert_array_equal(gray_of(picture_pixels(turned)), gray_of(picture_pixels(data)))
 
 
 def test_compressed_depth_is_refused_by_name():
     fields = SimpleNamespace(format='16UC1; compressedDepth png', data=b'123')
     with pytest.raises(ImageError, match='compressedDepth'):
-        decode_compressed(fields)
+        gray_of(compressed_pixels(fields))
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.png'])
@@ -235,7 +237,7 @@ def test_cut_pictures_are_image_errors(suffix, share, capfd):
     data = cv2.imencode(suffix, noise(40, 50, 3))[1].tobytes()
     fields = SimpleNamespace(format='jpeg', data=data[: int(len(data) * share)])
     with pytest.raises(ImageError, match=r"^format 'jpeg': data: \d+ bytes") as caught:
-        decode_compressed(fields)
+        gray_of(compressed_pixels(fields))
     assert '\n' not in str(caught.value)
     capfd.readouterr()
 
@@ -243,7 +245,7 @@ def test_cut_pictures_are_image_errors(suffix, share, capfd):
 @pytest.mark.parametrize('data', [b'', b'hello world', bytes(100), zlib.compress(b'x' * 99)])
 def test_what_is_no_picture_is_an_image_error(data):
     with pytest.raises(ImageError, match='cannot be decoded'):
-        decode_picture(data)
+        gray_of(picture_pixels(data))
 
 
 KEPT = ReadingConfig(keeps_color=True)
@@ -258,7 +260,7 @@ def test_colours_of_messages_are_blue_green_red(pixels, encoding):
     fields = message(pixels, encoding)
     gray, color = gray_and_color(image_pixels(fields, KEPT), KEPT)
     assert (color == BGR).all()
-    assert (gray == decode_image(fields)).all()
+    assert (gray == gray_of(image_pixels(fields))).all()
     assert color.flags.owndata and gray.shape == (8, 10)
     assert gray_and_color(image_pixels(fields), ReadingConfig())[1] is None
 

@@ -20,7 +20,7 @@ from convseq_ros.parameter import parameters
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_source
 from convseq_ros.sources.camera_info import read_camera_file
-from convseq_ros.sources.images import decode_image
+from convseq_ros.sources.images import image_pixels
 from convseq_ros.sources.pose_file import read_pose_file
 import cv2
 import numpy as np
@@ -118,7 +118,7 @@ def test_a_file_that_is_read_as_a_whole(tmp_path, kind):
     [
         lambda path, reading: next(iter(open_source(path, reading=reading))).gray,
         lambda path, reading: with_mask_read(EncodingConfig(image_mask=f'{path}/1.png'), reading),
-        lambda _, reading: decode_image(
+        lambda _, reading: image_pixels(
             SimpleNamespace(
                 height=512, width=512, encoding='mono8', step=512, is_bigendian=0, data=IMAGE
             ),

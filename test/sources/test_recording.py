@@ -9,8 +9,9 @@ from convseq_ros.core.types import Pose
 from convseq_ros.errors import ConvseqError, ImageError, SourceError
 from convseq_ros.reading_config import ReadingConfig
 from convseq_ros.sources import open_annotated, open_source
+from convseq_ros.sources import recording as module
 from convseq_ros.sources.depth import decode_depth
-from convseq_ros.sources.recording import DECODERS, read_poses, Recording
+from convseq_ros.sources.recording import read_poses, Recording
 from convseq_ros.sources.topics import typestore
 import cv2
 import numpy as np
@@ -146,9 +147,9 @@ def test_images_that_cannot_be_decoded_are_frames_with_a_problem(write, layout, 
 def test_frames_stream_without_reading_the_rest(write, storage, pictures, monkeypatch):
     recording = open_source(write(storage, recordings.drive(pictures)))
     decoded = []
-    monkeypatch.setitem(
-        DECODERS,
-        'sensor_msgs/msg/Image',
+    monkeypatch.setattr(
+        module,
+        'message_pixels',
         lambda message, _: decoded.append(message) or np.zeros((1, 1), np.uint8),
     )
     next(iter(recording))
