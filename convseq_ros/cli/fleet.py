@@ -29,7 +29,6 @@ from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.map_builder import link_map, not_linked
-from convseq_ros.core.session import warm_up
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.fleet.fleet import Fleet
@@ -218,8 +217,7 @@ def _replay(chosen: argparse.Namespace) -> int:
             told.update(fleet.missing)
 
         tell()
-        for one in fleet.cameras.each:
-            warm_up(one)
+        fleet.cameras.warm_up()
         summary = replay_chosen(chosen, fleet.cameras, chosen.maps, tell)
     if chosen.json:
         about = {'output': str(chosen.output), 'slow': fleet.slow, 'missing': fleet.missing}

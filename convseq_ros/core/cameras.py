@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from convseq_ros.config import Config
+from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe
+from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.map.online import FollowedMap
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.rigid import of_roll_pitch_yaw
 from convseq_ros.core.sequence.coarse_scores import Coarse
 from convseq_ros.core.types import Frame, Localization, LocalizationState, Match
+import numpy as np
 
 _SURER = tuple(LocalizationState)  # the later the surer
 
@@ -74,6 +77,13 @@ class Cameras:
         """Do what `PlaceRecognizer.expect` does, for the frames of each camera."""
         for one in self.each:
             one.expect([frame for frame in frames if self.of(frame.source) is one])
+
+    def warm_up(self) -> None:
+        """Load tables, and prepare a small map, so that the first frame is not late."""
+        drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
+        for one in self.each:
+            global_descriptor(describe(drawn, one.reference_map.encoding).cells)
+            one.matcher.warm_up()
 
     @property
     def localization(self) -> Localization:

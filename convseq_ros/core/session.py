@@ -11,9 +11,7 @@ import time
 from convseq_ros.config import Config, EncodingConfig, KeyframeConfig
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.compiled import slow_path
-from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.encoding.first_stage import Describe, with_first_stage
-from convseq_ros.core.encoding.regions import global_descriptor
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.map.database import MapLock
 from convseq_ros.core.map.edit import bound
@@ -21,9 +19,7 @@ from convseq_ros.core.map.online import surplus
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import MapWriter
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import MapError
-import numpy as np
 
 _COMMIT_EVERY_S = 0.5  # what a crash may cost; each commit waits for the disk
 _PLACES_AT_ONCE = 500  # in a transaction, for 10 MB of memory
@@ -243,13 +239,5 @@ class Session:
         return len(self.recognizer.reference_map) - self.recognizer.mapping.session_start
 
     def warm_up(self) -> None:
-        """Do as `warm_up` does."""
-        for one in self.cameras.each:
-            warm_up(one)
-
-
-def warm_up(recognizer: PlaceRecognizer) -> None:
-    """Load tables, and prepare a small map, so that the first frame is not late."""
-    drawn = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
-    global_descriptor(describe(drawn, recognizer.reference_map.encoding).cells)
-    recognizer.matcher.warm_up()
+        """Have the first frame be as quick as the others."""
+        self.cameras.warm_up()

@@ -89,11 +89,8 @@ def brought_together(
         # Of sessions that have no place yet: where a pose should be, and where it is.
         asked = dict[int, list[tuple[Matrix, Matrix]]]()
         for edge in links:
-            forth, back = (
-                (edge.start, edge.end, edge.moved),
-                (edge.end, edge.start, inverse(edge.moved)),
-            )
-            for known, new, moved in (forth, back):
+            forth = edge.start, edge.end, edge.moved
+            for known, new, moved in (forth, (edge.end, edge.start, inverse(edge.moved))):
                 if session[known] in moves and session[new] not in moves:
                     goal = moves[session[known]] @ poses[known] @ moved
                     asked.setdefault(session[new], []).append((goal, poses[new]))

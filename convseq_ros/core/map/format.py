@@ -203,11 +203,14 @@ def checked_id(stored: object) -> str:
 
 def row_crc(values: Row) -> int:
     """Return the checksum of a row: that of its numbers and texts, then of its blobs."""
-    plain = len(values)
-    while plain and type(values[plain - 1]) is bytes:  # blobs come last
-        plain -= 1
-    blobs: Any = values[plain:]
-    crc = zlib.crc32(repr([*values[:plain], *map(len, blobs)]).encode())
+    *plain, last = values
+    if type(last) is bytes and type(plain[-1]) is not bytes:  # most rows, told sooner
+        return zlib.crc32(last, zlib.crc32(repr([*plain, len(last)]).encode()))
+    count = len(values)
+    while count and type(values[count - 1]) is bytes:  # blobs come last
+        count -= 1
+    blobs: Any = values[count:]
+    crc = zlib.crc32(repr([*values[:count], *map(len, blobs)]).encode())
     for blob in blobs:
         crc = zlib.crc32(blob, crc)
     return crc
@@ -215,16 +218,7 @@ def row_crc(values: Row) -> int:
 
 def first_damaged(rows: Iterable[Row]) -> Row | None:
     """Return the first row whose last value is not the checksum of the others."""
-    crc32 = zlib.crc32
-    for row in rows:
-        *plain, blob, stored = row
-        if type(blob) is bytes and type(plain[-1]) is not bytes:  # most rows, told sooner
-            crc = crc32(blob, crc32(repr([*plain, len(blob)]).encode()))
-        else:
-            crc = row_crc(row[:-1])
-        if crc != stored:
-            return row
-    return None
+    return next((row for row in rows if row_crc(row[:-1]) != row[-1]), None)
 
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:

@@ -126,9 +126,9 @@ class Places(Sequence[Place]):
         """Add a place; its global descriptor has shape (n,)."""
         # The name of a file may be any bytes; a map holds text.
         source = sys.intern(place.source.encode(errors='backslashreplace').decode())
-        self._begin_sessions(np.array([place.session]))
+        row = place.stamp_ns, source, place.pose_numbers, place.session
         self.descriptors.extend([descriptor])
-        self._rows.extend([(place.stamp_ns, source, place.pose_numbers, place.session)])
+        self._add(np.array([row], _ROW))
 
     def extend(self, rows: Sequence[Sequence[Any]]) -> None:
         """Add rows of the table `places`; ValueError if a number of them is not finite."""
@@ -165,14 +165,12 @@ class Places(Sequence[Place]):
         self._add(block)
 
     def _add(self, block: npt.NDArray[Any]) -> None:
-        self._begin_sessions(block['session'])
-        self._rows.extend(block)
-
-    def _begin_sessions(self, sessions: npt.NDArray[np.integer[Any]]) -> None:
-        """Take note of where the sessions of more places begin."""
+        """Add rows, and take note of where sessions begin."""
+        sessions = block['session']
         before = self._rows.view['session'][-1:] if len(self) else sessions[:1]
         for change in np.flatnonzero(np.diff(sessions, prepend=before)):
             self.bounds.begin(len(self) + int(change))
+        self._rows.extend(block)
 
     def __len__(self) -> int:
         return len(self._rows)

@@ -124,7 +124,8 @@ class MapReader:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
             are_kept = bool(self._database.rows('SELECT 1 FROM depths LIMIT 1'))
-            for rows in self._in_order('places', 0):
+            next_ones = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
+            while rows := self._sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
                 start, of = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
@@ -184,13 +185,6 @@ class MapReader:
         if are_all and (missing := [index for index in indices if index not in found]):
             raise ValueError(f'reference {missing[0]} is missing')
         return found
-
-    def _in_order(self, table: str, start: int) -> Iterator[Rows]:
-        """Yield all rows from an index on, some at once."""
-        condition = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-        while rows := self._sound(table, condition, (start, _ROWS_AT_ONCE)):
-            yield rows
-            start = rows[-1][0] + 1
 
     def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
         """Return rows of a table; ValueError if one fails its checksum."""

@@ -97,13 +97,13 @@ class MapWriter:
             self._database.rows(f'PRAGMA application_id = {APPLICATION_ID}')
             self._database.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
             for row in about.items():
-                self._insert('about', row)
+                insert(self._database, 'about', row)
         return True
 
-    def _insert(self, table: str, row: tuple[object, ...]) -> None:
-        values = *row, row_crc(row)
-        marks = ', '.join('?' * len(values))
-        self._database.rows(f'INSERT INTO {table} VALUES ({marks})', values)
+    def _insert(self, table: str, *row: object) -> None:
+        with explained(self._path):
+            self._database.begin()
+            insert(self._database, table, row)
 
     def add(self, place: Place, picture: Picture, global_descriptor: Halves) -> None:
         """Append a place; its global descriptor has shape (n,)."""
@@ -116,22 +116,18 @@ class MapWriter:
             descriptor = built_in(unpack_cells(picture.packed)).astype('<f2').tobytes()
         where = place.stamp_ns, place.source, *place.pose_numbers, place.session
         cells = picture.packed.astype('<f2').tobytes()
-        with explained(self._path):
-            self._database.begin()
-            self._insert('places', (index, *where, descriptor))
-            self._insert('pictures', (index, cells, picture.thumbnail))
-            self._insert('images', (index, picture.image))
-            if picture.depths is not None:
-                self._insert('depths', (index, picture.depths))
-            if has_both:
-                self._insert('vectors', (index, vector))
+        self._insert('places', index, *where, descriptor)
+        self._insert('pictures', index, cells, picture.thumbnail)
+        self._insert('images', index, picture.image)
+        if picture.depths is not None:
+            self._insert('depths', index, picture.depths)
+        if has_both:
+            self._insert('vectors', index, vector)
         self._count += 1
 
     def add_session(self, session: MapSession) -> None:
         """Append a session, of which places may be."""
-        with explained(self._path):
-            self._database.begin()
-            self._insert('sessions', (self._sessions, *session.row))
+        self._insert('sessions', self._sessions, *session.row)
         self._sessions += 1
 
     def append(self, reference_map: ReferenceMap, end: int) -> None:
@@ -141,9 +137,9 @@ class MapWriter:
         while (start := self._count) < end:
             some = range(start, min(start + _AT_ONCE, end))
             pictures = reference_map.pictures(some, with_images=True)
+            descriptors = reference_map.global_descriptors
             for index, picture in zip(some, pictures, strict=True):
-                place, descriptors = reference_map.places[index], reference_map.global_descriptors
-                self.add(place, picture, descriptors[index])
+                self.add(reference_map.places[index], picture, descriptors[index])
         if rows := reference_map.links.since(self.linked, self._count):
             with explained(self._path):
                 self._database.begin()
@@ -213,8 +209,7 @@ def save_map(
     with replaced(path) as part:
         refuse()
         with MapWriter(part, *settings, map_id=reference_map.map_id) as writer:
-            writer.append(reference_map, 0)
-            for start in progress(range(0, end, _AT_ONCE)):
+            for start in progress(range(0, end or 1, _AT_ONCE)):
                 writer.append(reference_map, min(start + _AT_ONCE, end))
 
 
@@ -248,6 +243,12 @@ def _delete_journal(path: Path) -> None:
             one.unlink(missing_ok=True)
 
 
+def insert(database: Database, table: str, row: tuple[object, ...], how: str = 'INSERT') -> None:
+    """Write a row, and its checksum."""
+    marks = ', '.join('?' * (len(row) + 1))
+    database.rows(f'{how} INTO {table} VALUES ({marks})', (*row, row_crc(row)))
+
+
 def write_links(database: Database, rows: Sequence[Row]) -> None:
     """Write links, in a transaction that is begun."""
     for place, one in rows:
@@ -255,9 +256,7 @@ def write_links(database: Database, rows: Sequence[Row]) -> None:
         if one is not None:
             relative = one.relative and packed_pose(one.relative)
             row = place, one.other, one.anchor, one.confidence, one.inliers, relative
-        database.rows(
-            'INSERT OR REPLACE INTO links VALUES (?, ?, ?, ?, ?, ?, ?)', (*row, row_crc(row))
-        )
+        insert(database, 'links', row, 'INSERT OR REPLACE')
 
 
 def _takes_links(database: Database) -> bool:
