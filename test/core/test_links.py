@@ -41,14 +41,8 @@ def linked(*pairs, starts=()):
 
 def test_a_look_takes_over_the_anchor_of_what_it_shows():
     links = linked((100, 40), (200, 100), (300, 200), (301, 41))
-    assert [links.anchor(index) for index in (40, 100, 200, 300, 301, 7)] == [
-        40,
-        40,
-        40,
-        40,
-        41,
-        7,
-    ]
+    anchors = [links.anchor(index) for index in (40, 100, 200, 300, 301, 7)]
+    assert anchors == [40, 40, 40, 40, 41, 7]
     assert [*links] == [(100, 40), (200, 40), (300, 40), (301, 41)] and len(links) == 4
 
 

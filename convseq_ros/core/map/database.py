@@ -13,7 +13,7 @@ import stat
 import time
 from typing import Any, Self
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA
 from convseq_ros.errors import MapError
 
 Rows = list[tuple[Any, ...]]
@@ -77,6 +77,11 @@ class Database:
         """Return the one number that a statement yields."""
         return int(self.rows(statement)[0][0])
 
+    def insert(self, table: str, row: tuple[object, ...], how: str = 'INSERT') -> None:
+        """Write a row, and its checksum."""
+        marks = ', '.join('?' * (len(row) + 1))
+        self.rows(f'{how} INTO {table} VALUES ({marks})', (*row, row_crc(row)))
+
     @contextmanager
     def transaction(self, kind: str = 'DEFERRED') -> Iterator[None]:
         """Do all of what follows, or nothing; see what the file held at one moment."""
@@ -134,6 +139,14 @@ class Database:
                 return False
             raise
         return True
+
+    def make_tables(self) -> None:
+        """Make a map without places, or without those that it has, in a transaction."""
+        for table, statement in SCHEMA.items():
+            self.rows(f'DROP TABLE IF EXISTS {table}')
+            self.rows(statement)
+        self.rows(f'PRAGMA application_id = {APPLICATION_ID}')
+        self.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
 
     def check(self, path: Path) -> None:
         """Raise MapError if this is no map of this format; ValueError if it holds other tables."""

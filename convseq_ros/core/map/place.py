@@ -240,6 +240,15 @@ def kept_image(gray: Gray, width_px: int) -> bytes | None:
     return _jpeg(reduced(gray, width_px), KEPT_IMAGE.quality_percent) if width_px else None
 
 
+def used_image(jpeg: bytes | None, max_mpx: float) -> Gray | None:
+    """Return a kept image (H, W), if there is one; ValueError if it is larger, or no JPEG."""
+    if jpeg is None:
+        return None
+    if (gray := shown(jpeg, max_mpx * 1e6)) is not None:
+        return reduced(gray, KEPT_IMAGE.longest_px)
+    raise ValueError(f'no JPEG within max_image_mpx, {max_mpx:g}; build the map again')
+
+
 def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) -> bytes | None:
     """
     Return the median depth of each region's middle cell, as a map stores it.
@@ -268,8 +277,10 @@ def packed_depths(depth_m: Floats | None, shape: tuple[int, ...], cells: int) ->
     return depths.tobytes() if depths.any() else None
 
 
-def unpacked_depths(stored: bytes, cells: int) -> Depths:
-    """Return depths of regions, row by row; ValueError if their number does not fit."""
+def unpacked_depths(stored: bytes | None, cells: int) -> Depths | None:
+    """Return depths of regions, row by row, if known; ValueError if their number does not fit."""
+    if stored is None:
+        return None
     side = cells - REGION.span + 1
     depths = np.frombuffer(stored, '<f2').astype(np.float64)
     if len(depths) != side**2:

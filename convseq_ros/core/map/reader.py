@@ -108,10 +108,13 @@ class MapReader:
         found = {'thumbnails': 0, 'images': 0, 'image_bytes': 0, 'depths': 0}
         with self._at_one_moment():
             for start in range(0, self._end(), _ROWS_AT_ONCE):
-                found['thumbnails'] += self._count('pictures WHERE length(thumbnail) > 0', start)
-                found['images'] += self._count('images WHERE jpeg IS NOT NULL', start)
-                total = 'coalesce(sum(length(jpeg)), 0)'
-                found['image_bytes'] += self._count('images WHERE jpeg IS NOT NULL', start, total)
+                some = f'WHERE reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
+                for name, what in (
+                    ('thumbnails', 'count(nullif(length(thumbnail), 0)) FROM pictures'),
+                    ('images', 'count(jpeg) FROM images'),
+                    ('image_bytes', 'coalesce(sum(length(jpeg)), 0) FROM images'),
+                ):
+                    found[name] += self._database.number(f'SELECT {what} {some}')
             found['depths'] = self._database.number('SELECT count(*) FROM depths')
         return {**self._about, **found}
 
@@ -123,7 +126,8 @@ class MapReader:
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
             places = Places(vector_length(self.encoding), self._end())
-            are_kept = bool(self._database.rows('SELECT 1 FROM depths LIMIT 1'))
+            kept = 'depths', 'images WHERE jpeg IS NOT NULL'
+            are_kept = any(self._database.rows(f'SELECT 1 FROM {one} LIMIT 1') for one in kept)
             next_ones = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
             while rows := self._sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
                 start, of = len(places), [row[-3] for row in rows]
@@ -136,7 +140,6 @@ class MapReader:
                 if of != sorted(of):
                     raise ValueError('places of one session lie apart')
                 places.extend(self._with_vectors(rows))
-                are_kept = are_kept or self._count('images WHERE jpeg IS NOT NULL', start) > 0
             settings = self.encoding, places, self.pictures, self.keyframes
             made = ReferenceMap(*settings, self.settings.map_id, sessions)
             made.images.are_kept = are_kept
@@ -152,11 +155,6 @@ class MapReader:
         if [row[0] for row in vectors] != [row[0] for row in rows]:
             raise ValueError(f'a vector of references {first} to {last} is missing')
         return [(*row[:-2], own[1], row[-1]) for row, own in zip(rows, vectors, strict=True)]
-
-    def _count(self, rows: str, start: int, what: str = 'count(*)') -> int:
-        """Return how many rows there are from a place on, of as many as are read at once."""
-        some = f'reference_index BETWEEN {start} AND {start + _ROWS_AT_ONCE - 1}'
-        return self._database.number(f'SELECT {what} FROM {rows} AND {some}')
 
     def pictures(self, indices: Sequence[int], with_images: bool = False) -> list[Picture]:
         """Return what is large of places, in the order asked for, checked; images if wanted."""

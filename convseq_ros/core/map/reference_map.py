@@ -18,7 +18,6 @@ from convseq_ros.core.graph.links import Links, SessionBounds
 from convseq_ros.core.map.format import MapSession
 from convseq_ros.core.map.place import (
     Depths,
-    KEPT_IMAGE,
     kept_image,
     NO_CELLS,
     pack_cells,
@@ -27,11 +26,10 @@ from convseq_ros.core.map.place import (
     Picture,
     Place,
     Places,
-    reduced,
-    shown,
     thumbnail,
     unpack_cells,
     unpacked_depths,
+    used_image,
 )
 from convseq_ros.core.types import Camera, Descriptor, Frame, Gray, Halves, Pose
 from convseq_ros.errors import MapError
@@ -58,23 +56,11 @@ class KeptImages:
 
     def image(self, index: int, max_mpx: float) -> Gray | None:
         """Return the image of a place; None if none was kept, or it cannot be decoded."""
-
-        def decode(picture: Picture) -> Gray | None:
-            if picture.image is None:
-                return None
-            if (gray := shown(picture.image, max_mpx * 1e6)) is not None:
-                return reduced(gray, KEPT_IMAGE.longest_px)
-            raise ValueError(f'no JPEG within max_image_mpx, {max_mpx:g}; build the map again')
-
-        return self._decoded('image', index, decode)
+        return self._decoded('image', index, lambda one: used_image(one.image, max_mpx))
 
     def depths(self, index: int, cells: int) -> Depths | None:
         """Return the depths of a place's regions; None if none are known, or they are damaged."""
-
-        def decode(picture: Picture) -> Depths | None:
-            return None if picture.depths is None else unpacked_depths(picture.depths, cells)
-
-        return self._decoded('depth', index, decode)
+        return self._decoded('depth', index, lambda one: unpacked_depths(one.depths, cells))
 
     def _decoded(self, what: str, index: int, decode: Callable[[Picture], Any]) -> Any:
         pictures = self._pictures() if self.are_kept else None

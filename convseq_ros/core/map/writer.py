@@ -18,15 +18,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
 from convseq_ros.core.map.database import BESIDE, Database, explained, MapLock, PART
-from convseq_ros.core.map.format import (
-    APPLICATION_ID,
-    FORMAT_VERSION,
-    MapSession,
-    packed_pose,
-    row_crc,
-    SCHEMA,
-    Settings,
-)
+from convseq_ros.core.map.format import MapSession, packed_pose, Settings
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -79,7 +71,7 @@ class MapWriter:
 
     def _make(self, settings: Settings, append: bool | None) -> bool:
         """Make the file, unless it is a map that may be there; return whether it was made."""
-        if pages := self._database.number('PRAGMA page_count'):
+        if self._database.number('PRAGMA page_count'):
             if append is not False:
                 return False
             if len(MapReader(self._path)):
@@ -90,20 +82,15 @@ class MapWriter:
             raise MapError(f'{self._path}: {EMPTY}; make it without appending')
         about = {**settings.rows, 'tool': __version__}
         with self._database.transaction('IMMEDIATE'):
-            for table in SCHEMA if pages else ():
-                self._database.rows(f'DROP TABLE IF EXISTS {table}')
-            for statement in SCHEMA.values():
-                self._database.rows(statement)
-            self._database.rows(f'PRAGMA application_id = {APPLICATION_ID}')
-            self._database.rows(f'PRAGMA user_version = {FORMAT_VERSION}')
+            self._database.make_tables()
             for row in about.items():
-                insert(self._database, 'about', row)
+                self._database.insert('about', row)
         return True
 
     def _insert(self, table: str, *row: object) -> None:
         with explained(self._path):
             self._database.begin()
-            insert(self._database, table, row)
+            self._database.insert(table, row)
 
     def add(self, place: Place, picture: Picture, global_descriptor: Halves) -> None:
         """Append a place; its global descriptor has shape (n,)."""
@@ -243,12 +230,6 @@ def _delete_journal(path: Path) -> None:
             one.unlink(missing_ok=True)
 
 
-def insert(database: Database, table: str, row: tuple[object, ...], how: str = 'INSERT') -> None:
-    """Write a row, and its checksum."""
-    marks = ', '.join('?' * (len(row) + 1))
-    database.rows(f'{how} INTO {table} VALUES ({marks})', (*row, row_crc(row)))
-
-
 def write_links(database: Database, rows: Sequence[Row]) -> None:
     """Write links, in a transaction that is begun."""
     for place, one in rows:
@@ -256,7 +237,7 @@ def write_links(database: Database, rows: Sequence[Row]) -> None:
         if one is not None:
             relative = one.relative and packed_pose(one.relative)
             row = place, one.other, one.anchor, one.confidence, one.inliers, relative
-        insert(database, 'links', row, 'INSERT OR REPLACE')
+        database.insert('links', row, 'INSERT OR REPLACE')
 
 
 def _takes_links(database: Database) -> bool:
