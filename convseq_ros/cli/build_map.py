@@ -12,8 +12,8 @@ import sys
 import time
 from typing import Any
 
+from convseq_ros.cli.info import describe_recording, quoted
 from convseq_ros.cli.options import add_images, add_max_looks, chosen_images
-from convseq_ros.cli.recording_info import describe_recording, quoted
 from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import (
     Config,

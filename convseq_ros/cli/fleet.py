@@ -3,7 +3,7 @@
 """Many maps on many processes or machines: `convseq fleet build` and so on."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import lru_cache
@@ -17,7 +17,7 @@ from uuid import uuid4
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.map_link import add_outputs, make_outputs
-from convseq_ros.cli.options import add_images, chosen_config, chosen_images
+from convseq_ros.cli.options import add_images, add_verb, chosen_config, chosen_images
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
 from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import Config
@@ -42,13 +42,9 @@ Job = tuple[Path, Path, Config, bool, dict[str, Any]]  # the arguments of `build
 
 def describe(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest='work', required=True, metavar='build|link|replay|serve')
-
-    def add(name: str, act: Callable[..., int], text: str) -> argparse.ArgumentParser:
-        made = verbs.add_parser(name, help=text, description=text.capitalize() + '.')
-        made.set_defaults(act=act)
-        return made
-
-    own = add('build', _build, 'build a map of each recording in a folder, in parallel')
+    own = add_verb(
+        verbs, 'build', _build, 'build a map of each recording in a folder, in parallel'
+    )
     own.add_argument('folder', type=Path, help='folder of recordings, one map each')
     help_ = 'folder for the maps, made if there is none; finished maps in it are kept'
     own.add_argument('-o', '--output', type=Path, required=True, metavar='MAPS', help=help_)
@@ -57,17 +53,21 @@ def describe(parser: argparse.ArgumentParser) -> None:
     own.add_argument('--json', action='store_true', help='print the result as JSON')
     _add_cluster(own)
     add_settings(own)
-    own = add('link', _link, 'recognise each session of the maps in a folder in the others')
+    own = add_verb(
+        verbs, 'link', _link, 'recognise each session of the maps in a folder in the others'
+    )
     own.add_argument('map', type=Path, metavar='MAPS', help='folder of maps; none is changed')
     _add_cluster(own)
     add_outputs(own)
     folder = 'folder of maps, which answer as one would'
-    own = add('replay', _replay, 'recognise the frames of a recording in all maps of a folder')
+    own = add_verb(
+        verbs, 'replay', _replay, 'recognise the frames of a recording in all maps of a folder'
+    )
     own.add_argument('maps', type=Path, help=folder)
     own.add_argument('recording', type=Path, help='recording or folder of images')
     _add_cluster(own)
     add_replay(own)
-    own = add('serve', _serve, 'have robots ask all maps of a folder')
+    own = add_verb(verbs, 'serve', _serve, 'have robots ask all maps of a folder')
     own.add_argument('maps', type=Path, help=folder)
     _add_cluster(own)
 

@@ -3,16 +3,14 @@
 """What becomes of map files: `convseq map VERB`."""
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
 import json
 from pathlib import Path
 import re
-from typing import Any
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks
+from convseq_ros.cli.options import add_max_looks, add_verb
 from convseq_ros.cli.terminal import of_map, progress
 from convseq_ros.core.map.edit import (
     bound,
@@ -38,17 +36,19 @@ _MOST_CHARACTERS = 200  # of a session's name
 def describe(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs, and their arguments."""
     verbs = parser.add_subparsers(dest='verb', required=True, metavar='VERB')
-    add = _add(verbs, 'link', map_link.run, 'link places that show the same, and solve the poses')
+    add = add_verb(
+        verbs, 'link', map_link.run, 'link places that show the same, and solve the poses'
+    )
     map_link.describe(add)
 
-    add = _add(verbs, 'unlink', _unlink, 'take links out of a map')
+    add = add_verb(verbs, 'unlink', _unlink, 'take links out of a map')
     add.add_argument('map', type=Path, help='changed in one step, or not at all')
     add.add_argument(
         '--place', type=int, action='append', default=[], metavar='N', help='whose link is wrong'
     )
     add.add_argument('--session', action='append', default=[], help=_SESSION)
 
-    add = _add(verbs, 'merge', _merge, 'put the sessions of several maps into one')
+    add = add_verb(verbs, 'merge', _merge, 'put the sessions of several maps into one')
     add.add_argument('maps', type=Path, nargs='+', metavar='MAP', help='not changed')
     add.add_argument('-o', '--output', type=Path, required=True, help='map file to make')
     add.add_argument(
@@ -56,19 +56,19 @@ def describe(parser: argparse.ArgumentParser) -> None:
     )
     add_max_looks(add, keeps_all=False)
 
-    add = _add(verbs, 'split', _split, 'make a map of each session of a map')
+    add = add_verb(verbs, 'split', _split, 'make a map of each session of a map')
     add.add_argument('map', type=Path, help='not changed')
     add.add_argument(
         '-o', '--output', type=Path, help='folder of the maps to make; by default that of the map'
     )
 
-    add = _add(verbs, 'remove', _remove, 'take sessions or surplus looks out of a map')
+    add = add_verb(verbs, 'remove', _remove, 'take sessions or surplus looks out of a map')
     add.add_argument('map', type=Path, help='replaced in one step, or not at all')
     what = add.add_mutually_exclusive_group(required=True)
     what.add_argument('--session', action='append', help=_SESSION)
     add_max_looks(what)
 
-    add = _add(verbs, 'rename', _rename, 'call a session of a map by another name')
+    add = add_verb(verbs, 'rename', _rename, 'call a session of a map by another name')
     add.add_argument('map', type=Path)
     add.add_argument('--session', required=True, help=_SESSION)
     add.add_argument('name', help='new name')
@@ -81,16 +81,6 @@ def run(chosen: argparse.Namespace) -> int:
     """Do what the verb says."""
     chosen.act(chosen)
     return 0
-
-
-def _add(
-    verbs: Any, name: str, act: Callable[[argparse.Namespace], None], text: str
-) -> argparse.ArgumentParser:
-    made: argparse.ArgumentParser = verbs.add_parser(
-        name, help=text, description=text.capitalize() + '.'
-    )
-    made.set_defaults(act=act)
-    return made
 
 
 def _unlink(chosen: argparse.Namespace) -> None:

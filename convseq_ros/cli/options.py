@@ -3,7 +3,7 @@
 """Command-line options and parameter files, derived from `convseq_ros.config`."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,17 @@ from convseq_ros.parameter import add_parameters, given, parameters, refuse_unkn
 from convseq_ros.reading_config import chosen_reading, ReadingConfig
 
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+
+
+def add_verb(
+    verbs: Any, name: str, act: Callable[[argparse.Namespace], Any], text: str
+) -> argparse.ArgumentParser:
+    """Add a verb of a command, which `act` does, and return where its arguments are declared."""
+    made: argparse.ArgumentParser = verbs.add_parser(
+        name, help=text, description=text.capitalize() + '.'
+    )
+    made.set_defaults(act=act)
+    return made
 
 
 def add_max_looks(parser: Any, keeps_all: bool = True) -> None:

@@ -66,9 +66,7 @@ def highest_wrong(correct: Flags, values: Values) -> float:
     return float(values[~correct].max(initial=-math.inf))
 
 
-def recall_at(
-    scores: Values, right: Flags, counts: Sequence[int] = (1, 5, 10, 20)
-) -> dict[int, float | None]:
+def recall_at(scores: Values, right: Flags, counts: Sequence[int]) -> dict[int, float | None]:
     """
     Return for which share of the queries a right reference is among so many of the best.
 

@@ -12,8 +12,8 @@ from typing import Any
 from convseq_ros.core.rigid import inverse, matrix, pose_of, ROBOT_LENS
 from convseq_ros.core.types import Camera, Pose
 from convseq_ros.errors import ImageError, SourceError
+from convseq_ros.node.cameras import camera_info_beside
 from convseq_ros.node.conversions import stamp_to_ns
-from convseq_ros.node.topic_finder import camera_info_beside
 from convseq_ros.node.topics import FollowingSubscription
 from convseq_ros.node_config import NodeConfig
 from convseq_ros.reading_config import ReadingConfig

@@ -126,7 +126,12 @@ class Player(Node):
             topic += _COMPRESSED
         best_effort = options.best_effort
         reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
-        self._beside = self._messages_beside()
+        reading = chosen_reading(options)
+        self._beside = {
+            what: TopicMessages(options.recording, side, types, _option(what), reading)
+            for what, (_, types) in _SIDES.items()
+            if (side := getattr(options, what))
+        }
         first = next((cue.message for cue in images_of(source)), b'')
         size = len(first if isinstance(first, bytes) else first.data)
         self._large = size > _FRAGMENTED_BYTES
@@ -144,16 +149,6 @@ class Player(Node):
         self._clock_topic: Publisher = self.create_publisher(
             Clock, '/clock', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
-
-    def _messages_beside(self) -> dict[str, TopicMessages]:
-        """Return the messages of other topics that are played; SourceError if one is not there."""
-        chosen, reading = self._options, chosen_reading(self._options)
-        found = dict[str, TopicMessages]()
-        for what, (_, types) in _SIDES.items():
-            if topic := getattr(chosen, what):
-                sought = topic, types, '--' + what.replace('_', '-'), reading
-                found[what] = TopicMessages(chosen.recording, *sought)
-        return found
 
     def play(self) -> None:
         """Publish until the end and until all has arrived; ConvseqError if that fails."""
@@ -259,7 +254,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--image-topic', default='/image', metavar='NAME', help='topic to publish '
         'on; compressed images go to NAME/compressed (default: /image)')
     for what, (kind, _) in _SIDES.items():
-        result.add_argument('--' + what.replace('_', '-'), default='', metavar='TOPIC',
+        result.add_argument(_option(what), default='', metavar='TOPIC',
             help=f'also publish this {kind.__name__} topic of the recording, on `{what}`')
     result.add_argument('--rate', type=_positive, default=1.0, metavar='FACTOR',
         help='speed (default: 1)')
@@ -273,6 +268,10 @@ def parser() -> argparse.ArgumentParser:
     # fmt: on
     add_reading(result)
     return result
+
+
+def _option(what: str) -> str:
+    return '--' + what.replace('_', '-')
 
 
 def _seconds(text: str) -> float:
@@ -299,8 +298,7 @@ def main(args: list[str] | None = None) -> int:
         settle_logs()
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
         hand_over(try_shutdown)
-        player = Player(source, options)
-        player.play()
+        Player(source, options).play()
     except (ConvseqError, OSError) as error:
         print(f'convseq play: {error}', file=sys.stderr)
         return 1

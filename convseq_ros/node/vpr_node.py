@@ -19,18 +19,16 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Frame, Match
 from convseq_ros.errors import ConvseqError
-from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES
-from convseq_ros.node.diagnostics import Diagnostics, Situation, Statistics
+from convseq_ros.node.cameras import image_subscriptions, QUEUE_BYTES, TopicFinder
+from convseq_ros.node.diagnostics import Diagnostics, ProgressLog, Situation, Statistics
 from convseq_ros.node.frame_context import FrameContext
 from convseq_ros.node.life_cycle import ManagedNode
 from convseq_ros.node.localization import LocalizationTopics
 from convseq_ros.node.map_services import MapServices
 from convseq_ros.node.parameters import declare
-from convseq_ros.node.progress_log import ProgressLog
 from convseq_ros.node.publishers import MatchPublishers, open_fleet
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
 from convseq_ros.node.running import run_until_signal
-from convseq_ros.node.topic_finder import TopicFinder
 from convseq_ros.node.topics import SERVICE_QOS
 from convseq_ros.node.worker import Worker
 from convseq_ros.node_config import NodeConfig

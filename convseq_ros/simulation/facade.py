@@ -149,9 +149,15 @@ _ROOFS: tuple[Colour, ...] = (
 )  # fmt: skip
 
 
-def _wall_relief(rng: np.random.Generator, shape: tuple[int, int], resolution: float) -> Floats:
+def _paint_wall(sheet: Sheet, rng: np.random.Generator, wall: Colour) -> None:
+    relief = _wall_relief(sheet, rng)
+    sheet.image[..., :3] = np.clip(relief[..., None] * np.array(wall, np.float32), 0, 255)
+    sheet.image[..., 3] = 255
+
+
+def _wall_relief(sheet: Sheet, rng: np.random.Generator) -> Floats:
     """Return how bright each point of a wall is, from bricks, blocks, boards or plaster."""
-    height, width = shape
+    (height, width), resolution = sheet.image.shape[:2], sheet.resolution
     relief = 1.0 + rng.uniform(0.04, 0.10) * cloud(rng, height, width)
     kind = rng.choice(('brick', 'block', 'board', 'plaster', 'plaster'))
     if kind == 'plaster':
@@ -203,10 +209,11 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
     """Cut a pointed, stepped or flat top out of the wall."""
     width, rise = sheet.width_m, sheet.height_m - eaves
     kind = rng.integers(3)
+    upper = [(width, eaves + 0.4 * rise), (0.0, eaves + 0.4 * rise)]
     if kind == 0:
         upper = [(width, eaves), (width / 2, eaves + rise), (0.0, eaves)]
-        outline = [(0.0, 0.0), (width, 0.0), *upper]
-    elif kind == 1:
+    outline = [(0.0, 0.0), (width, 0.0), *upper]
+    if kind == 1:
         steps = int(rng.integers(3, 6))
         left = [
             (i * width / 2 / steps + j * 0.001, eaves + (i + j) * rise * 0.9 / steps)
@@ -215,9 +222,6 @@ def _gable(sheet: Sheet, rng: np.random.Generator, eaves: float, wall: Colour) -
         ]
         right = [(width - x, z) for x, z in reversed(left)]
         outline = [(0.0, 0.0), *left, *right, (width, 0.0)]
-    else:
-        upper = [(width, eaves + 0.4 * rise), (0.0, eaves + 0.4 * rise)]
-        outline = [(0.0, 0.0), (width, 0.0), *upper]
     mask = Sheet(width, sheet.height_m, sheet.resolution)
     mask.polygon(outline, (255, 255, 255))
     sheet.image[:] = cv2.multiply(sheet.image, mask.image, scale=1 / 255)
@@ -232,9 +236,7 @@ def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: flo
     """Paint the front of a house, its ground floor included, whose wall is `eaves` metres high."""
     width = sheet.width_m
     wall = shade_of(_WALLS[rng.integers(len(_WALLS))], rng.uniform(0.75, 1.12))
-    relief = _wall_relief(rng, sheet.image.shape[:2], sheet.resolution)
-    sheet.image[..., :3] = np.clip(relief[..., None] * np.array(wall, np.float32), 0, 255)
-    sheet.image[..., 3] = 255
+    _paint_wall(sheet, rng, wall)
     if rng.uniform() < 0.5:
         sheet.image[: sheet.image.shape[0] - round(eaves * sheet.resolution)] = 0
         _roof(sheet, rng, eaves)
@@ -275,14 +277,11 @@ def paint_facade(rng: np.random.Generator, sheet: Sheet, floors: int, eaves: flo
 def paint_side(rng: np.random.Generator, sheet: Sheet) -> None:
     """Paint the side of a house: few windows, sometimes a large advertisement."""
     wall = shade_of(_WALLS[rng.integers(len(_WALLS))], rng.uniform(0.6, 1.0))
-    relief = _wall_relief(rng, sheet.image.shape[:2], sheet.resolution)
-    sheet.image[..., :3] = np.clip(relief[..., None] * np.array(wall, np.float32), 0, 255)
-    sheet.image[..., 3] = 255
+    _paint_wall(sheet, rng, wall)
     if rng.uniform() < 0.4 and sheet.height_m > 5:
         board = any_colour(rng, (0.2, 0.8), (0.3, 1.0))
         sheet.box(0.8, sheet.height_m - 4.2, sheet.width_m * 0.6, 3.4, board, shade_of(board, 0.2))
-        written = word(rng, 3, 5)
-        ink = any_colour(rng, (0.0, 0.3), (0.9, 1.0))
+        written, ink = word(rng, 3, 5), any_colour(rng, (0.0, 0.3), (0.9, 1.0))
         sheet.text(1.0, sheet.height_m - 2.4, 0.8, written, ink)
     else:
         style_seed = int(rng.integers(1 << 31))

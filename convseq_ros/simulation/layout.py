@@ -147,8 +147,7 @@ class Layout:
         def paint_front(rng: np.random.Generator, sheet: Sheet) -> None:
             facade.paint_facade(rng, sheet, floors, eaves)
 
-        ends = ((x, y), (x + width, y)) if side > 0 else ((x + width, y), (x, y))
-        yield self._panel(*ends, 0.0, top, paint_front, gain=gain)
+        yield self._panel(*_front(side, x, width, y), 0.0, top, paint_front, gain=gain)
         right, left = sorted((y, y + side * _HOUSE_DEPTH_M))
         for start, end in (((x, left), (x, right)), ((x + width, right), (x + width, left))):
             yield self._panel(
@@ -162,8 +161,8 @@ class Layout:
         for _ in range(int(rng.integers(1, 4))):
             tree = x + float(rng.uniform(0.2, 0.8)) * width, y + side * float(rng.uniform(3, 8))
             yield self._tree(rng, *tree)
-        ends = ((x, y), (x + width, y)) if side > 0 else ((x + width, y), (x, y))
-        yield self._panel(*ends, 0.0, float(rng.uniform(0.9, 2.2)), furniture.paint_fence)
+        ends, height = _front(side, x, width, y), float(rng.uniform(0.9, 2.2))
+        yield self._panel(*ends, 0.0, height, furniture.paint_fence)
 
     def _tree(self, rng: np.random.Generator, x: float, y: float) -> Panel:
         height = float(rng.uniform(4.5, 9.0))
@@ -180,7 +179,7 @@ class Layout:
             while at < self._start + STRETCH_M - 12:
                 width, y = float(rng.uniform(10, 24)), side * float(rng.uniform(26, 40))
                 width = min(width, self._start + STRETCH_M - at)
-                ends = ((at, y), (at + width, y)) if side > 0 else ((at + width, y), (at, y))
+                ends = _front(side, at, width, y)
                 yield self._panel(
                     *ends, 0.0, float(rng.uniform(8, 26)), facade.paint_block, resolution=10.0
                 )
@@ -263,3 +262,9 @@ class Layout:
         )
         gain = self._light.ground
         return Texture(illuminate(sheet.image, None, self._light, gain, where, self._lamps))
+
+
+def _front(side: int, x: float, width: float, y: float) -> tuple[Point, Point]:
+    """Return the left and right end of what faces the street from one of its sides."""
+    ends = (x, y), (x + width, y)
+    return ends if side > 0 else ends[::-1]

@@ -206,6 +206,11 @@ def recordings_in(folder: Path) -> list[Path]:
 def _is_recording(path: Path) -> bool:
     if path.is_dir():
         return holds_recording(path) or bool(pictures_in(path))
+    return is_recording_file(path)
+
+
+def is_recording_file(path: Path) -> bool:
+    """Tell whether a name is that of a recording's file, or a video's."""
     return is_storage_file(path) or path.suffix.lower() in VIDEO_SUFFIXES
 
 

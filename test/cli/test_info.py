@@ -14,7 +14,7 @@ pytest.importorskip('rosbags')
 
 from convseq_ros import __version__
 from convseq_ros.cli import main
-from convseq_ros.cli.recording_info import recording_lines
+from convseq_ros.cli.info import recording_lines
 from convseq_ros.core.compiled import library
 from convseq_ros.simulation.drive import Drive
 from convseq_ros.simulation.recording import write_recording

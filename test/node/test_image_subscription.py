@@ -7,7 +7,7 @@ import threading
 from unittest.mock import Mock
 
 from convseq_ros.errors import ConfigError
-from convseq_ros.node import cameras, topic_finder
+from convseq_ros.node import cameras
 from convseq_ros.node.cameras import image_subscriptions
 from convseq_ros.node_config import NodeConfig
 from nav_msgs.msg import Odometry
@@ -95,7 +95,7 @@ def test_large_images_leave_less_room_in_the_history(client, vpr, image, monkeyp
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    monkeypatch.setattr(topic_finder, '_LOOK_S', 0.1)
+    monkeypatch.setattr(cameras, '_LOOK_S', 0.1)
 
 
 def offered(client, *topics):

@@ -13,7 +13,7 @@ from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session
 from convseq_ros.core.types import Camera, Match, Pose, Reason, Status
 from convseq_ros.errors import ConvseqError, MapError
-from convseq_ros.node import progress_log
+from convseq_ros.node import diagnostics
 from convseq_ros.node.conversions import stamp_to_ns
 from convseq_ros.node.diagnostics import Statistics
 from convseq_ros.node.recognition import Arrival, Recognition, ResultLog
@@ -147,8 +147,8 @@ SECOND = 1_000_000_000
 @pytest.fixture
 def quick(monkeypatch):
     """Have the log looked after often."""
-    monkeypatch.setattr(progress_log, '_LOOK_S', 0.05)
-    monkeypatch.setattr(progress_log, '_PERIOD_S', 0.1)
+    monkeypatch.setattr(diagnostics, '_LOOK_S', 0.05)
+    monkeypatch.setattr(diagnostics, '_TELL_S', 0.1)
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def told(monkeypatch):
 
         error = warning
 
-    monkeypatch.setattr(progress_log.Node, 'get_logger', lambda _: Logger())
+    monkeypatch.setattr(diagnostics.Node, 'get_logger', lambda _: Logger())
     return lines
 
 
