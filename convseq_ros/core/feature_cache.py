@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.background import NoBackground
+from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.pair_score import PairScore
 from convseq_ros.core.types import Indices, Row, Shift
 import numpy as np
@@ -68,7 +68,7 @@ class FeatureCache:
 
     _map: ReferenceMap
     pair: PairScore
-    _background: NoBackground
+    _background: Background
     _threads: Threads
     _most: int | None
     _kept: dict[int, Any] = field(default_factory=dict)

@@ -8,14 +8,14 @@ from functools import cache, lru_cache, partial
 from typing import Any
 
 from convseq_ros.config import Config, MatchingConfig
-from convseq_ros.core.encoding.entropy import ENTROPY
+from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
 from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.similarity.background import Background, NoBackground
+from convseq_ros.core.similarity.background import Background
 from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
@@ -63,9 +63,8 @@ class Matcher:
         self._least_bits = saliency_threshold * ENTROPY.max_bits
         usable = min(usable_cores(), _MOST_THREADS)
         threads = Threads((matching.threads or usable) - 1)
-        self._background = own = NoBackground()
-        if matching.subtract_background and exact.normalize and exact.project:
-            self._background = own = Background(reference_map, exact.normalize, exact.project)
+        subtracted = (exact.normalize, exact.project) if matching.subtract_background else ()
+        self._background = own = Background(reference_map, *subtracted)
         self._fast = self._exact = FeatureCache(reference_map, fast, own, threads, kept)
         if exact is not fast:
             self._exact = FeatureCache(reference_map, exact, own, threads, _KEPT_TO_RESCORE)

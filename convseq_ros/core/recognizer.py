@@ -21,8 +21,7 @@ from convseq_ros.core.matcher import Features, make_matcher, Matcher
 from convseq_ros.core.pose.estimate import measured
 from convseq_ros.core.pose.relative_pose import RelativePoses
 from convseq_ros.core.sequence.coarse_scores import Coarse, CoarseScores, EveryPlace
-from convseq_ros.core.sequence.diagonals import choose_length
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
+from convseq_ros.core.sequence.query_buffer import choose_length, QueryBuffer
 from convseq_ros.core.similarity.overlap import PaperSimilarity
 from convseq_ros.core.types import Anchor, Descriptor, Frame, Match, Reason, Status
 

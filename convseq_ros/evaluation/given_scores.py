@@ -11,7 +11,7 @@ from convseq_ros.config import Config
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.matcher import Features, Matcher
 from convseq_ros.core.recognizer import PlaceRecognizer
-from convseq_ros.core.sequence.diagonals import sequence_scores
+from convseq_ros.core.sequence.query_buffer import sequence_scores
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Match, Row
 from convseq_ros.evaluation.material import Drive
 from convseq_ros.evaluation.recognition import Scores, with_known

@@ -9,12 +9,13 @@ from convseq_ros import build_map, Config, open_map, PlaceRecognizer
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core import compiled
 from convseq_ros.core.encoding.descriptor import (
+    cell_entropies,
     cell_histograms,
     describe,
+    local_entropy,
     salient_regions,
     seen_cells,
 )
-from convseq_ros.core.encoding.entropy import cell_entropies
 from convseq_ros.core.encoding.view import upright, with_mask_read
 from convseq_ros.core.types import Camera, Frame
 from convseq_ros.errors import ConfigError, MapError
@@ -25,8 +26,6 @@ import numpy as np
 import pytest
 from skimage.filters.rank import entropy as rank_entropy
 from skimage.morphology import disk
-
-from test.core.entropy_map import entropy_map
 
 WAYS = ['compiled', 'plain']
 
@@ -113,8 +112,9 @@ def test_histograms_are_those_of_the_definition(way, gray):
 def test_entropy_is_that_of_scikit_image_up_to_the_edges(way, gray):
     with pytest.MonkeyPatch.context() as patch:
         choose(way, patch)
-        bits = entropy_map(gray)
+        small = local_entropy(gray, cv2.INTER_LINEAR)
         by_cell = cell_entropies(gray, len(gray) // 16, cv2.INTER_LINEAR)
+    bits = cv2.resize(small, gray.shape[::-1], interpolation=cv2.INTER_LINEAR)
     expected = entropy_by_definition(gray)
     assert np.abs(bits - expected).max() < 1e-9
     cells = len(gray) // 16

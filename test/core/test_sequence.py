@@ -9,8 +9,12 @@ from types import SimpleNamespace
 from convseq_ros.config import EncodingConfig, SequenceConfig
 from convseq_ros.core.encoding.descriptor import blank_descriptor
 from convseq_ros.core.graph.links import SessionBounds
-from convseq_ros.core.sequence.diagonals import choose_length, diagonal, sequence_scores
-from convseq_ros.core.sequence.query_buffer import QueryBuffer
+from convseq_ros.core.sequence.query_buffer import (
+    choose_length,
+    diagonal,
+    QueryBuffer,
+    sequence_scores,
+)
 from convseq_ros.core.types import Descriptor
 from hypothesis import given
 from hypothesis import strategies as st

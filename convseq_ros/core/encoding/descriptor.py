@@ -1,15 +1,27 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From an image to its descriptor: histograms of cells, salient regions (paper III-B, III-C)."""
+"""From an image to its descriptor: local entropy, and histograms of cells (paper III-B, III-C)."""
 
 from functools import cache
+from math import isqrt
 
 from convseq_ros.config import EncodingConfig
 from convseq_ros.core.compiled import kernels_of
-from convseq_ros.core.encoding.entropy import cell_entropies, ENTROPY, image_entropy
-from convseq_ros.core.types import constants, Descriptor, Doubles, Flags, Floats, Gray
+from convseq_ros.core.types import constants, Descriptor, Doubles, Flags, Floats, Gray, Indices
 import cv2
 import numpy as np
+
+
+@constants
+class ENTROPY:
+    """Of the local entropy (paper III-B; where it is silent, the released script)."""
+
+    max_bits: float = 8.0  # bits of a pixel of 256 levels; entropy is told as a share of them
+    side_px: int = 100  # of the small copy that entropy is computed on
+    radius_px: int = 5  # of the disk around a pixel
+    outside = int(2**max_bits)  # level that stands for what lies beyond the image
+    step: float = 2.0**-42  # bits; terms are multiples of it, so that any sum of them is exact
+    resolution: float = 2.0**-32  # bits; how processors add up must not decide what is salient
 
 
 @constants
@@ -114,3 +126,59 @@ def cell_histograms(gray: Gray, seen: Flags | None = None) -> Floats:
         framed = cv2.copyMakeBorder(gray, *margin, borderType=cv2.BORDER_REFLECT_101)
         kernels_of(__package__).histograms(framed, gamma, cells)
     return cells
+
+
+def cell_entropies(gray: Gray, cells: int, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
+    """
+    Return the mean local entropy of a square image over each of C x C cells, (C, C), in bits.
+
+    As the released script, not the paper's text: that of `skimage.filters.rank.entropy` on a 100 x
+    100 copy, enlarged again; beyond the image's edge nothing counts.
+    """
+    enlarged = _enlarged_means(gray.shape[0], cells)
+    bits = enlarged @ local_entropy(gray, interpolation) @ enlarged.T
+    return np.rint(bits / ENTROPY.resolution) * ENTROPY.resolution
+
+
+def image_entropy(bits: Doubles) -> float:
+    """Return the mean of an entropy map, or of its cells, as a share of 8 bits, in [0, 1]."""
+    return float(bits.mean()) / ENTROPY.max_bits
+
+
+@cache
+def _enlarged_means(side: int, cells: int) -> Doubles:
+    """Return (C, 100): what each row of the small copy adds to the mean of each row of cells."""
+    size = ENTROPY.side_px
+    rows = cv2.resize(np.eye(size), (size, side), interpolation=cv2.INTER_LINEAR)
+    return rows.reshape(cells, side // cells, size).mean(axis=1)
+
+
+def local_entropy(gray: Gray, interpolation: int = cv2.INTER_LINEAR_EXACT) -> Doubles:
+    """
+    Return the entropy over a disk around every pixel of a 100 x 100 copy, in [0, 6.34] bits.
+
+    With c pixels of each level and n in all it is log2 n - sum(c log2 c) / n. Beyond the edge lies
+    one more level, whose part of the sum is known.
+    """
+    size, radius = ENTROPY.side_px, ENTROPY.radius_px
+    framed = np.full((size + 2 * radius, size + 2 * radius), ENTROPY.outside, np.uint16)
+    small = cv2.resize(gray, (size, size), interpolation=interpolation)
+    framed[radius:-radius, radius:-radius] = small
+    half_widths, terms, of_whole, of_outside, count = _disk()
+    sums = np.empty((size, size))
+    kernels_of(__package__).disk_sums(framed, half_widths, terms, sums)
+    return (of_whole - (sums - of_outside)) / count
+
+
+@cache
+def _disk() -> tuple[Indices, Doubles, Doubles, Doubles, Indices]:
+    """Return half widths of rows, c log2 c of all c, of c inside and outside, and c inside."""
+    radius, size = ENTROPY.radius_px, ENTROPY.side_px
+    away = np.arange(-radius, radius + 1)
+    half_widths = np.array([isqrt(radius**2 - y**2) for y in away.tolist()])
+    counts = np.arange(1 + (2 * half_widths + 1).sum())
+    terms = np.rint(counts * np.log2(counts.clip(1)) / ENTROPY.step) * ENTROPY.step
+    disk = (abs(away) <= half_widths[:, None]).astype(np.float64)
+    covered = cv2.filter2D(np.ones((size, size)), -1, disk, borderType=cv2.BORDER_CONSTANT)
+    inside = np.rint(covered).astype(np.int64)  # pixels of the disk around each pixel
+    return half_widths, terms, terms[inside], terms[terms.size - 1 - inside], inside

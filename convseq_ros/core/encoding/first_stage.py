@@ -166,20 +166,15 @@ class FirstStage:
         return vectors
 
     def _image(self, frame: Frame) -> npt.NDArray[np.uint8]:
-        """Return what the model gets of a frame that has an image."""
-        wanted = frame.gray
+        """Return what the model gets of a frame that has an image; hidden cells are flat."""
+        image = frame.gray
         if frame.color is not None and self._describe and wants_color(self._describe):
-            wanted = frame.color
-        assert wanted is not None
-        return self._masked(wanted)
-
-    def _masked(self, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """Return an image whose hidden cells are flat."""
+            image = frame.color
+        assert image is not None
         if not (mask := self._encoding.image_mask):
             return image
-        side, _, _ = cell_shape(self._encoding.image_size_px)
+        seen = seen_cells(mask, cell_shape(self._encoding.image_size_px)[0]).astype(np.uint8)
         size = image.shape[1], image.shape[0]
-        seen = seen_cells(mask, side).astype(np.uint8)
         hidden = cv2.resize(seen, size, interpolation=cv2.INTER_NEAREST) == 0
         image = image.copy()
         image[hidden] = HIDDEN

@@ -28,41 +28,24 @@ class BACKGROUND:
     still_alike: float = 0.8  # mean cosine of two frames, above which the later does not count
 
 
-class NoBackground:
-    """Stands in where no background is subtracted, and cells are compared as they are."""
-
-    of_map: Regions | None = None
-    normalizes = False
-    normalize: Callable[[Cells], Cells] = staticmethod(lambda cells: cells)
-
-    def reset(self) -> None: ...
-
-    def update_map(self) -> bool:
-        """Return False: nothing has changed."""
-        return False
-
-    def update(self, _regions: Regions) -> Regions | None:
-        """Return None: there is none."""
-        return None
-
-
-class Background(NoBackground):
+class Background:
     """
     The backgrounds of a map, `of_map` (N, 32), and of the drive that is matched with it.
 
     At most 256 places of the map are read, evenly spread, and others whenever it has doubled; none
-    of a map of less than 20. `normalize` and `project` are those of a `PairScore`.
+    of a map of less than 20. `normalize` and `project` are those of a `PairScore`; without them
+    nothing is subtracted, and cells are compared as they are.
     """
-
-    normalizes = True
 
     def __init__(
         self,
         reference_map: ReferenceMap,
-        normalize: Callable[[Cells], Cells],
-        project: Callable[[Cells], Regions],
+        normalize: Callable[[Cells], Cells] | None = None,
+        project: Callable[[Cells], Regions] | None = None,
     ) -> None:
-        self._map, self.normalize, self._project = reference_map, normalize, project
+        self._map, self._project = reference_map, project
+        self.normalizes, self.normalize = bool(normalize), normalize or (lambda cells: cells)
+        self.of_map: Regions | None = None
         self._averaged = 0
         self.reset()
 
@@ -74,7 +57,7 @@ class Background(NoBackground):
     def update_map(self) -> bool:
         """Read the map again if it has doubled, and return whether `of_map` has changed."""
         count = len(self._map)
-        if count < max(BACKGROUND.fewest_places, 2 * self._averaged):
+        if not self._project or count < max(BACKGROUND.fewest_places, 2 * self._averaged):
             return False
         spread = np.linspace(0, count - 1, min(count, BACKGROUND.sample)).astype(int)
         sample, total, shown = np.unique(spread).tolist(), np.zeros(1, np.float32), 0
@@ -93,6 +76,8 @@ class Background(NoBackground):
         A frame still much like the last that counted does not count; the map's background counts
         as 5 frames. None as long as the map has none.
         """
+        if not self._project:
+            return None
         alike, last = BACKGROUND.still_alike * len(regions), self._last
         # Not by BLAS, whose threads take longer to share so few products than one takes for all.
         if last is None or np.einsum('ij,ij', regions, last, dtype=np.float64) < alike:
