@@ -34,9 +34,8 @@ class ERROR:
     cells: Spread = Spread(
         across=2.9, down=1.3, ahead=2.5, share_power=0.2, far=0.15, position_m=0.01, turn_rad=0.001
     )
-    followed: Spread = Spread(  # the same, where regions were followed
-        across=2.5, down=2.1, ahead=2.3, share_power=0.3, far=0.15, position_m=0.01, turn_rad=0.001
-    )
+    # The same, where regions were followed.
+    followed: Spread = replace(cells, across=2.5, down=2.1, ahead=2.3, share_power=0.3)
     # A road's odometry errs, a drawn street's does not: less would do for streets.
     keypoints: Spread = Spread(
         across=0.5,

@@ -23,7 +23,7 @@ from convseq_ros.core.geometry.alignment import (
 from convseq_ros.core.geometry.structure import Points, rays_through, Sight, Structure, triangulate
 from convseq_ros.core.map.place import reduced
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.core.pose.ways import WAYS, Ways
+from convseq_ros.core.pose.ways import Ways
 from convseq_ros.core.rigid import inverse, Matrix, matrix, ROBOT_LENS
 from convseq_ros.core.types import Camera, constants, Doubles, Flags, Floats, Frame, Gray, Indices
 import cv2
@@ -188,8 +188,7 @@ class ImagePoses:
         """
         if frame.gray is None or frame.camera is None:
             return None
-        # Twice as many as regions have, half as far apart.
-        around = self._ways.neighbours(index, WAYS.apart_m / 2, 2 * WAYS.count)
+        around = self._ways.neighbours(index, 2)  # chosen for keypoints
         place = self._place(index, own, tuple(other for other, _ in around))
         if place is None:
             return None

@@ -220,7 +220,7 @@ class RelativePoses:
         lens = reference.base_lens
         return [
             (view, inverse(lens) @ moved @ lens)
-            for other, moved in self.ways.neighbours(index, WAYS.apart_m, WAYS.count)
+            for other, moved in self.ways.neighbours(index)
             if (view := self._view(other, reference.camera)) is not None
         ]
 

@@ -44,24 +44,26 @@ class Ways:
             return None
         return math.dist(one, two)
 
-    def neighbours(self, index: int, apart_m: float, count: int) -> list[tuple[int, Matrix]]:
-        """Return places so far apart on both sides of a place, or on one, and motions to them."""
-        sides = [self._on_side(index, side, apart_m, count) for side in (-1, 1)]
+    def neighbours(self, index: int, times: int = 1) -> list[tuple[int, Matrix]]:
+        """
+        Return places on both sides of a place, or on one, and motions to them.
+
+        They are so many times as many as usual, and as close to each other.
+        """
+        sides = [self._on_side(index, side, times) for side in (-1, 1)]
         if all(sides):
-            sides = [found[: count // 2] for found in sides]
+            sides = [found[: times * WAYS.count // 2] for found in sides]
         return [one for found in sides for one in found]
 
-    def _on_side(
-        self, index: int, side: int, apart_m: float, count: int
-    ) -> list[tuple[int, Matrix]]:
+    def _on_side(self, index: int, side: int, times: int) -> list[tuple[int, Matrix]]:
         """Return places before a place (-1) or after it (1), as many at most."""
         found: list[tuple[int, Matrix]] = []
         last_m = 0.0
         for step in range(1, WAYS.look + 1):
             way_m = self._way_m(index, other := index + side * step)
-            if way_m is None or len(found) == count:
+            if way_m is None or len(found) == times * WAYS.count:
                 break
-            if way_m < last_m + apart_m:
+            if way_m < last_m + WAYS.apart_m / times:
                 continue
             moved = self.moved(index, other)
             if moved is not None and moved[0, 0] >= WAYS.most_turned:
@@ -76,10 +78,9 @@ class Ways:
             return index
         here = (matrix(own.pose) @ (*pose.position_m, 1.0))[:3]
         best, least_m = index, math.hypot(*pose.position_m) - WAYS.nearer_m
-        first, end = max(0, index - WAYS.look), min(len(places), index + WAYS.look + 1)
-        for other in range(first, end):
+        near = self._map.bounds.around(index, WAYS.look)
+        for other in range(near.start, min(near.stop, len(places))):
             position = places.position(other)
-            if position is not None and places.session(other) == own.session:
-                if (way_m := math.dist(position, here)) < least_m:
-                    best, least_m = other, way_m
+            if position is not None and (way_m := math.dist(position, here)) < least_m:
+                best, least_m = other, way_m
         return best
