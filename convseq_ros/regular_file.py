@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that may be opened, and read as a whole; files that are on the disk for sure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import stat
+import tempfile
 
 from convseq_ros.errors import SourceError
 
+PART = '.part'  # the end of a folder beside a file, in which what replaces it is made
 _KINDS = {
     stat.S_IFIFO: 'a pipe',
     stat.S_IFCHR: 'a device',
@@ -58,3 +61,11 @@ def replace_safely(part: Path, path: Path) -> None:
     sync(part)
     os.replace(part, path)
     sync(path.parent)
+
+
+@contextmanager
+def complete_or_absent(path: Path) -> Iterator[Path]:
+    """Give a name that nobody has, under which a file is written; it takes its own at the end."""
+    with tempfile.TemporaryDirectory(PART, f'{path.name}.', path.parent) as own:
+        yield (part := Path(own, path.name))
+        replace_safely(part, path)

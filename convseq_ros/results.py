@@ -10,7 +10,6 @@ import fcntl
 from itertools import count
 import os
 from pathlib import Path
-import tempfile
 from threading import Event, Thread
 from typing import IO, Self
 
@@ -153,14 +152,6 @@ class ResultWriter:
             self.close()
         else:
             self.abandon()
-
-
-@contextmanager
-def complete_or_absent(path: Path) -> Iterator[Path]:
-    """Give a name that nobody has, under which a file is written; it takes its own at the end."""
-    with tempfile.TemporaryDirectory('.part', f'{path.name}.', path.parent) as own:
-        yield (part := Path(own, path.name))
-        replace_safely(part, path)
 
 
 def _sync(handle: int, news: Event, end: Event) -> None:

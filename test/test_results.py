@@ -13,7 +13,8 @@ from convseq_ros.core.types import (
     Status,
 )
 from convseq_ros.errors import SourceError
-from convseq_ros.results import complete_or_absent, read_results, ResultWriter
+from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.results import read_results, ResultWriter
 import numpy as np
 from programs import wait_for
 import pytest

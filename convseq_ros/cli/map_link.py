@@ -25,7 +25,7 @@ from convseq_ros.core.rigid import matrix, pose_of
 from convseq_ros.core.session import Autosave
 from convseq_ros.errors import MapError
 from convseq_ros.parameter import add_parameters, given
-from convseq_ros.results import complete_or_absent
+from convseq_ros.regular_file import complete_or_absent
 
 
 def describe(parser: argparse.ArgumentParser) -> None:

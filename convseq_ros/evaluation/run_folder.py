@@ -40,7 +40,8 @@ from convseq_ros.evaluation.scorecard import margin, Verdicts
 from convseq_ros.evaluation.table import check_figures
 from convseq_ros.files import read_array, read_text
 from convseq_ros.reading_config import ReadingConfig
-from convseq_ros.results import COLUMNS, complete_or_absent, row
+from convseq_ros.regular_file import complete_or_absent
+from convseq_ros.results import COLUMNS, row
 import numpy as np
 import numpy.typing as npt
 

@@ -93,6 +93,7 @@ def test_a_worker_that_dies_loses_nothing(client, recordings, tmp_path):
             died.touch()
             with replaced(path) as part:
                 part.touch()
+                part.with_name(f'{part.name}-lock').touch()
                 os.kill(os.getpid(), signal.SIGKILL)
         return fleet.build_one(recording, path, *others)
 

@@ -5,6 +5,7 @@
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import takewhile
 import sys
 from threading import Lock
 
@@ -183,10 +184,8 @@ class Links:
 
     def since(self, row: int, end: int) -> list[Row]:
         """Return what was noted from a row on, up to the first of a place from `end` on."""
-        stop = row
-        while stop < len(self._noted) and self._noted[stop] < end:
-            stop += 1
-        return [(place, self.details(place)) for place in self._noted[row:stop]]
+        noted = takewhile(lambda place: place < end, self._noted[row:])
+        return [(place, self.details(place)) for place in noted]
 
 
 def beyond(link: Link, onward: Link) -> Link:

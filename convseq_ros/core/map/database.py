@@ -15,10 +15,10 @@ from typing import Any, Self
 
 from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA
 from convseq_ros.errors import MapError
+from convseq_ros.regular_file import PART
 
 Rows = list[tuple[Any, ...]]
 
-PART = '.part'  # the end of a folder beside a map, in which one is made that replaces it
 BESIDE = '-journal', '-wal', '-shm'  # SQLite's files
 _MADE = re.compile(r'[a-z0-9_]{8}')  # what `tempfile` puts between a map's name and the end
 _SAFELY = (  # https://sqlite.org/security.html
@@ -242,7 +242,7 @@ def _delete_parts(target: Path) -> None:
     None is made without the lock. What others may have made stays: only this user's closed folders
     are looked at, of such a name, with nothing but a map in them.
     """
-    start, own = f'{target.name}.', {target.name + end for end in ('', *BESIDE)}
+    start, own = f'{target.name}.', {target.name + end for end in ('', '-lock', *BESIDE)}
     with suppress(OSError):
         for one in os.scandir(target.parent):
             middle = one.name.removeprefix(start).removesuffix(PART)

@@ -4,10 +4,8 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-import os
 from pathlib import Path
 import sqlite3
-import tempfile
 from typing import Self
 from uuid import uuid4
 
@@ -17,14 +15,14 @@ from convseq_ros.core.encoding.regions import global_descriptor as built_in
 from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Row
 from convseq_ros.core.map.crash_recovery import EMPTY, open_to_write
-from convseq_ros.core.map.database import BESIDE, Database, explained, MapLock, PART
+from convseq_ros.core.map.database import BESIDE, Database, explained, MapLock
 from convseq_ros.core.map.format import MapSession, packed_pose, Settings
 from convseq_ros.core.map.place import Picture, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.types import Halves
 from convseq_ros.errors import MapError
-from convseq_ros.regular_file import sync
+from convseq_ros.regular_file import complete_or_absent
 
 _AT_ONCE = 64  # places that are read in one go: 1 MB, and more with images
 
@@ -204,18 +202,14 @@ def save_map(
 def replaced(path: Path) -> Iterator[Path]:
     """Give a name to make a map under, which replaces it at the end; MapError if it cannot."""
     target = path.resolve()
-    prefix, folder = f'{target.name}.', target.parent
     with MapLock(path):
         try:
-            with tempfile.TemporaryDirectory(PART, prefix, folder) as own:
-                part = Path(own, target.name)
+            with complete_or_absent(target) as part:
                 try:
                     yield part
                 except MapError as error:
                     raise MapError(str(error).replace(str(part), str(path))) from error
                 _delete_journal(target)
-                os.replace(part, target)
-            sync(folder)
         except OSError as error:
             raise MapError(f'{path}: cannot write the map ({error.strerror})') from error
 
