@@ -7,34 +7,55 @@ Usage: python scripts/aisles.py [--metres 250] [--streets 1 2] [--alike 0] [--th
 minutes a street and a share. Aisles A and B are drawn streets with houses of the same shapes, the
 given share of them painted alike, and the same lamps, but other trees, parked cars, signs and
 roads. They are mapped by day, and driven through again .4 m to the side, by day (odd streets) or
-in the evening, without odometry: B where only A is mapped, and both as they were mapped. Right is
-in the same aisle within 5 m. With a share of 0, twins lead over other places by as much as alike
-aisles of a real office do; with .5, as a true place does between day and night.
+in the evening, without odometry: B where only A is mapped; both again as they were mapped; and
+both the other way round, where nothing of the map is seen, but if B is `turned`, A back looks as
+B did, and B back as A did. Right is in the same aisle within 5 m. With a share of 0, twins lead
+over other places by as much as alike aisles of a real office do; with .5, as a true place does
+between day and night.
 """
 
 from collections import Counter, defaultdict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
+import math
 
 from convseq_ros import build_map, Config, Frame, PlaceRecognizer
 from convseq_ros.config import make_config
 from convseq_ros.simulation.drive import Way
-from convseq_ros.simulation.street import Street
+from convseq_ros.simulation.street import Spot, Street
 from drives import count, head, options, RIGHT_M, row, shots
 
 MARGIN_M = 10.0  # of an aisle, before and after what is driven
 LANE_M, ASIDE_M = -1.0, 0.4
 NOISE = {'day': 1.0, 'evening': 2.0}
+BACK = 'both the other way round', 'both the other way round, B turned'
 Shown = list[tuple[tuple[str, float], Frame]]  # an aisle, how far along it, and what is seen
 
 
-def driven(way: Way, name: str, again: str = '') -> Shown:
+@dataclass(frozen=True, slots=True)
+class Turned:
+    """A street that is driven from its other end."""
+
+    street: Street
+
+    @property
+    def length_m(self) -> float:
+        """How far it may be driven."""
+        return self.street.length_m
+
+    def spot(self, distance_m: float, offset_m: float, yaw_rad: float) -> Spot:
+        """Return where one is after a distance, so far to the left, turned so far from ahead."""
+        return self.street.spot(self.length_m - distance_m, -offset_m, yaw_rad + math.pi)
+
+
+def driven(way: Way, name: str, again: str = '', back: bool = False) -> Shown:
     """Return frames 1 m apart through an aisle, `again` in some light, and where each is taken."""
-    light = again or 'day'
+    light, lane_m = again or 'day', LANE_M + (ASIDE_M if again else 0.0)
+    metres = round(way.length_m - 2 * MARGIN_M)
     drawn = shots(
-        way, start_m=MARGIN_M, num_frames=round(way.length_m - 2 * MARGIN_M), light=light,
-        noise=NOISE[light], lane_offset_m=LANE_M + (ASIDE_M if again else 0.0),
-        seed=10 * ord(name) + 2 * bool(again),
+        way, start_m=metres + MARGIN_M if back else MARGIN_M, speed_mps=-10.0 if back else 10.0,
+        heading_deg=180.0 if back else 0.0, num_frames=metres, light=light, noise=NOISE[light],
+        lane_offset_m=-lane_m if back else lane_m, seed=10 * ord(name) + 2 * bool(again) + back,
     )  # fmt: skip
     return [((name, at_m), replace(frame, pose=None)) for at_m, frame in drawn]
 
@@ -47,14 +68,14 @@ def one_drive(parts: tuple[Shown, ...]) -> Shown:
     ]
 
 
-def recognised(mapped: Shown, asked: Shown, config: Config) -> Counter[str]:
+def recognised(mapped: Shown, asked: Shown, back: bool, config: Config) -> Counter[str]:
     """Recognise one drive in a map of another."""
     reference_map = build_map([frame for _, frame in mapped], None, config)
     there, here = ({one.stamp_ns: place for place, one in some} for some in (mapped, asked))
 
     def is_right(frame, found) -> bool:
         (aisle, at_m), (own, own_m) = there[found.reference_stamp_ns], here[frame.stamp_ns]
-        return aisle == own and abs(at_m - own_m) <= RIGHT_M
+        return aisle == own and abs(at_m - own_m) <= RIGHT_M and not back
 
     return count(PlaceRecognizer(reference_map, config), [one for _, one in asked], is_right)
 
@@ -66,15 +87,22 @@ def main() -> None:
     for street in chosen.streets:
         light = 'day' if street % 2 else 'evening'
         way = Street(chosen.metres + 2 * MARGIN_M, street)
-        mapped, again = driven(way, 'A'), driven(way, 'A', light)
+        mapped, again, back = (
+            driven(way, 'A'),
+            driven(way, 'A', light),
+            driven(way, 'A', light, True),
+        )
         for share in chosen.alike:
             twin = replace(way, things_seed=1000 + street, alike=share)
             twin_mapped, twin_again = driven(twin, 'B'), driven(twin, 'B', light)
+            turned = Turned(twin)
             for name, maps, asked in (
                 ('B, A mapped', (mapped,), (twin_again,)),
                 ('both again', (mapped, twin_mapped), (again, twin_again)),
+                (BACK[0], (mapped, twin_mapped), (back, driven(twin, 'B', light, True))),
+                (BACK[1], (mapped, driven(turned, 'B')), (back, driven(turned, 'B', light, True))),
             ):
-                counts = recognised(one_drive(maps), one_drive(asked), config)
+                counts = recognised(one_drive(maps), one_drive(asked), name in BACK, config)
                 found[share, name].update(counts, frames=sum(map(len, asked)))
     head('alike', 'driven', 'frames', 'keyframes', 'right', 'false')
     for (share, name), counts in found.items():
