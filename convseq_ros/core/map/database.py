@@ -13,7 +13,7 @@ import stat
 import time
 from typing import Any, Self
 
-from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA
+from convseq_ros.core.map.format import APPLICATION_ID, FORMAT_VERSION, row_crc, SCHEMA, TABLES
 from convseq_ros.errors import MapError
 from convseq_ros.regular_file import PART
 
@@ -76,6 +76,15 @@ class Database:
     def number(self, statement: str) -> int:
         """Return the one number that a statement yields."""
         return int(self.rows(statement)[0][0])
+
+    def sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
+        """Return rows of a table; ValueError if one fails its checksum."""
+        rows = self.rows(f'SELECT * FROM {table} {condition}', values)
+        for row in rows:
+            if row_crc(row[:-1]) != row[-1]:
+                one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
+                raise ValueError(f'{one} fails its checksum')
+        return rows
 
     def insert(self, table: str, row: tuple[object, ...], how: str = 'INSERT') -> None:
         """Write a row, and its checksum."""

@@ -9,7 +9,6 @@ others when a place is asked for. The cells are float16, divided by 64. Every ro
 has a CRC-32 of all its values, so that a flipped bit refuses an answer and never changes one.
 """
 
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 import json
 import math
@@ -214,11 +213,6 @@ def row_crc(values: Row) -> int:
     for blob in blobs:
         crc = zlib.crc32(blob, crc)
     return crc
-
-
-def first_damaged(rows: Iterable[Row]) -> Row | None:
-    """Return the first row whose last value is not the checksum of the others."""
-    return next((row for row in rows if row_crc(row[:-1]) != row[-1]), None)
 
 
 def decode_cells(stored: bytes, cell_shape: tuple[int, int, int]) -> Halves:

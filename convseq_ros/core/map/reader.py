@@ -19,15 +19,7 @@ from convseq_ros.core.encoding.view import with_mask_read
 from convseq_ros.core.graph.links import Links
 from convseq_ros.core.map.crash_recovery import open_to_read
 from convseq_ros.core.map.database import Database, explained, Rows
-from convseq_ros.core.map.format import (
-    decode_cells,
-    first_damaged,
-    MapSession,
-    row_crc,
-    Settings,
-    TABLES,
-    unpacked_pose,
-)
+from convseq_ros.core.map.format import decode_cells, MapSession, row_crc, Settings, unpacked_pose
 from convseq_ros.core.map.place import NO_CELLS, Picture, Places
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.errors import MapError
@@ -72,7 +64,7 @@ class MapReader:
         with explained(path):
             self._open()
             self._database.check(path)
-            self._about = {name: value for name, value, _ in self._sound('about')}
+            self._about = {name: value for name, value, _ in self._database.sound('about')}
             self.settings = Settings.of_rows(self._about)
         own = self.settings.encoding
         asked = with_mask_read(encoding or own)
@@ -121,7 +113,7 @@ class MapReader:
     def reference_map(self) -> ReferenceMap:
         """Return the map, with what is held in memory of its places, checked."""
         with self._at_one_moment():
-            rows = self._sound('sessions')
+            rows = self._database.sound('sessions')
             sessions = [MapSession.of_row(row[1:-1]) for row in rows]
             if [row[0] for row in rows] != [*range(len(rows))]:
                 raise ValueError('a session is missing')
@@ -129,7 +121,7 @@ class MapReader:
             kept = 'depths', 'images WHERE jpeg IS NOT NULL'
             are_kept = any(self._database.rows(f'SELECT 1 FROM {one} LIMIT 1') for one in kept)
             next_ones = 'WHERE reference_index >= ? ORDER BY reference_index LIMIT ?'
-            while rows := self._sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
+            while rows := self._database.sound('places', next_ones, (len(places), _ROWS_AT_ONCE)):
                 start, of = len(places), [row[-3] for row in rows]
                 expected = range(start, start + len(rows))
                 if missing := [*{*expected}.difference(row[0] for row in rows)]:
@@ -151,7 +143,9 @@ class MapReader:
         if not (self.encoding.descriptor_model and self.encoding.keeps_cells):
             return rows
         first, last = rows[0][0], rows[-1][0]
-        vectors = self._sound('vectors', 'WHERE reference_index BETWEEN ? AND ?', (first, last))
+        vectors = self._database.sound(
+            'vectors', 'WHERE reference_index BETWEEN ? AND ?', (first, last)
+        )
         if [row[0] for row in vectors] != [row[0] for row in rows]:
             raise ValueError(f'a vector of references {first} to {last} is missing')
         return [(*row[:-2], own[1], row[-1]) for row, own in zip(rows, vectors, strict=True)]
@@ -179,18 +173,10 @@ class MapReader:
         self, table: str, indices: list[int], are_all: bool = True
     ) -> dict[int, tuple[Any, ...]]:
         some = f'WHERE reference_index IN ({", ".join("?" * len(indices))})'
-        found = {row[0]: row[1:-1] for row in self._sound(table, some, tuple(indices))}
+        found = {row[0]: row[1:-1] for row in self._database.sound(table, some, tuple(indices))}
         if are_all and (missing := [index for index in indices if index not in found]):
             raise ValueError(f'reference {missing[0]} is missing')
         return found
-
-    def _sound(self, table: str, condition: str = '', values: tuple[int, ...] = ()) -> Rows:
-        """Return rows of a table; ValueError if one fails its checksum."""
-        rows = self._database.rows(f'SELECT * FROM {table} {condition}', values)
-        if row := first_damaged(rows):
-            one = f'reference {row[0]}' if 'reference_index' in TABLES[table] else table
-            raise ValueError(f'{one} fails its checksum')
-        return rows
 
     def _end(self) -> int:
         """Return the number of places; ValueError if a table, or the file's size, says less."""
