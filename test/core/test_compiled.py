@@ -79,14 +79,8 @@ def test_nothing_is_written_where_the_package_is_installed(tmp_path):
         'Session(None, Config()).warm_up()\n'
         'print(available())\n'
     )
-    result = run(
-        sys.executable,
-        '-B',
-        '-c',
-        lines,
-        env=os.environ | {'PYTHONPATH': str(tmp_path)},
-        cwd=tmp_path,
-    )
+    environment = os.environ | {'PYTHONPATH': str(tmp_path)}
+    result = run(sys.executable, '-B', '-c', lines, env=environment, cwd=tmp_path)
     assert result.stdout == 'True\n', result.stderr
     assert state() == before
 

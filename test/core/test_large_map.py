@@ -4,7 +4,6 @@
 
 import json
 import os
-import subprocess
 import sys
 
 from convseq_ros.config import EncodingConfig, KeyframeConfig
@@ -14,6 +13,7 @@ from convseq_ros.core.map.writer import MapWriter
 from convseq_ros.core.types import Pose
 import numpy as np
 from pictures import scene
+from programs import run
 import pytest
 
 pytestmark = pytest.mark.once
@@ -91,13 +91,8 @@ print(json.dumps([len(row), int(row.argmax()) % 50, opened - before, resident() 
 def test_a_map_takes_little_more_memory_than_its_global_descriptors(large):
     # What is freed goes back to the system at once, however memory was used before.
     malloc = {'MALLOC_TRIM_THRESHOLD_': '1000000', 'MALLOC_MMAP_THRESHOLD_': '200000'}
-    answer = subprocess.run(
-        [sys.executable, '-c', MEASURE, str(large)],
-        capture_output=True,
-        check=True,
-        env=os.environ | malloc,
-        timeout=60,
-    )
+    answer = run(sys.executable, '-c', MEASURE, large, env=os.environ | malloc, timeout=60)
+    assert not answer.returncode, answer.stderr
     count, like, opened, used = json.loads(answer.stdout)
     assert (count, like) == (COUNT, 7)
     assert 500 * COUNT < opened < 1100 * COUNT

@@ -7,11 +7,11 @@ from dataclasses import replace
 import sqlite3
 
 from convseq_ros.cli import main
-from convseq_ros.config import EncodingConfig, KeyframeConfig, make_config
+from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import beyond, Link, LINKS, Links, SessionBounds
 from convseq_ros.core.map.edit import carry_links, joined, slices_of, without, write_new
 from convseq_ros.core.map.format import row_crc
-from convseq_ros.core.map.place import pack_cells, Place
+from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.map.writer import save_map
@@ -25,9 +25,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from bench.torture.maps import APART, cells, ENCODING
+
 pytestmark = pytest.mark.once
 
-ENCODING, SECOND = EncodingConfig(image_size_px=64), 10**9
+SECOND = 10**9
 LAP, LAPS = 30, 3
 CAMERA = Camera(160, 120, 100.0, 100.0, 80.0, 60.0)
 
@@ -164,10 +166,6 @@ def test_the_covariance_of_two_steps_is_what_drawn_steps_scatter_by():
     assert np.abs(scatter - both.covariance).max() < 0.1 * np.abs(scatter).max()
 
 
-def cells(seed):
-    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
-
-
 def grow(reference_map, count):
     for index in range(len(reference_map), len(reference_map) + count):
         reference_map.add(Place(index), cells(index))
@@ -182,7 +180,7 @@ def made(count, *pairs):
 
 
 def own(path):
-    return Autosave(path, ENCODING, KeyframeConfig())
+    return Autosave(path, ENCODING, APART)
 
 
 def test_links_are_written_with_their_places_or_later_and_never_before(path):

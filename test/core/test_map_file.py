@@ -5,7 +5,7 @@
 import json
 import sqlite3
 
-from convseq_ros.config import EncodingConfig, KeyframeConfig
+from convseq_ros.config import KeyframeConfig
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import pack_cells, Place, unpack_cells
 from convseq_ros.core.map.reader import MapReader, open_map
@@ -16,8 +16,7 @@ from convseq_ros.errors import MapError
 import numpy as np
 import pytest
 
-ENCODING = EncodingConfig(image_size_px=64)
-APART = KeyframeConfig()
+from bench.torture.maps import APART, ENCODING
 
 
 def cells(seed):

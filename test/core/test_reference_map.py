@@ -4,7 +4,7 @@
 
 from threading import Thread
 
-from convseq_ros.config import Config, EncodingConfig, OnlineConfig
+from convseq_ros.config import Config, OnlineConfig
 from convseq_ros.core.encoding.descriptor import describe
 from convseq_ros.core.map.online import OnlineMap
 from convseq_ros.core.map.place import pack_cells, Picture, Place, shown, thumbnail
@@ -15,13 +15,9 @@ import numpy as np
 from poses import at
 import pytest
 
-ENCODING = EncodingConfig(image_size_px=64)
+from bench.torture.maps import cells, ENCODING
 
 POSE = Pose((1.5, -2.0, 0.25), (0.0, 0.0, 0.6, 0.8))
-
-
-def cells(seed):
-    return pack_cells(np.random.default_rng(seed).random((4, 4, 8), np.float32) * 1000)
 
 
 class Stored:
@@ -109,14 +105,13 @@ def test_only_what_may_be_a_thumbnail_is_decoded(monkeypatch):
 
 
 SECOND = 10**9
-SMALL = EncodingConfig(image_size_px=64)
 GRAY = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
-DESCRIPTOR = describe(GRAY, SMALL)
+DESCRIPTOR = describe(GRAY, ENCODING)
 
 
 def grown(online, seconds, poses=None, earlier=0):
     """Drive for some seconds; return the online map and how much was usable at each."""
-    reference_map = ReferenceMap(SMALL)
+    reference_map = ReferenceMap(ENCODING)
     for index in range(earlier):
         reference_map.add(Place(index), pack_cells(DESCRIPTOR.cells))
     mapping = OnlineMap(reference_map, Config(online=online))

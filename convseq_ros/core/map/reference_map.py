@@ -135,12 +135,11 @@ class ReferenceMap:
         """Append the place that a frame shows: the one way from a frame to a place."""
         if not self.sessions:
             self.begin_session(frame.stamp_ns, frame.camera)
-        session = len(self.sessions) - 1
-        gray, place = frame.gray, Place(frame.stamp_ns, frame.source, frame.pose, session)
-        small = b'' if gray is None else thumbnail(gray, thumbnail_width_px)
-        image = None if gray is None else kept_image(gray, keep_images_px)
-        shape = gray.shape if gray is not None else (0, 0)
-        depths = packed_depths(frame.depth_m, shape, self.cell_shape[0])
+        place = Place(frame.stamp_ns, frame.source, frame.pose, len(self.sessions) - 1)
+        small, image, depths = b'', None, None
+        if (gray := frame.gray) is not None:
+            small, image = thumbnail(gray, thumbnail_width_px), kept_image(gray, keep_images_px)
+            depths = packed_depths(frame.depth_m, gray.shape, self.cell_shape[0])
         packed, known = pack_cells(descriptor.cells), descriptor.vector
         if not self.encoding.keeps_cells:
             known = global_descriptor(unpack_cells(packed)) if known is None else known

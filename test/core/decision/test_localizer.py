@@ -12,12 +12,9 @@ import pytest
 
 LOST, CANDIDATE, LOCALISED = LocalizationState
 SILENT = (
-    Reason.BETWEEN_KEYFRAMES,
-    Reason.STATIONARY,
-    Reason.UNINFORMATIVE,
-    Reason.UNREADABLE,
+    Reason.BETWEEN_KEYFRAMES, Reason.STATIONARY, Reason.UNINFORMATIVE, Reason.UNREADABLE,
     Reason.OUT_OF_ORDER,
-)
+)  # fmt: skip
 
 
 class Robot:
