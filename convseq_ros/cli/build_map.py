@@ -13,8 +13,7 @@ import time
 from typing import Any
 
 from convseq_ros.cli.info import describe_recording, quoted
-from convseq_ros.cli.options import add_images, add_max_looks, chosen_images
-from convseq_ros.cli.terminal import progress, warn
+from convseq_ros.cli.options import add_images, add_max_looks, chosen_images, progress, warn
 from convseq_ros.config import (
     Config,
     EncodingConfig,

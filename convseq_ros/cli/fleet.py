@@ -17,9 +17,15 @@ from uuid import uuid4
 
 from convseq_ros.cli.build_map import add_no_links, add_settings, build, Built, chosen_settings
 from convseq_ros.cli.map_link import add_outputs, make_outputs
-from convseq_ros.cli.options import add_images, add_verb, chosen_config, chosen_images
+from convseq_ros.cli.options import (
+    add_images,
+    add_verb,
+    chosen_config,
+    chosen_images,
+    progress,
+    warn,
+)
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
-from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
 from convseq_ros.core.feature_cache import usable_cores

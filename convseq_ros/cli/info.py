@@ -17,7 +17,7 @@ from typing import Any
 
 from convseq_ros import __version__
 from convseq_ros.cli.map_picture import draw_map
-from convseq_ros.cli.terminal import printable, warn
+from convseq_ros.cli.options import printable, warn
 from convseq_ros.core.compiled import library
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place

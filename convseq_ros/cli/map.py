@@ -10,8 +10,7 @@ import re
 
 from convseq_ros.cli import map_link
 from convseq_ros.cli.info import describe_map, in_short
-from convseq_ros.cli.options import add_max_looks, add_verb
-from convseq_ros.cli.terminal import of_map, progress
+from convseq_ros.cli.options import add_max_looks, add_verb, of_map, progress
 from convseq_ros.core.map.edit import (
     bound,
     chosen_slice,

@@ -13,7 +13,7 @@ import sys
 
 from convseq_ros.cli.build_map import of_links
 from convseq_ros.cli.map_picture import draw_solved
-from convseq_ros.cli.terminal import of_map, printable, progress
+from convseq_ros.cli.options import of_map, printable, progress
 from convseq_ros.config import make_config
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.graph.pose_graph import brought_together, edges_of, g2o, Poses, solved

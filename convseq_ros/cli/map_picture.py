@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from convseq_ros.cli.terminal import printable
+from convseq_ros.cli.options import printable
 from convseq_ros.core.graph.pose_graph import Poses
 from convseq_ros.core.map.edit import slices_of
 from convseq_ros.core.map.reference_map import ReferenceMap

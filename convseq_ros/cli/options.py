@@ -1,12 +1,13 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Command-line options and parameter files, derived from `convseq_ros.config`."""
+"""What commands share: options and parameter files, and what a person at a terminal sees."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+import sys
+from typing import Any, TypeVar
 
 from convseq_ros.config import Config, core_parameters, make_config, OnlineConfig
 from convseq_ros.core.encoding.view import with_mask_read
@@ -16,6 +17,7 @@ from convseq_ros.node_config import NodeConfig
 from convseq_ros.parameter import add_parameters, given, parameters, refuse_unknown, Value
 from convseq_ros.reading_config import chosen_reading, ReadingConfig
 
+Item = TypeVar('Item')
 _ROS_OWN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
@@ -100,3 +102,31 @@ def read_parameter_file(path: Path, reading: ReadingConfig = ReadingConfig()) ->
     node_own = [item.name for item in parameters(NodeConfig)]
     refuse_unknown(values, [*core, *node_own, *_ROS_OWN])
     return {name: value for name, value in values.items() if name in core}
+
+
+def progress(items: Iterable[Item], total: int, what: str, unit: str = 'frames') -> Iterator[Item]:
+    """Yield the items; a terminal shows how far, how fast and how long still."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield from items
+        return
+    yield from tqdm(items, what, total, unit=f' {unit}', dynamic_ncols=True)
+
+
+def warn(line: str) -> None:
+    """Print a warning on standard error."""
+    print(f'warning: {line}', file=sys.stderr)
+
+
+def of_map(path: Path) -> Callable[[Sequence[int]], Iterable[int]]:
+    """Return what shows how far a map is written."""
+    return lambda steps: progress(steps, len(steps), path.name, '64 places')
+
+
+def printable(text: str) -> str:
+    """Return a stranger's words without what is more than text to a terminal."""
+    return ''.join(one if one.isprintable() else '?' for one in text)

@@ -14,9 +14,15 @@ import statistics
 import time
 from typing import Any
 
-from convseq_ros.cli.options import add_config, add_images, chosen_config, chosen_images
+from convseq_ros.cli.options import (
+    add_config,
+    add_images,
+    chosen_config,
+    chosen_images,
+    progress,
+    warn,
+)
 from convseq_ros.cli.processes import need_ros
-from convseq_ros.cli.terminal import progress, warn
 from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.core.session import Session

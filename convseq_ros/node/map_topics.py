@@ -1,25 +1,42 @@
 # Copyright 2026 The convseq_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which map is in use, and the path of the drive that made it last, for whoever comes late."""
+"""What is drawn of a map, by RViz or Foxglove: its places, its newest drive, closures, a match."""
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
+import colorsys
 import math
 import time
 
 from convseq_ros.core.map.format import FORMAT_VERSION
 from convseq_ros.core.map.place import Place
 from convseq_ros.core.map.reference_map import ReferenceMap
-from convseq_ros.node.conversions import pose_only_message, row_message, stamp_from_ns
+from convseq_ros.core.pose.estimate import PoseEstimate
+from convseq_ros.core.types import Match, Pose
+from convseq_ros.node.conversions import (
+    match_header,
+    point_message,
+    pose_only_message,
+    row_message,
+    stamp_from_ns,
+)
 from convseq_ros.node.topics import advertise, LATCHED
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import Path
 from rclpy.node import Node
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 _PERIOD_S = 5.0
-_MOST_POSES = 5000
+_MOST_CLOSURES = 500
+_MOST_PLACES = 5000
+_GROWN_BY = 10
+_SMALLEST_M, _LARGEST_M = 0.05, 0.5
+_GOLDEN_SHARE = (math.sqrt(5) - 1) / 2  # of a circle: hues that never come near earlier ones
+
+Position = tuple[float, float, float]
 
 
 class MapTopics:
@@ -88,9 +105,115 @@ def _newest_drive(places: Sequence[Place]) -> Sequence[Place]:
     while end:
         session = places[end - 1].session
         start = bisect_left(places, session, 0, end, key=lambda place: place.session)
-        step = max(1, math.ceil((end - start) / _MOST_POSES))
+        step = max(1, math.ceil((end - start) / _MOST_PLACES))
         drive = places[start:end:step]
         if any(place.pose for place in drive):
             return drive
         end = start
     return ()
+
+
+class MatchMarkers:
+    """
+    Publishes `~/markers`, and builds them only while somebody subscribes.
+
+    Closures are drawn as LIO-SAM draws them: namespaces loop_nodes and loop_edges. An edge needs
+    to know where the query is in the map; where it does not, the reference alone is drawn.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = advertise(node, MarkerArray, '~/markers')
+        self._closures: deque[tuple[Position | None, Position]] = deque(maxlen=_MOST_CLOSURES)
+        self._map: ReferenceMap | None = None
+        self._drawn_places = self._watchers = 0
+
+    def publish(
+        self,
+        match: Match,
+        reference_map: ReferenceMap,
+        estimate: PoseEstimate | None,
+        query: Pose | None,
+        frame_id: str,
+    ) -> None:
+        """Draw what changed; `query` is where the camera is in the map, apart from the match."""
+        is_another = reference_map is not self._map
+        if is_another:
+            self._closures.clear()
+            self._map = reference_map
+        if estimate:
+            self._closures.append((query.position if query else None, estimate.pose.position))
+        watchers = self._publisher.get_subscription_count()
+        is_new, self._watchers = is_another or watchers > self._watchers, watchers
+        if not watchers:
+            return
+        header = match_header(match, frame_id)
+        markers = [_match_marker(header, estimate)]
+        if estimate or is_new:
+            markers += closure_markers(header, self._closures)
+        if is_new or len(reference_map) >= self._drawn_places + _GROWN_BY:
+            markers.append(places_marker(header, reference_map.places))
+            self._drawn_places = len(reference_map)
+        self._publisher.publish(MarkerArray(markers=markers))
+
+
+def closure_markers(
+    header: Header, closures: Iterable[tuple[Position | None, Position]]
+) -> list[Marker]:
+    """Return spheres where closures are, and lines from queries to their references."""
+    nodes = _marker(header, 'loop_nodes', Marker.SPHERE_LIST, (0.3, 0.3, 0.3), (0.0, 0.8, 1.0))
+    edges = _marker(header, 'loop_edges', Marker.LINE_LIST, (0.1, 0.0, 0.0), (0.9, 0.9, 0.0))
+    for query, reference in closures:
+        ends = [point_message(one) for one in (query, reference) if one]
+        nodes.points.extend(ends)
+        edges.points.extend(ends if query else ())
+    # RViz warns of lists without points; what was drawn before shall be gone as well.
+    for marker in (nodes, edges):
+        if not marker.points:
+            marker.action = Marker.DELETE
+    return [nodes, edges]
+
+
+def places_marker(header: Header, places: Sequence[Place]) -> Marker:
+    """Return a dot for every place with a pose, thinned out to 5000, coloured by session."""
+    step = max(1, math.ceil(len(places) / _MOST_PLACES))
+    shown = [place for place in places[::step] if place.pose]
+    positions = [place.pose.position for place in shown if place.pose]
+    spaces = sorted(map(math.dist, positions, positions[1:]))
+    size = spaces[len(spaces) // 2] / 3 if spaces else 0.0
+    size = min(max(size, _SMALLEST_M), _LARGEST_M)
+    marker = _marker(header, 'places', Marker.POINTS, (size, size, 0.0), (0.6, 0.6, 0.6))
+    marker.points = [point_message(position) for position in positions]
+    colours = {session: _colour(session) for session in {place.session for place in shown}}
+    marker.colors = [colours[place.session] for place in shown] if len(colours) > 1 else []
+    if not positions:
+        marker.action = Marker.DELETE
+    return marker
+
+
+def _colour(session: int) -> ColorRGBA:
+    """Return the colour of a session: grey, then hues a golden angle apart."""
+    hue, strength = session * _GOLDEN_SHARE % 1.0, 0.6 if session else 0.0
+    red, green, blue = colorsys.hsv_to_rgb(hue, strength, 0.9 if session else 0.6)
+    return ColorRGBA(r=red, g=green, b=blue, a=1.0)
+
+
+def _match_marker(header: Header, estimate: PoseEstimate | None) -> Marker:
+    """Return an arrow where the match is, or its removal."""
+    marker = _marker(header, 'match', Marker.ARROW, (1.5, 0.3, 0.3), (0.3, 0.9, 0.3))
+    if estimate is None:
+        marker.action = Marker.DELETE
+    else:
+        marker.pose = pose_only_message(estimate.pose)
+    return marker
+
+
+def _marker(
+    header: Header, namespace: str, kind: int, scale: Position, colour: Position
+) -> Marker:
+    x, y, z = scale
+    red, green, blue = colour
+    marker = Marker(header=header, ns=namespace, type=kind, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    marker.scale = Vector3(x=x, y=y, z=z)
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
+    return marker

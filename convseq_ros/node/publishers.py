@@ -23,8 +23,7 @@ from convseq_ros.node.conversions import (
     match_header,
     pose_message,
 )
-from convseq_ros.node.map_topics import MapTopics
-from convseq_ros.node.markers import MatchMarkers
+from convseq_ros.node.map_topics import MapTopics, MatchMarkers
 from convseq_ros.node.topics import advertise
 from convseq_ros.node_config import NodeConfig
 from diagnostic_msgs.msg import DiagnosticArray
