@@ -56,9 +56,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
     add_images(parser)
     parser.add_argument('--append', action='store_true', help='add a session to an existing map')
     parser.add_argument('--session', help='what to call it; by default as the recording')
-    parser.add_argument(
-        '--pose-frame', metavar='NAME', help='frame of its poses, if other sessions share it'
-    )
+    help_ = 'frame of its poses, if other sessions share it'
+    parser.add_argument('--pose-frame', metavar='NAME', help=help_)
     add_no_links(parser)
     add_max_looks(parser)
     parser.add_argument('--json', action='store_true', help='print the result as JSON')
@@ -67,11 +66,8 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def add_no_links(parser: argparse.ArgumentParser) -> None:
     """Declare what leaves recognition out."""
-    parser.add_argument(
-        '--no-links',
-        action='store_true',
-        help='do not recognise places that are passed again: quicker, and vpr_node does it later',
-    )
+    help_ = 'do not recognise places that are passed again: quicker, and vpr_node does it later'
+    parser.add_argument('--no-links', action='store_true', help=help_)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -11,13 +11,13 @@ import sys
 
 from convseq_ros.cli.build_map import build
 from convseq_ros.cli.processes import CAMERA_INFO, ODOM, recognise_live
-from convseq_ros.cli.replay import replay
+from convseq_ros.cli.replay import opened, replay
 from convseq_ros.config import Config
+from convseq_ros.core.cameras import Cameras
 from convseq_ros.core.map.reader import open_map
-from convseq_ros.core.recognizer import PlaceRecognizer
 from convseq_ros.errors import ConvseqError
 from convseq_ros.evaluation.plots import demo_picture, TOLERANCE
-from convseq_ros.results import row
+from convseq_ros.results import read_results
 from convseq_ros.simulation.drive import draw, Drive
 from convseq_ros.simulation.recording import write_recording
 from convseq_ros.simulation.street import Street
@@ -51,13 +51,14 @@ def run(chosen: argparse.Namespace) -> int:
 
     _say('replaying the second drive offline')
     source = open_annotated(folder / 'second', '', ODOM, CAMERA_INFO)
-    recognizer = PlaceRecognizer(open_map(map_path), Config())
-    offline, scores = [], np.full((len(source), len(recognizer.reference_map)), np.nan, np.float32)
-    for match, duration_ms in replay(source, recognizer):
-        written = row(match, duration_ms)
-        offline.append({name: _text(value) for name, value in written.items()})
-        if recognizer.buffer.row is not None:
-            scores[match.query_index] = recognizer.buffer.row
+    reference_map = open_map(map_path)
+    cameras = Cameras(reference_map, Config())
+    scores = np.full((len(source), len(reference_map)), np.nan, np.float32)
+    with opened(folder / 'offline.csv') as write:
+        for match, _ in replay(source, cameras, write):
+            if cameras.first.buffer.row is not None:
+                scores[match.query_index] = cameras.first.buffer.row
+    offline = read_results(folder / 'offline.csv')
 
     median_ms = statistics.median(float(each['duration_ms']) for each in offline)
     rate = min(4.0, 60.0 / median_ms)
@@ -157,10 +158,6 @@ def _draw(folder: Path, live: Rows, scores: npt.NDArray[np.float32], truth: Numb
         captions = f'query {query}', f'reference {place}'
         pictures.append((queries[query], references[place], *captions, _right(each, truth)))
     demo_picture(folder / 'demo.png', pictures, scores, truth, found, _TOLD)
-
-
-def _text(value: object) -> str:
-    return '' if value is None else str(value)
 
 
 def _say(what: str) -> None:

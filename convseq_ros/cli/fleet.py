@@ -83,20 +83,14 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _add_cluster(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('cluster')
-    group.add_argument(
-        '--workers',
-        type=int,
-        metavar='N',
-        help='workers on this machine (as many as it has cores); not with a scheduler',
+    add = parser.add_argument_group('cluster').add_argument
+    help_ = 'workers on this machine (as many as it has cores); not with a scheduler'
+    add('--workers', type=int, metavar='N', help=help_)
+    help_ = (
+        'a running scheduler of Dask, whose workers see the same files, instead; on another '
+        'machine tls://HOST:PORT, with the certificates in the configuration of Dask'
     )
-    group.add_argument(
-        '--scheduler',
-        default='',
-        metavar='tcp://HOST:PORT',
-        help='a running scheduler of Dask, whose workers see the same files, instead; on another '
-        'machine tls://HOST:PORT, with the certificates in the configuration of Dask',
-    )
+    add('--scheduler', default='', metavar='tcp://HOST:PORT', help=help_)
 
 
 def _chosen_cluster(chosen: argparse.Namespace) -> Cluster:

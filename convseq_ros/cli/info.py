@@ -56,12 +56,8 @@ def describe_installation() -> dict[str, str | int]:
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'file',
-        type=Path,
-        nargs='?',
-        help='map or recording; it is not changed; without one: versions, kernels, processor',
-    )
+    help_ = 'map or recording; it is not changed; without one: versions, kernels, processor'
+    parser.add_argument('file', type=Path, nargs='?', help=help_)
     parser.add_argument('--json', action='store_true', help='print as JSON')
     parser.add_argument('--picture', type=Path, metavar='FILE', help='draw a map and its links')
     add_reading(parser)

@@ -25,18 +25,13 @@ import cv2
 
 
 def describe(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        'images', type=Path, nargs='+', help='one image, or the last few of a drive in order'
-    )
-    parser.add_argument('--map', type=Path, required=True, help='reference map')
-    parser.add_argument(
-        '--camera-info',
-        type=Path,
-        metavar='FILE',
-        help='file that describes the camera (YAML of ROS, calib.txt of KITTI)',
-    )
-    parser.add_argument('--picture', type=Path, help='PNG to draw: the last image and its place')
-    parser.add_argument('--json', action='store_true', help='print the answer as JSON')
+    add = parser.add_argument
+    add('images', type=Path, nargs='+', help='one image, or the last few of a drive in order')
+    add('--map', type=Path, required=True, help='reference map')
+    help_ = 'file that describes the camera (YAML of ROS, calib.txt of KITTI)'
+    add('--camera-info', type=Path, metavar='FILE', help=help_)
+    add('--picture', type=Path, help='PNG to draw: the last image and its place')
+    add('--json', action='store_true', help='print the answer as JSON')
     add_config(parser)
 
 

@@ -37,14 +37,12 @@ def describe(parser: argparse.ArgumentParser) -> None:
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
     """Declare what may be made of links."""
-    parser.add_argument('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
-    parser.add_argument(
-        '-o', '--output', type=Path, metavar='MAP', help='write a map whose poses are in one frame'
-    )
-    parser.add_argument(
-        '--picture', type=Path, metavar='FILE', help='draw the drives before and after'
-    )
-    parser.add_argument('--json', action='store_true', help='print the links as JSON')
+    add = parser.add_argument
+    add('--g2o', type=Path, metavar='FILE', help='write the graph of poses')
+    help_ = 'write a map whose poses are in one frame'
+    add('-o', '--output', type=Path, metavar='MAP', help=help_)
+    add('--picture', type=Path, metavar='FILE', help='draw the drives before and after')
+    add('--json', action='store_true', help='print the links as JSON')
 
 
 def run(chosen: argparse.Namespace) -> None:

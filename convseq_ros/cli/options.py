@@ -36,14 +36,9 @@ def add_max_looks(parser: Any, keeps_all: bool = True) -> None:
     """Add an option for how many looks of a place a map keeps; by default all, or as online."""
     (known,) = (item for item in parameters(OnlineConfig) if item.name == 'max_looks')
     usual = 0 if keeps_all else known.default
-    parser.add_argument(
-        '--max-looks',
-        type=known.parse,
-        default=usual,
-        metavar='N',
-        help='looks of a place that stay; of more, the one most like another goes; 0 keeps all; '
-        f'default: {usual}',
-    )
+    help_ = 'looks of a place that stay; of more, the one most like another goes; 0 keeps all; '
+    help_ += f'default: {usual}'
+    parser.add_argument('--max-looks', type=known.parse, default=usual, metavar='N', help=help_)
 
 
 def add_images(parser: argparse.ArgumentParser, poses: bool = True) -> None:
@@ -69,12 +64,8 @@ def chosen_images(chosen: argparse.Namespace) -> dict[str, Any]:
 
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add `--config FILE` and an option for every parameter that decides a match."""
-    parser.add_argument(
-        '--config',
-        type=Path,
-        metavar='FILE',
-        help='parameter file, the same YAML that the node reads; options win over it',
-    )
+    help_ = 'parameter file, the same YAML that the node reads; options win over it'
+    parser.add_argument('--config', type=Path, metavar='FILE', help=help_)
     add_parameters(parser, 'parameters', core_parameters())
 
 

@@ -37,12 +37,8 @@ Listener = Callable[[Frame, Match, PlaceRecognizer, float], None]
 
 def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recording', type=Path, help='recording or folder of images')
-    parser.add_argument(
-        '--map',
-        type=Path,
-        required=True,
-        help='reference map; with --mode online it is made if there is none, and grows',
-    )
+    help_ = 'reference map; with --mode online it is made if there is none, and grows'
+    parser.add_argument('--map', type=Path, required=True, help=help_)
     add_replay(parser)
 
 
@@ -97,7 +93,7 @@ def replay_chosen(
             'matched with it'
         )
     matches, durations = [], []
-    with _opened(chosen.output) as write:
+    with opened(chosen.output) as write:
         for match, duration_ms in replay(source, cameras, write):
             matches.append(match)
             durations.append(duration_ms)
@@ -135,7 +131,7 @@ def in_words(summary: dict[str, Any], slow: str) -> str:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Listener]:
+def opened(path: Path) -> Iterator[Listener]:
     """Open a table or, by its name, a recording; yield what writes to it."""
     if path.suffix == '.mcap':
         need_ros(str(path))
@@ -157,19 +153,15 @@ def _keep(session: Session) -> None:
         warn(str(error))
 
 
-def replay(
-    source: Source, recognizer: PlaceRecognizer | Cameras, write: Listener | None = None
-) -> Iterator[tuple[Match, float]]:
-    """Yield the match of every frame with the time that it took, in milliseconds."""
+def replay(source: Source, cameras: Cameras, write: Listener) -> Iterator[tuple[Match, float]]:
+    """Write and yield the match of every frame with the time that it took, in milliseconds."""
     for frame in progress(source, len(source), source.name):
         started = time.perf_counter()
-        match = recognizer.process(frame)
+        match = cameras.process(frame)
         if match.reason is Reason.UNREADABLE:
             warn(f'frame {match.query_index}: {frame.problem}')
         duration_ms = (time.perf_counter() - started) * 1e3
-        if write:
-            own = recognizer.of(frame.source) if isinstance(recognizer, Cameras) else recognizer
-            write(frame, match, own, duration_ms)
+        write(frame, match, cameras.of(frame.source), duration_ms)
         yield match, duration_ms
 
 
