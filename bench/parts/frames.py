@@ -26,7 +26,6 @@ from convseq_ros.core.decision.motion import MotionModel
 from convseq_ros.core.decision.observation import OBSERVED, Observer
 from convseq_ros.core.decision.odometry_prior import OdometryPrior
 from convseq_ros.core.encoding.descriptor import describe
-from convseq_ros.core.feature_cache import FeatureCache
 from convseq_ros.core.frame_gate import FrameGate
 from convseq_ros.core.map.reader import open_map
 from convseq_ros.core.map.reference_map import ReferenceMap
@@ -35,6 +34,7 @@ from convseq_ros.core.recognizer import Closures, PlaceRecognizer
 from convseq_ros.core.sequence import query_buffer
 from convseq_ros.core.sequence.coarse_scores import CoarseScores, Track
 from convseq_ros.core.similarity.coherent import COHERENT
+from convseq_ros.core.similarity.feature_cache import FeatureCache
 from convseq_ros.core.types import Frame, Match
 import numpy as np
 

@@ -28,13 +28,13 @@ from convseq_ros.cli.options import (
 from convseq_ros.cli.replay import add_replay, in_words, replay_chosen
 from convseq_ros.config import Config
 from convseq_ros.core.encoding.first_stage import with_first_stage
-from convseq_ros.core.feature_cache import usable_cores
 from convseq_ros.core.graph.links import Link
 from convseq_ros.core.map.database import MapLock
 from convseq_ros.core.map.edit import joined, SessionSlice, slices_of
 from convseq_ros.core.map.reader import MapReader
 from convseq_ros.core.map.writer import replaced
 from convseq_ros.core.map_builder import link_map, not_linked
+from convseq_ros.core.similarity.feature_cache import usable_cores
 from convseq_ros.errors import ConvseqError, FleetError, MapError, SourceError
 from convseq_ros.fleet.cluster import Cluster, connected, done
 from convseq_ros.fleet.fleet import Fleet

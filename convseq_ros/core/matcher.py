@@ -11,11 +11,11 @@ from convseq_ros.config import Config, MatchingConfig
 from convseq_ros.core.encoding.descriptor import ENTROPY
 from convseq_ros.core.encoding.first_stage import vector_of
 from convseq_ros.core.encoding.regions import unit
-from convseq_ros.core.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.geometry.displacement import Arranged, arranged
 from convseq_ros.core.geometry.verification import field, NOTHING, Verification, verify
 from convseq_ros.core.map.reference_map import ReferenceMap
 from convseq_ros.core.similarity.background import Background
+from convseq_ros.core.similarity.feature_cache import FeatureCache, Threads, usable_cores
 from convseq_ros.core.similarity.kernels import chosen_kernels
 from convseq_ros.core.types import Candidates, Descriptor, Indices, Row, Shift
 from convseq_ros.errors import ConfigError
